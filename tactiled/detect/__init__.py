@@ -1,0 +1,1 @@
+"""Scan blocks to events. Pure numerics: no I/O, no clock, no wire."""

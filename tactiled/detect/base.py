@@ -1,0 +1,25 @@
+"""What every detector promises; `tests/detect/test_contract.py` holds each of them to it.
+
+1. ``process`` takes blocks and gaps in order and returns the events that they complete.
+2. Any chunking of the same scans gives bit-identical events.
+3. ``reset()`` equals a new detector. No window straddles a Gap: a gap forgets what it interrupts.
+4. Memory is bounded and nothing drifts: no running sum that never forgets.
+5. Finite in or NaN in, finite out: NaN and invalid readings drop out, never spread.
+"""
+
+from typing import Protocol
+
+from tactiled.events.types import Event
+from tactiled.samples.block import Gap, ScanBlock
+
+
+class Detector(Protocol):
+    """An online detector or estimator."""
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Events that `item` completes, in order of their evidence."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        ...

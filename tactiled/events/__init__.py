@@ -1,0 +1,1 @@
+"""The vocabulary that tactiled speaks to the world, and its msgpack form. Needs no scipy."""

@@ -1,0 +1,74 @@
+"""Events to messages (``[topic, msgpack map]``) and messages to plain maps.
+
+The map has string keys, no bin, no ext, no nil, and one type for each field for ever, which is what
+PlotJuggler, nlohmann::json and every msgpack library read without an adapter. The monotonic clock ends
+here: `unix_offset_s` turns instants into epoch seconds (0 offline: the file's own clock).
+"""
+
+import dataclasses
+from typing import Any
+
+import msgpack
+
+from tactiled.errors import ContractError
+from tactiled.events.types import Event
+
+MESSAGE_VERSION = 1
+# Instants: they become epoch seconds and lose the unit of the monotonic clock from their names.
+_RENAMED = {
+    "time_s": "timestamp",
+    "onset_s": "onset",
+    "detected_s": "detected",
+}  # instants become epoch seconds
+
+
+def topic_of(board: str, event_topic: str) -> str:
+    """``tactile/<board>/<topic>``; characters that viewers split filters at become ``-``."""
+    safe = "".join("-" if c in " ,;/\t" or not c.isprintable() else c for c in board) or "-"
+    return f"tactile/{safe}/{event_topic}"
+
+
+def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float) -> dict[str, Any]:
+    """Message map of an event."""
+    message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board}
+    for field in dataclasses.fields(event):
+        value = getattr(event, field.name)
+        if field.name in _RENAMED:
+            message[_RENAMED[field.name]] = float(value) + unix_offset_s
+        else:
+            message[field.name] = _plain(value, field.type)
+    return message
+
+
+def _plain(value: Any, kind: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name), f.type) for f in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        inner = float if kind == tuple[float, ...] else None
+        return [_plain(v, inner) for v in value]
+    if kind is float:
+        return float(value)  # 0 must leave as 0.0: one type for each field for ever
+    return value
+
+
+def encode(event: Event, *, seq: int, board: str, unix_offset_s: float) -> tuple[bytes, bytes]:
+    """The two frames of a message: topic and payload."""
+    payload = msgpack.packb(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s))
+    return topic_of(board, event.topic).encode(), payload
+
+
+def decode(topic: bytes, payload: bytes) -> tuple[str, dict[str, Any]]:
+    """Last part of the topic, and the map.
+
+    Raises
+    ------
+    ContractError
+        The payload is not a map with string keys.
+    """
+    try:
+        message = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+    except (ValueError, msgpack.exceptions.ExtraData) as error:
+        raise ContractError(f"message on {topic!r} is not msgpack: {error}") from None
+    if not isinstance(message, dict):
+        raise ContractError(f"message on {topic!r} is not a map")
+    return topic.decode(errors="replace").rsplit("/", 1)[-1], message

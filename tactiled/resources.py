@@ -1,0 +1,39 @@
+"""Where the files that travel with tactiled are: protocols/, config/, systemd/."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+# An installed wheel carries the files inside the package; a checkout has them beside it.
+_ROOT = _PACKAGE / "_data" if (_PACKAGE / "_data").is_dir() else _PACKAGE.parent
+
+
+def shipped(*parts: str) -> Path:
+    """Path of a file or folder that ships with tactiled, e.g. ``shipped("config", "scenes")``."""
+    return _ROOT.joinpath(*parts)
+
+
+def find(name_or_path: str, kind: str) -> Path:
+    """Path of a TOML file given by shipped name or by path.
+
+    Parameters
+    ----------
+    name_or_path : str
+        A bare name (``wang2019-3x3``) is looked up among the shipped files; anything with a
+        slash or an ending is a path.
+    kind : str
+        Folder of the shipped files: ``config/arrays``, ``config/scenes``, ``protocols``.
+
+    Returns
+    -------
+    Path
+        May not exist: whoever opens it reports that, with the name the user gave.
+    """
+    path = Path(name_or_path)
+    if path.suffix or "/" in name_or_path:
+        return path
+    return shipped(*kind.split("/")) / f"{name_or_path}.toml"
+
+
+def shipped_names(kind: str) -> list[str]:
+    """Names that `find` knows for this kind, sorted."""
+    return sorted(path.stem for path in shipped(*kind.split("/")).glob("*.toml"))

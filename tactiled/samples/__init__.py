@@ -1,0 +1,1 @@
+"""Frames to scan blocks: sequence unwrapping, clock fit, validity, gaps."""

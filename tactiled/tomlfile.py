@@ -1,0 +1,117 @@
+"""TOML files checked against a schema: every fault at once, each with its place and a hint.
+
+Rooms describe what they accept as `Params` (frozen, no unknown keys, no NaN); this file turns a TOML
+document into one, and pydantic's findings into lines that a person can act on.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from tactiled.errors import ConfigError
+
+
+class Params(BaseModel):
+    """Base of every set of parameters: immutable, closed, finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+
+
+P = TypeVar("P", bound=BaseModel)
+
+
+def load(path: Path, schema: type[P]) -> P:
+    """Read a TOML file into `schema`.
+
+    Raises
+    ------
+    ConfigError
+        The file is missing, is not TOML, or does not fit; lists every fault.
+    """
+    return parse(read(path), schema, str(path))
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a TOML file into plain dictionaries; `ConfigError` when it is missing or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        near = sorted(p.stem for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        hint = f"; beside it there are: {', '.join(near)}" if near else ""
+        raise ConfigError(str(path), [f"no such file{hint}"]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), [f"cannot be read: {error}"]) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from None
+
+
+def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:
+    """Check plain dictionaries against `schema`; `ConfigError` lists every fault."""
+    try:
+        return schema.model_validate(document)
+    except ValidationError as error:
+        faults = [_explain(detail, schema) for detail in error.errors(include_url=False)]
+        raise ConfigError(source, list(dict.fromkeys(faults))) from None
+
+
+def _explain(detail: ErrorDetails, schema: type[BaseModel]) -> str:
+    place = _place(detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        return f"{place}: unknown key{_hint(detail['loc'], schema)}"
+    if detail["type"] == "missing":
+        return f"{place}: missing"
+    message = detail["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    given = detail["input"]
+    if isinstance(given, str | int | float | bool):
+        message += f" (got {given!r})"
+    return f"{place}: {message}" if place else message
+
+
+def _place(location: tuple[int | str, ...]) -> str:
+    """``("grids", 0, "x_mm")`` as ``grids[0].x_mm``."""
+    place = ""
+    for part in location:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return place.lstrip(".")
+
+
+def _hint(location: tuple[int | str, ...], schema: type[BaseModel]) -> str:
+    """Nearest known key, so that a wrong unit or a typing slip names its cure."""
+    key = str(location[-1])
+    known = [name for model in _models_at(location[:-1], schema) for name in model.model_fields]
+    stem = key.rsplit("_", 1)[0]
+    units = [name for name in known if name.rsplit("_", 1)[0] == stem or name.startswith(f"{key}_")]
+    if units:
+        return f"; units belong to the name here: use {units[0]}"
+    near = difflib.get_close_matches(key, known, 1)
+    if near:
+        return f"; did you mean {near[0]}?"
+    return f"; known here: {', '.join(known)}" if known else ""
+
+
+def _models_at(location: tuple[int | str, ...], schema: type[BaseModel]) -> list[type[BaseModel]]:
+    """Models that may stand at a place of the document."""
+    models = [schema]
+    for part in location:
+        if isinstance(part, int):
+            continue
+        models = [
+            inner
+            for model in models
+            if part in model.model_fields
+            for inner in _models_in(model.model_fields[part].annotation)
+        ] or models  # a union's tag is a part of the place that is no key: stay
+    return models
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models_in(argument)

@@ -1,0 +1,22 @@
+"""Checksums by their names in the Rocksoft catalogue, computed by the standard library."""
+
+import binascii
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Checksum:
+    """A checksum algorithm: its width on the wire and its function."""
+
+    n_bytes: int
+    compute: Callable[[bytes], int]
+
+
+# Check values over b"123456789": 0x29B1, 0x31C3, 0xCBF43926.
+CHECKSUMS: dict[str, Checksum] = {
+    "crc-16/ibm-3740": Checksum(2, lambda data: binascii.crc_hqx(data, 0xFFFF)),
+    "crc-16/xmodem": Checksum(2, lambda data: binascii.crc_hqx(data, 0)),
+    "crc-32/iso-hdlc": Checksum(4, zlib.crc32),
+}

@@ -1,0 +1,38 @@
+"""Consistent Overhead Byte Stuffing (Cheshire, Baker 1999): any bytes, with no zero among them."""
+
+_LONGEST_RUN = 254  # a code of 255 says: 254 bytes follow and no zero after them
+
+
+def encode(data: bytes) -> bytes:
+    """Stuffed form of `data`, without the closing delimiter."""
+    out = bytearray()
+    start, size = 0, len(data)
+    while True:
+        zero = data.find(0, start, start + _LONGEST_RUN)
+        end = zero if zero >= 0 else min(start + _LONGEST_RUN, size)
+        out.append(end - start + 1)
+        out += data[start:end]
+        if zero >= 0:
+            start = zero + 1  # the block's code stands for the zero
+        elif end == size:
+            return bytes(out)
+        else:
+            start = end
+
+
+def decode(stuffed: bytes) -> bytes | None:
+    """Bytes that were stuffed, or None when `stuffed` is not a COBS string. Never raises."""
+    if b"\0" in stuffed:
+        return None
+    out = bytearray()
+    start, size = 0, len(stuffed)
+    while start < size:
+        code = stuffed[start]
+        end = start + code
+        if end > size:
+            return None
+        out += stuffed[start + 1 : end]
+        start = end
+        if code <= _LONGEST_RUN and start < size:
+            out.append(0)
+    return bytes(out)

@@ -1,0 +1,153 @@
+"""Frames to bytes and bytes to frames, by a `Layout`. Pure: no I/O, no clock."""
+
+from typing import Any
+
+import numpy as np
+
+from tactiled.errors import ContractError
+from tactiled.wire import cobs
+from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
+from tactiled.wire.framing import make_framer
+from tactiled.wire.layout import Direction, Layout, Message
+
+
+class Decoder:
+    """Bytes of one direction to frames; see `framing` for the rules that it keeps.
+
+    Parameters
+    ----------
+    layout : Layout
+    direction : {"board-to-host", "host-to-board"}
+        Which end this decoder listens to.
+    """
+
+    def __init__(self, layout: Layout, direction: Direction = "board-to-host") -> None:
+        self.layout = layout
+        self._direction = direction
+        self._messages = layout.incoming(direction)
+        self._commands = {m.id: m.name for m in layout.incoming("host-to-board").values()}
+        self._results = {code: name for name, code in layout.file.results.items()}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget pending bytes and counts, as after opening the port."""
+        self._framer = make_framer(self.layout, self._direction)
+
+    @property
+    def bytes_in(self) -> int:
+        return self._framer.bytes_in
+
+    @property
+    def bytes_framed(self) -> int:
+        return self._framer.bytes_framed
+
+    @property
+    def bytes_discarded(self) -> int:
+        return self._framer.bytes_discarded
+
+    @property
+    def bytes_pending(self) -> int:
+        return self._framer.bytes_pending
+
+    def feed(self, data: bytes) -> list[Frame | Corrupt]:
+        """Frames and corruptions that `data` completes, in the order of the stream."""
+        return [item if isinstance(item, Corrupt) else self._frame(item) for item in self._framer.feed(data)]
+
+    def _frame(self, body: bytes) -> Frame | Corrupt:
+        width = self.layout.type_bytes
+        message = self._messages[int.from_bytes(body[:width], self.layout.byte_order)]
+        row = np.frombuffer(body, message.dtype, 1, width)[0]
+        names = message.dtype.names or ()
+        if message.name == "scan":
+            return Scan(
+                sequence=int(row["sequence"]),
+                counts=row["counts"].astype(np.int64),
+                ticks=int(row["ticks"]) if "ticks" in names else None,
+                flags=int(row["flags"]) if "flags" in names else 0,
+            )
+        try:
+            fields = {name: _from_wire(row[name], message.per_unit[name], name) for name in names}
+        except UnicodeDecodeError:
+            return Corrupt("value", len(body))
+        if message.name == "hello":
+            fields["streaming"] = bool(fields.get("streaming", 0))
+            return Hello(**fields)
+        if message.name == "acknowledge":
+            fields["command"] = self._commands.get(fields["command"], f"0x{fields['command']:02x}")
+            fields["result"] = self._results.get(fields["result"], f"result {fields['result']}")
+            return Acknowledge(**fields)
+        return Command(name=message.name, **fields)
+
+
+class Encoder:
+    """Frames to bytes of one layout; keeps nothing between calls."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self._command_ids = {m.name: m.id for m in layout.incoming("host-to-board").values()}
+
+    def encode(self, frame: Frame) -> bytes:
+        """Bytes of one frame, delimiter or sync word included.
+
+        Raises
+        ------
+        ContractError
+            The layout has no such message, or a value does not fit its field.
+        """
+        name = frame.name if isinstance(frame, Command) else type(frame).__name__.lower()
+        if name not in self.layout.messages:
+            raise ContractError(f"layout {self.layout.name} has no message {name}")
+        message = self.layout.messages[name]
+        values = values_of(frame)
+        if isinstance(frame, Acknowledge):
+            values["command"] = self._command_ids.get(frame.command, 0)
+            values["result"] = self.layout.file.results[frame.result]
+        return self._wrap(self._body(message, values))
+
+    def _body(self, message: Message, values: dict[str, Any]) -> bytes:
+        row = np.zeros(1, message.dtype)
+        for name in message.dtype.names or ():
+            base = message.dtype[name].base
+            try:
+                wire = _to_wire(values[name], 1 if name == "ticks" else message.per_unit[name], base)
+                row[name] = wire
+            except (OverflowError, ValueError, TypeError) as error:
+                raise ContractError(f"{message.name}.{name}: {error}") from None
+        return message.id.to_bytes(self.layout.type_bytes, self.layout.byte_order) + row.tobytes()
+
+    def _wrap(self, body: bytes) -> bytes:
+        layout = self.layout
+        order = layout.byte_order
+        length = len(body).to_bytes(layout.length_bytes, order) if layout.length_bytes else b""
+        covered = length + body if layout.file.checksum.covers == "length-and-body" else body
+        guarded = body + layout.checksum.compute(covered).to_bytes(layout.checksum.n_bytes, order)
+        if layout.file.framing.kind == "cobs":
+            return cobs.encode(guarded) + b"\0"
+        return layout.sync + length + guarded
+
+
+def _from_wire(value: Any, per_unit: int, name: str) -> Any:
+    if isinstance(value, bytes):
+        return value.decode("ascii")
+    if isinstance(value, np.ndarray):
+        return tuple(float(v) / per_unit for v in value)
+    if name == "ticks" or per_unit == 1:
+        return int(value) if value.dtype.kind in "iu" else float(value)
+    return float(value) / per_unit
+
+
+def _to_wire(value: Any, per_unit: int, base: np.dtype[Any]) -> Any:
+    """Wire value of a field, refused where it does not fit instead of wrapped."""
+    if base.kind == "S":
+        text = str(value).encode("ascii")
+        if len(text) > base.itemsize:
+            raise ValueError(f"{value!r} is longer than {base.itemsize} bytes")
+        return text
+    scaled = np.asarray(value) * per_unit
+    if base.kind == "f":
+        return scaled
+    whole = np.rint(scaled).astype(np.int64)
+    limits = np.iinfo(base)
+    if whole.size and (whole.min() < limits.min or whole.max() > limits.max):
+        raise ValueError(f"{value!r} does not fit {limits.min}..{limits.max}")
+    return whole
