@@ -1,0 +1,120 @@
+"""All straight lines that pass through a set of vertical bands, their mean and their spread.
+
+Set-membership estimation (Milanese, Norton, Piet-Lahanier, Walter (eds.), "Bounding Approaches to System
+Identification", Plenum 1996, ch. 1): when errors are bounded and nothing else is known of them, every line
+within all bounds is as good as another. A line is a point (y at the first x, y at the last x); a bound is
+a half-plane; what is left of the plane is a convex polygon, and its centroid and second moments are the
+mean and the covariance of a uniform posterior.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line with the covariance of its two ends.
+
+    Attributes
+    ----------
+    x0, x1 : float
+        Ends; `x1 > x0`.
+    y0, y1 : float
+        Mean heights there.
+    var00, var01, var11 : float
+        Covariance of the heights.
+    """
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+    var00: float
+    var01: float
+    var11: float
+
+    @property
+    def slope(self) -> float:
+        return (self.y1 - self.y0) / (self.x1 - self.x0)
+
+    def at(self, x: float) -> float:
+        """Mean height at `x`."""
+        return self.y0 + (x - self.x0) * self.slope
+
+    def variance_at(self, x: float) -> float:
+        """Variance of the height at `x`; grows outside the ends."""
+        u = (x - self.x0) / (self.x1 - self.x0)
+        return max((1 - u) ** 2 * self.var00 + 2 * u * (1 - u) * self.var01 + u * u * self.var11, 0.0)
+
+
+def line_through(bands: Sequence[tuple[float, float, float]], max_slope: float) -> Line:
+    """Mean of all lines through the bands.
+
+    Parameters
+    ----------
+    bands : sequence of (x, low, high)
+        At least two, x growing. Highs are certain. Lows are only likely: one that contradicts the others
+        is passed over, the newest being believed first.
+    max_slope : float
+        No line is steeper.
+
+    Returns
+    -------
+    Line
+    """
+    x0, x1 = bands[0][0], bands[-1][0]
+    span = x1 - x0
+    floor = min(low for _, low, _ in bands) - max_slope * span
+    top = min(high for _, _, high in bands) + max_slope * span
+    polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
+    polygon = _clip(polygon, -1.0, 1.0, max_slope * span)
+    polygon = _clip(polygon, 1.0, -1.0, max_slope * span)
+    for x, _, high in bands:
+        u = (x - x0) / span
+        polygon = _clip(polygon, 1 - u, u, high) or polygon
+    for x, low, _ in reversed(bands):
+        u = (x - x0) / span
+        polygon = _clip(polygon, u - 1, -u, -low) or polygon
+    return Line(x0, x1, *_moments(polygon))
+
+
+def _clip(polygon: list[Point], a: float, b: float, limit: float) -> list[Point]:
+    """Part of a convex polygon where ``a p + b q <= limit`` (Sutherland, Hodgman 1974)."""
+    kept: list[Point] = []
+    p1, q1 = polygon[-1]
+    over1 = a * p1 + b * q1 - limit
+    for p2, q2 in polygon:
+        over2 = a * p2 + b * q2 - limit
+        if (over1 > 0) != (over2 > 0):
+            share = over1 / (over1 - over2)
+            kept.append((p1 + share * (p2 - p1), q1 + share * (q2 - q1)))
+        if over2 <= 0:
+            kept.append((p2, q2))
+        p1, q1, over1 = p2, q2, over2
+    return kept
+
+
+def _moments(polygon: list[Point]) -> tuple[float, float, float, float, float]:
+    """Centroid and covariance of a convex polygon, by its fan of triangles.
+
+    Of one triangle with corners v, about any origin: E[z z'] = (sum v v' + (sum v)(sum v)') / 12.
+    """
+    p0, q0 = polygon[0]
+    area = mp = mq = mpp = mpq = mqq = 0.0
+    for (pa, qa), (pb, qb) in zip(polygon[1:], polygon[2:], strict=False):
+        ap, aq, bp, bq = pa - p0, qa - q0, pb - p0, qb - q0
+        weight = ap * bq - aq * bp
+        sp, sq = ap + bp, aq + bq
+        area += weight
+        mp += weight * sp / 3
+        mq += weight * sq / 3
+        mpp += weight * (ap * ap + bp * bp + sp * sp) / 12
+        mpq += weight * (ap * aq + bp * bq + sp * sq) / 12
+        mqq += weight * (aq * aq + bq * bq + sq * sq) / 12
+    if abs(area) < 1e-18:  # the bounds meet in a point or on a segment: take the mean of its corners
+        n = len(polygon)
+        return sum(p for p, _ in polygon) / n, sum(q for _, q in polygon) / n, 0.0, 0.0, 0.0
+    mp, mq = mp / area, mq / area
+    return p0 + mp, q0 + mq, mpp / area - mp * mp, mpq / area - mp * mq, mqq / area - mq * mq
