@@ -1,5 +1,7 @@
 """Consistent Overhead Byte Stuffing (Cheshire, Baker 1999): any bytes, with no zero among them."""
 
+from collections.abc import Iterator
+
 _LONGEST_RUN = 254  # a code of 255 says: 254 bytes follow and no zero after them
 
 
@@ -36,3 +38,24 @@ def decode(stuffed: bytes) -> bytes | None:
         if code <= _LONGEST_RUN and start < size:
             out.append(0)
     return bytes(out)
+
+
+def prefixes(stuffed: bytes, start: int) -> Iterator[tuple[int, int]]:
+    """Every way to end a COBS string that begins at `start`.
+
+    Yields
+    ------
+    end : int
+        ``stuffed[start:end]`` is a COBS string, as long as it holds no zero.
+    n_bytes : int
+        Bytes that it decodes to.
+    """
+    end, n_bytes = start, 0
+    while end < len(stuffed) and stuffed[end]:
+        code = stuffed[end]
+        end += code
+        n_bytes += code - 1
+        if end > len(stuffed):
+            return
+        yield end, n_bytes
+        n_bytes += code <= _LONGEST_RUN

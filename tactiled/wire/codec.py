@@ -1,5 +1,6 @@
 """Frames to bytes and bytes to frames, by a `Layout`. Pure: no I/O, no clock."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from tactiled.errors import ContractError
 from tactiled.wire import cobs
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
 from tactiled.wire.framing import make_framer
-from tactiled.wire.layout import Direction, Layout, Message
+from tactiled.wire.layout import Layout, Message
+from tactiled.wire.schema import IN_UNITS, Direction
 
 
 class Decoder:
@@ -50,8 +52,23 @@ class Decoder:
         return self._framer.bytes_pending
 
     def feed(self, data: bytes) -> list[Frame | Corrupt]:
-        """Frames and corruptions that `data` completes, in the order of the stream."""
-        return [item if isinstance(item, Corrupt) else self._frame(item) for item in self._framer.feed(data)]
+        """Frames and corruptions that `data` completes, in the order of the stream.
+
+        Towards the board, an intact frame that is no message of the layout becomes a `Command` named by
+        its type, ``"0x7f"``, for the board must refuse it by its token.
+        """
+        return [
+            self._unknown(item) if isinstance(item, Corrupt) else self._frame(item)
+            for item in self._framer.feed(data)
+        ]
+
+    def _unknown(self, item: Corrupt) -> Command | Corrupt:
+        width, order = self.layout.type_bytes, self.layout.byte_order
+        n_token = self.layout.leading_token_bytes
+        if self._direction == "board-to-host" or not n_token or len(item.body) < width + n_token:
+            return item
+        type_ = int.from_bytes(item.body[:width], order)
+        return Command(f"0x{type_:02x}", int.from_bytes(item.body[width : width + n_token], order))
 
     def _frame(self, body: bytes) -> Frame | Corrupt:
         width = self.layout.type_bytes
@@ -67,11 +84,12 @@ class Decoder:
             )
         try:
             fields = {name: _from_wire(row[name], message.per_unit[name], name) for name in names}
-        except UnicodeDecodeError:
+        except ValueError:
             return Corrupt("value", len(body))
         if message.name == "hello":
             fields["streaming"] = bool(fields.get("streaming", 0))
-            return Hello(**fields)
+            hello = Hello(**fields)
+            return hello if _credible(hello) else Corrupt("value", len(body))
         if message.name == "acknowledge":
             fields["command"] = self._commands.get(fields["command"], f"0x{fields['command']:02x}")
             fields["result"] = self._results.get(fields["result"], f"result {fields['result']}")
@@ -100,17 +118,25 @@ class Encoder:
         message = self.layout.messages[name]
         values = values_of(frame)
         if isinstance(frame, Acknowledge):
-            values["command"] = self._command_ids.get(frame.command, 0)
+            if frame.result not in self.layout.file.results:
+                raise ContractError(f"layout {self.layout.name} has no result {frame.result!r}")
+            values["command"] = self._command_id(frame.command)
             values["result"] = self.layout.file.results[frame.result]
         return self._wrap(self._body(message, values))
+
+    def _command_id(self, name: str) -> int:
+        """Type of a command by its name, or by the number that the decoder gave a stranger for a name."""
+        try:
+            return self._command_ids[name] if name in self._command_ids else int(name, 16)
+        except ValueError:
+            raise ContractError(f"layout {self.layout.name} has no command {name!r}") from None
 
     def _body(self, message: Message, values: dict[str, Any]) -> bytes:
         row = np.zeros(1, message.dtype)
         for name in message.dtype.names or ():
-            base = message.dtype[name].base
+            per_unit = 1 if name == "ticks" else message.per_unit[name]
             try:
-                wire = _to_wire(values[name], 1 if name == "ticks" else message.per_unit[name], base)
-                row[name] = wire
+                row[name] = _to_wire(values[name], per_unit, message.dtype[name])
             except (OverflowError, ValueError, TypeError) as error:
                 raise ContractError(f"{message.name}.{name}: {error}") from None
         return message.id.to_bytes(self.layout.type_bytes, self.layout.byte_order) + row.tobytes()
@@ -127,27 +153,44 @@ class Encoder:
 
 
 def _from_wire(value: Any, per_unit: int, name: str) -> Any:
+    """Value of a field in its unit; ValueError for a text that is not printable ASCII."""
     if isinstance(value, bytes):
-        return value.decode("ascii")
+        text = value.decode("ascii")
+        if not text.isprintable():
+            raise ValueError(f"{name} is not printable")
+        return text
     if isinstance(value, np.ndarray):
         return tuple(float(v) / per_unit for v in value)
-    if name == "ticks" or per_unit == 1:
-        return int(value) if value.dtype.kind in "iu" else float(value)
-    return float(value) / per_unit
+    if name in IN_UNITS:
+        return float(value) / per_unit
+    return int(value)
 
 
-def _to_wire(value: Any, per_unit: int, base: np.dtype[Any]) -> Any:
+def _credible(hello: Hello) -> bool:
+    """Whether the numbers of an intact hello can be computed with; the bounds of `AssumedHello`."""
+    positive = (hello.rate_hz, hello.adc_reference_v)
+    return (
+        1 <= hello.adc_bits <= 32
+        and all(math.isfinite(value) and value > 0 for value in positive)
+        and all(math.isfinite(value) for value in hello.channel_offset_s)
+    )
+
+
+def _to_wire(value: Any, per_unit: int, dtype: np.dtype[Any]) -> Any:
     """Wire value of a field, refused where it does not fit instead of wrapped."""
+    base = dtype.base
     if base.kind == "S":
-        text = str(value).encode("ascii")
+        text = str(value)
+        if not (text.isascii() and text.isprintable()):
+            raise ValueError(f"{value!r} is not printable ASCII")
         if len(text) > base.itemsize:
             raise ValueError(f"{value!r} is longer than {base.itemsize} bytes")
-        return text
-    scaled = np.asarray(value) * per_unit
-    if base.kind == "f":
-        return scaled
-    whole = np.rint(scaled).astype(np.int64)
-    limits = np.iinfo(base)
-    if whole.size and (whole.min() < limits.min or whole.max() > limits.max):
+        return text.encode("ascii")
+    scaled = np.asarray(value, dtype=np.float64) * per_unit
+    if scaled.shape != dtype.shape:
+        raise ValueError(f"has shape {scaled.shape}, not {dtype.shape}")
+    limits = np.finfo(base) if base.kind == "f" else np.iinfo(base)
+    wire = scaled if base.kind == "f" else np.rint(scaled)
+    if not np.all((wire >= float(limits.min)) & (wire <= float(limits.max))):  # NaN does not fit either
         raise ValueError(f"{value!r} does not fit {limits.min}..{limits.max}")
-    return whole
+    return wire

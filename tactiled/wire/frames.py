@@ -88,15 +88,18 @@ class Corrupt:
     Attributes
     ----------
     reason : str
-        ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"type"`` (no such message),
-        ``"length"`` (not that message's length), ``"checksum"``, or ``"value"`` (a field holds
-        something that its type forbids).
+        ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"length"`` and ``"checksum"``
+        (damaged), ``"type"`` (intact, but no message of the layout: the other end speaks another
+        protocol), or ``"value"`` (intact, but a field holds what it may not).
     n_bytes : int
         How many bytes were given up here, delimiter included.
+    body : bytes
+        Of an intact frame that is no message of the layout: its type and fields; else empty.
     """
 
     reason: str
     n_bytes: int
+    body: bytes = b""
 
 
 def values_of(frame: Frame) -> dict[str, Any]:

@@ -1,0 +1,211 @@
+"""Schema of the layout files, ``protocols/*.toml``: what they may say, and what makes no sense.
+
+Names of messages and fields are the roles that `frames` knows; order, width, byte order, framing and
+checksum are the file's own. `layout` compiles what passes here.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from tactiled.tomlfile import Params
+from tactiled.wire.checksum import CHECKSUMS
+
+Unsigned = Literal["u8", "u16", "u32"]
+FieldType = Literal["u8", "u16", "u32", "i8", "i16", "i32", "f32", "text"]
+Direction = Literal["board-to-host", "host-to-board"]
+
+# Roles: which fields each message may have, and which it must.
+_COMMANDS = ("start", "stop", "set_rate", "ping", "identify")
+_MUST: dict[str, set[str]] = {
+    "scan": {"sequence", "counts"},
+    "hello": {"board_serial", "array_id", "rate_hz", "adc_bits", "adc_reference_v"},
+    "acknowledge": {"token", "command", "result"},
+    **{name: {"token"} for name in _COMMANDS},
+    "set_rate": {"token", "rate_hz"},
+}
+_MAY: dict[str, set[str]] = {
+    "scan": {"ticks", "flags"},
+    "hello": {
+        "protocol_version", "firmware_version", "boot_count", "streaming", "ticks", "channel_offset_s",
+    },
+    "acknowledge": {"ticks"},
+}  # fmt: skip
+_PER_CHANNEL = {"counts", "channel_offset_s"}
+_TEXT = {"board_serial", "array_id", "firmware_version"}
+IN_UNITS = {"rate_hz", "adc_reference_v", "channel_offset_s"}  # read as numbers in the unit of the name
+# What samples knows how to act on; another name would be a typing slip that is never noticed.
+_FLAGS = ("first_after_start", "overrun", "reference_fault")
+
+
+class FieldLayout(Params):
+    """One field on the wire."""
+
+    name: str
+    type: FieldType
+    count: Literal["channels"] | None = Field(default=None, description="an array, one for each channel")
+    size: int | None = Field(default=None, ge=1, le=64, description="bytes of a text, padded with NUL")
+    per_unit: int = Field(default=1, ge=1, description="wire value of one unit of the named quantity")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if (self.type == "text") != (self.size is not None):
+            raise ValueError("size belongs to type = 'text', and to no other type")
+        if (self.type == "text") != (self.name in _TEXT):
+            raise ValueError(f"{self.name} {'must' if self.name in _TEXT else 'cannot'} be text")
+        if (self.count == "channels") != (self.name in _PER_CHANNEL):
+            raise ValueError(f"count = 'channels' belongs to {' and '.join(sorted(_PER_CHANNEL))}")
+        if self.per_unit != 1 and self.name not in IN_UNITS | {"ticks"}:
+            raise ValueError(f"per_unit has no meaning for {self.name}")
+        if self.type == "f32" and self.name not in IN_UNITS:
+            raise ValueError(f"{self.name} must be an integer")
+        if self.type in ("i8", "i16", "i32") and self.name not in IN_UNITS | {"counts"}:
+            raise ValueError(f"{self.name} must be unsigned")
+        return self
+
+    def n_bytes(self, channels: int) -> int:
+        """Bytes on the wire."""
+        one = self.size if self.size is not None else int(self.type[1:]) // 8
+        return one * (channels if self.count else 1)
+
+
+class MessageLayout(Params):
+    """One message on the wire: its type and its fields in order."""
+
+    name: Literal["scan", "hello", "acknowledge", "start", "stop", "set_rate", "ping", "identify"]
+    id: int = Field(default=0, ge=0, le=65535)
+    direction: Direction
+    fields: list[FieldLayout] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _roles(self) -> Self:
+        names = [field.name for field in self.fields]
+        must, may = _MUST[self.name], _MAY.get(self.name, set())
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"{self.name}: field {', '.join(sorted(twice))} is listed twice")
+        if lacking := must - set(names):
+            raise ValueError(f"{self.name}: lacks the field {', '.join(sorted(lacking))}")
+        if unknown := set(names) - must - may:
+            known = ", ".join(sorted(must | may))
+            raise ValueError(f"{self.name}: no such field as {', '.join(sorted(unknown))}; known: {known}")
+        if (self.direction == "host-to-board") != (self.name in _COMMANDS):
+            raise ValueError(f"{self.name} cannot go {self.direction}")
+        return self
+
+
+class Framing(Params):
+    """How a frame is found in a stream of bytes."""
+
+    kind: Literal["cobs", "sync-length"]
+    message_type: Unsigned | None = Field(default=None, description="absent: all is scans")
+    sync_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
+    length: Unsigned | None = Field(default=None, description="bytes of message type and fields")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        has_sync = (self.sync_hex is not None, self.length is not None)
+        if has_sync != ((self.kind == "sync-length"),) * 2:
+            raise ValueError("sync_hex and length belong to kind = 'sync-length', both of them")
+        return self
+
+
+def _known_checksum(name: object) -> object:
+    if name not in CHECKSUMS:
+        raise ValueError(f"no such checksum; known: {', '.join(CHECKSUMS)}")
+    return name
+
+
+class ChecksumLayout(Params):
+    """What guards a frame."""
+
+    algorithm: Annotated[str, BeforeValidator(_known_checksum)]
+    covers: Literal["body", "length-and-body"] = "body"
+
+
+class AssumedHello(Params):
+    """What a hello would say, for firmware that never says it."""
+
+    board_serial: str
+    array_id: str
+    rate_hz: float = Field(gt=0)
+    adc_bits: int = Field(ge=1, le=32)
+    adc_reference_v: float = Field(gt=0)
+    channel_offset_s: list[float] = []
+
+
+def width(kind: Unsigned | None) -> int:
+    """Bytes of an optional unsigned field."""
+    return int(kind[1:]) // 8 if kind else 0
+
+
+class LayoutFile(Params):
+    """Schema of ``protocols/*.toml``."""
+
+    name: str
+    protocol_version: int = Field(ge=0, le=255)
+    channels: int = Field(ge=1, le=4096)
+    byte_order: Literal["little", "big"]
+    baud: int = Field(gt=0)
+    framing: Framing
+    checksum: ChecksumLayout
+    messages: list[MessageLayout] = Field(min_length=1)
+    results: dict[str, int] = {}
+    flags: dict[str, int] = {}
+    assumed_hello: AssumedHello | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        faults = [*self._message_faults(), *self._field_faults(), *self._table_faults()]
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
+    def _message_faults(self) -> Iterator[str]:
+        names = [m.name for m in self.messages]
+        for name in sorted({n for n in names if names.count(n) > 1}):
+            yield f"messages: {name} is described twice"
+        ids = [(m.direction, m.id) for m in self.messages]
+        for direction, id_ in sorted({i for i in ids if ids.count(i) > 1}):
+            yield f"messages: id {id_} is used twice {direction}"
+        if "scan" not in names:
+            yield "messages: there is no scan"
+        if ("hello" in names) == (self.assumed_hello is not None):
+            yield "give either a hello message or [assumed_hello]"
+        if any(name in names for name in _COMMANDS) and "acknowledge" not in names:
+            yield "messages: commands need an acknowledge"
+        type_limit = 1 << (8 * width(self.framing.message_type))  # 1, so id 0 only, without a type
+        for index, message in enumerate(self.messages):
+            if message.id >= type_limit:
+                yield f"messages[{index}].id: {message.id} does not fit framing.message_type"
+
+    def _field_faults(self) -> Iterator[str]:
+        ticks = {(f.type, f.per_unit) for m in self.messages for f in m.fields if f.name == "ticks"}
+        if len(ticks) > 1:
+            yield "messages: ticks must have the same type and per_unit everywhere, for it is one clock"
+        length_bytes = width(self.framing.length)
+        for index, message in enumerate(self.messages):
+            size = width(self.framing.message_type) + sum(f.n_bytes(self.channels) for f in message.fields)
+            if length_bytes and size >= 1 << (8 * length_bytes):
+                yield f"framing.length: messages[{index}] has {size} bytes, too many for it"
+        if self.checksum.covers == "length-and-body" and not length_bytes:
+            yield "checksum.covers = 'length-and-body', but the framing has no length"
+
+    def _table_faults(self) -> Iterator[str]:
+        bits = {(m.name, f.name): 8 * f.n_bytes(1) for m in self.messages for f in m.fields}
+        for name, bit in self.flags.items():
+            if name not in _FLAGS:
+                yield f"flags.{name}: no such flag; known: {', '.join(_FLAGS)}"
+            if not 0 <= bit < bits.get(("scan", "flags"), 0):
+                yield f"flags.{name}: the scan's flags have no bit {bit}"
+        codes = list(self.results.values())
+        for name, code in self.results.items():
+            if not 0 <= code < 1 << bits.get(("acknowledge", "result"), 0):
+                yield f"results.{name}: {code} does not fit the acknowledge's result"
+            if codes.count(code) > 1:
+                yield f"results.{name}: {code} is used twice"
+        if ("acknowledge", "result") in bits and "ok" not in self.results:
+            yield "results: 'ok' is missing"
+        offsets = self.assumed_hello.channel_offset_s if self.assumed_hello else []
+        if len(offsets) not in (0, self.channels):
+            yield f"assumed_hello.channel_offset_s: {len(offsets)} numbers for {self.channels} channels"
