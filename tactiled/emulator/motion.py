@@ -1,0 +1,243 @@
+"""Kinematics and load of a scene in closed form: any instants at all, in any order, the same numbers.
+
+A scene is cut into segments in which the load and the speed are linear in time and the direction is
+constant. Everything else follows exactly, so nothing is stepped and nothing depends on chunking.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.scene import Flat, Grooves, Lift, Phase, Press, Rest, Scene, Slide
+
+FloatArray = NDArray[np.float64]
+
+# Presliding distance of the skin on the plate: the paper's voltages settle within some 0.1 mm of travel.
+PRESLIDING_MM = 0.1
+# A viscoelastic skin that stops loses part of its shear at constant displacement, so a slide's end and its
+# resumption can be seen. The paper does not show a stop; the numbers are plausible for PDMS, no more.
+_SHEAR_KEPT = 0.7
+_SHEAR_RELAXATION_S = 0.5
+_KNOT_S = 0.005  # step at which a sine on the speed is cut into straight pieces: exact to 1e-4 at 5 Hz
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """The skin at given instants; all arrays have the shape of the instants asked for.
+
+    Attributes
+    ----------
+    load_n : normal load in total
+    travel_x_mm, travel_y_mm : way of the skin over the surface since the scene began
+    speed_mm_s : speed along `direction_deg`
+    direction_deg : direction of the phase's motion; of the last motion where nothing moves
+    shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
+    phase : number of the scene's phase
+    """
+
+    load_n: FloatArray
+    travel_x_mm: FloatArray
+    travel_y_mm: FloatArray
+    speed_mm_s: FloatArray
+    direction_deg: FloatArray
+    shear_x: FloatArray
+    shear_y: FloatArray
+    phase: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """Values at the beginning of a segment, and how they change in it."""
+
+    t0: float
+    load: float
+    load_rate: float
+    speed: float
+    acceleration: float
+    direction_deg: float
+    x: float
+    y: float
+    path: float
+    shear_x: float
+    shear_y: float
+    phase: int
+    surface: int
+    surface_before: int
+    path_at_change: float
+
+    @property
+    def stands(self) -> bool:
+        return self.speed == 0 and self.acceleration == 0
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        # cos(90 deg) is 6e-17 in floating point; motion along y has no x at all.
+        angle = math.radians(self.direction_deg)
+        return round(math.cos(angle), 15), round(math.sin(angle), 15)
+
+    @property
+    def shear_goal(self) -> tuple[float, float]:
+        """What the tangential state tends to."""
+        if not self.stands:
+            return self.direction
+        kept = min(1.0, _SHEAR_KEPT / max(math.hypot(self.shear_x, self.shear_y), 1e-9))
+        return kept * self.shear_x, kept * self.shear_y
+
+    def after(self, dt: float) -> "_Segment":
+        """Beginning of a segment that follows after `dt`."""
+        way = self.speed * dt + self.acceleration * dt * dt / 2
+        (dx, dy), (goal_x, goal_y) = self.direction, self.shear_goal
+        left = math.exp(-way / PRESLIDING_MM - self.stands * dt / _SHEAR_RELAXATION_S)
+        return replace(
+            self,
+            t0=self.t0 + dt,
+            load=self.load + self.load_rate * dt,
+            x=self.x + dx * way,
+            y=self.y + dy * way,
+            path=self.path + way,
+            shear_x=goal_x + (self.shear_x - goal_x) * left,
+            shear_y=goal_y + (self.shear_y - goal_y) * left,
+        )
+
+
+class Motion:
+    """Closed form of a scene's load, travel and tangential state.
+
+    The tangential state follows Dahl's law ``ds/dL = (d - s) / L0`` along the way L in direction d (Dahl
+    1968 with exponent 1, in its vector form), so it saturates in `PRESLIDING_MM` and turns over when the
+    direction does: ``s(L) = d + (s0 - d) exp(-L / L0)``. At standstill it relaxes towards `_SHEAR_KEPT` of
+    full shear; losing contact clears it.
+
+    Attributes
+    ----------
+    phase_start_s : (phases + 1,) float64
+        Instant at which each phase begins; the last is the end of the scene.
+    surfaces : list of Flat or Grooves
+        Distinct plates, in order of appearance.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
+        self.surfaces: list[Flat | Grooves] = []
+        self._segments = self._build()
+        names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
+        self._table = {name: np.array([getattr(s, name) for s in self._segments]) for name in names}
+
+    @property
+    def segment_start_s(self) -> FloatArray:
+        return self._table["t0"]
+
+    def at(self, time_s: FloatArray) -> MotionState:
+        """State at instants of scene time, of any shape."""
+        i, dt, way = self._locate(time_s)
+        table = self._table
+        dx, dy = np.moveaxis(table["direction"][i], -1, 0)
+        goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
+        left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / _SHEAR_RELAXATION_S)
+        return MotionState(
+            load_n=table["load"][i] + table["load_rate"][i] * dt,
+            travel_x_mm=table["x"][i] + dx * way,
+            travel_y_mm=table["y"][i] + dy * way,
+            speed_mm_s=table["speed"][i] + table["acceleration"][i] * dt,
+            direction_deg=table["direction_deg"][i],
+            shear_x=goal_x + (table["shear_x"][i] - goal_x) * left,
+            shear_y=goal_y + (table["shear_y"][i] - goal_y) * left,
+            phase=table["phase"][i],
+        )
+
+    def surface_share(self, number: int, time_s: FloatArray) -> FloatArray:
+        """How far the skin is on plate `number`: 1 on it, between while it slides from one to another.
+
+        A plate that appears while the skin touches nothing is there at once; one that appears in
+        contact is come onto over its `entry_mm` of travel, smoothly.
+        """
+        i, _, way = self._locate(time_s)
+        entry_mm = max(getattr(self.surfaces[number], "entry_mm", 1.0), 1e-6)
+        table = self._table
+        part = np.clip((table["path"][i] + way - table["path_at_change"][i]) / entry_mm, 0.0, 1.0)
+        entered = part * part * (3 - 2 * part)
+        now = table["surface"][i] == number
+        before = table["surface_before"][i] == number
+        return np.where(now & before, 1.0, np.where(now, entered, np.where(before, 1.0 - entered, 0.0)))
+
+    def relaxed_load_n(self, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+        """Load seen through a first-order lag, ``tau dc/dt = F - c``; exact for linear pieces of F."""
+        tau = time_constant_s
+        t0, load, rate = self._table["t0"], self._table["load"], self._table["load_rate"]
+        start = np.zeros(len(t0))
+        for k in range(len(t0) - 1):
+            dt = t0[k + 1] - t0[k]
+            end = load[k] + rate[k] * dt
+            start[k + 1] = end - rate[k] * tau + (start[k] - load[k] + rate[k] * tau) * np.exp(-dt / tau)
+        i, dt, _ = self._locate(time_s)
+        lag = (start[i] - load[i] + rate[i] * tau) * np.exp(-dt / tau)
+        return np.asarray(load[i] + rate[i] * (dt - tau) + lag)
+
+    def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Segment of each instant, time into it, and way made in it."""
+        table = self._table
+        time_s = np.maximum(time_s, 0.0)
+        i = np.searchsorted(table["t0"], time_s, side="right") - 1
+        dt = time_s - table["t0"][i]
+        return i, dt, table["speed"][i] * dt + table["acceleration"][i] * dt * dt / 2
+
+    def _build(self) -> list[_Segment]:
+        surface = self._number(self.scene.surface)
+        now = _Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0)
+        segments: list[_Segment] = []
+        for number, phase in enumerate(self.scene.phases):
+            now = self._on_surface_of(phase, now)
+            goal, knots = now.load, [(0.0, 0.0), (phase.duration_s, 0.0)]
+            if isinstance(phase, Press):
+                goal = phase.force_n
+            elif isinstance(phase, Rest | Lift):
+                goal = 0.0
+            elif isinstance(phase, Slide):
+                knots = _speed_knots(phase)
+                now = replace(now, direction_deg=phase.direction_deg)
+            now = replace(now, phase=number, load_rate=(goal - now.load) / phase.duration_s)
+            for (start, speed), (stop, speed_after) in itertools.pairwise(knots):
+                acceleration = (speed_after - speed) / (stop - start)
+                segments.append(replace(now, speed=speed, acceleration=acceleration))
+                now = segments[-1].after(stop - start)
+            now = replace(now, t0=float(self.phase_start_s[number + 1]), load=goal)  # no rounding piles up
+            if goal == 0:
+                now = replace(now, shear_x=0.0, shear_y=0.0)
+        # After the scene the skin stays as it was left.
+        return [*segments, replace(now, load_rate=0.0, speed=0.0, acceleration=0.0)]
+
+    def _on_surface_of(self, phase: Phase, now: _Segment) -> _Segment:
+        if phase.surface is None or (new := self._number(phase.surface)) == now.surface:
+            return now
+        # In the air a plate is simply there; in contact the skin has to come onto it. (A change within
+        # the entry of the one before blends from the later plate, taken as whole.)
+        before = now.surface if now.load > 0 else new
+        return replace(now, surface=new, surface_before=before, path_at_change=now.path)
+
+    def _number(self, surface: Flat | Grooves) -> int:
+        if surface not in self.surfaces:
+            self.surfaces.append(surface)
+        return self.surfaces.index(surface)
+
+
+def _speed_knots(slide: Slide) -> list[tuple[float, float]]:
+    """Speed of a slide as a polyline of (seconds into the phase, mm/s)."""
+    end = slide.duration_s
+    if slide.profile:
+        knots = list(slide.profile)
+        return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
+    speed = slide.speed_mm_s or 0.0
+    times = {0.0, slide.ramp_s, end}
+    if slide.ripple_mm_s:
+        times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
+
+    def at(t: float) -> float:
+        if t < slide.ramp_s:
+            return speed * t / slide.ramp_s
+        return speed + slide.ripple_mm_s * float(np.sin(2 * np.pi * slide.ripple_hz * (t - slide.ramp_s)))
+
+    return [(t, at(t)) for t in sorted(times)]

@@ -1,0 +1,44 @@
+"""Noise that depends on the scan's number only: any chunking draws the same."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BLOCK = 256  # scans drawn at once: setting up a generator costs about as much as drawing these
+
+
+class ScanNoise:
+    """Standard normal numbers for each scan and channel.
+
+    Block b of scans is drawn from Philox, a counter-based generator, with the key (seed, b): no state
+    runs from one block into the next (Salmon et al., SC 2011).
+
+    Parameters
+    ----------
+    seed : int
+    channels : int
+    """
+
+    def __init__(self, seed: int, channels: int) -> None:
+        self._seed = seed
+        self._channels = channels
+        self._number = -1
+        self._block = np.empty((_BLOCK, channels))
+
+    def normal(self, first: int, n: int) -> NDArray[np.float64]:
+        """``(n, channels)`` numbers of scans first, first + 1, ..."""
+        out = np.empty((n, self._channels))
+        done = 0
+        while done < n:
+            number, row = divmod(first + done, _BLOCK)
+            take = min(_BLOCK - row, n - done)
+            out[done : done + take] = self._drawn(number)[row : row + take]
+            done += take
+        return out
+
+    def _drawn(self, number: int) -> NDArray[np.float64]:
+        if number != self._number:
+            key = np.array([self._seed, number], dtype=np.uint64)
+            generator = np.random.Generator(np.random.Philox(key=key))
+            self._block = generator.standard_normal((_BLOCK, self._channels))
+            self._number = number
+        return self._block

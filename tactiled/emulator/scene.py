@@ -1,0 +1,191 @@
+"""Scenes: what the skin goes through, as TOML (``config/scenes/*.toml``).
+
+A scene is a list of phases, one after the other. Scene time starts at 0 when the board first gets its
+``start`` command (at power-up for a board that knows no commands), so nothing is missed by a host that
+comes late; after the last phase the skin stays as that phase left it.
+"""
+
+import itertools
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from tactiled import resources, tomlfile
+from tactiled.emulator.electronics import ElectronicsParams
+from tactiled.errors import ConfigError
+from tactiled.tomlfile import Params
+
+Duration = Annotated[float, Field(gt=0, le=86400, description="seconds that the phase lasts")]
+
+
+class Flat(Params):
+    """A plate without texture."""
+
+    kind: Literal["flat"] = "flat"
+    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
+
+
+class Grooves(Params):
+    """A plate with parallel grooves; the groove normal lies at `angle_deg` from +x towards +y."""
+
+    kind: Literal["grooves"]
+    period_mm: float = Field(gt=0.01, le=100, description="from ridge to ridge, along the groove normal")
+    angle_deg: float = Field(default=0.0, gt=-90, le=90, description="0: grooves parallel to y")
+    # Wang 2019, figure of the angle study: total force on one unit ripples by 0.08 N (peak to trough) at
+    # 0 degrees under 15 N / 9 a unit, that is +-2.4 %; divided by the aperture's 0.58 at 1.2 mm.
+    ripple: float = Field(
+        default=0.042, ge=0, le=0.8, description="relative force amplitude at long periods, 0 degrees"
+    )
+    harmonics: list[float] = Field(
+        default=[0.2, 0.05], max_length=8, description="amplitudes of the 2nd, 3rd, ... over the first"
+    )
+    entry_mm: float = Field(
+        default=1.0, ge=0, description="travel over which a sliding skin comes fully onto this plate"
+    )
+    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
+
+    @model_validator(mode="after")
+    def _positive_force(self) -> Self:
+        if self.ripple * (1 + sum(map(abs, self.harmonics))) >= 1:
+            raise ValueError("ripple with its harmonics would pull at the skin: keep their sum below 1")
+        return self
+
+
+Surface = Annotated[Flat | Grooves, Field(discriminator="kind")]
+
+
+class Still(Params):
+    """What all phases have."""
+
+    duration_s: Duration
+    surface: Surface | None = Field(default=None, description="the plate from here on; absent: as before")
+
+
+class Rest(Still):
+    """Nothing is touched."""
+
+    kind: Literal["rest"]
+
+
+class Press(Still):
+    """The load goes linearly to `force_n`, in total on the array."""
+
+    kind: Literal["press"]
+    force_n: float = Field(gt=0, le=200)
+
+
+class Hold(Still):
+    """The load stays and nothing moves."""
+
+    kind: Literal["hold"]
+
+
+class Lift(Still):
+    """The load goes linearly to zero."""
+
+    kind: Literal["lift"]
+
+
+class Slide(Still):
+    """The skin moves over the surface under the load it has; a speed reversal is a second slide."""
+
+    kind: Literal["slide"]
+    speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
+    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
+    ramp_s: float = Field(default=0.0, ge=0, description="time to reach the speed, linearly from 0")
+    ripple_mm_s: float = Field(default=0.0, ge=0, description="amplitude of a sine on the speed")
+    ripple_hz: float = Field(default=1.0, gt=0, le=50)
+    profile: list[tuple[float, Annotated[float, Field(ge=0, le=1000)]]] = Field(
+        default=[], description="instead of a speed: pairs of seconds into the phase and mm/s"
+    )
+
+    @model_validator(mode="after")
+    def _one_speed(self) -> Self:
+        if (self.speed_mm_s is None) == (not self.profile):
+            raise ValueError("give either speed_mm_s or profile")
+        if self.profile and (self.ramp_s or self.ripple_mm_s):
+            raise ValueError("ramp_s and ripple_mm_s belong to speed_mm_s, not to a profile")
+        times = [t for t, _ in self.profile]
+        if times and (times[0] != 0 or any(b <= a for a, b in itertools.pairwise(times))):
+            raise ValueError("profile times must begin at 0 and grow")
+        if times and times[-1] > self.duration_s:
+            raise ValueError(f"profile goes on to {times[-1]} s, the phase only to {self.duration_s} s")
+        if self.ramp_s > self.duration_s:
+            raise ValueError("ramp_s is longer than the phase")
+        if self.speed_mm_s is not None and self.ripple_mm_s > self.speed_mm_s:
+            raise ValueError("ripple_mm_s is larger than speed_mm_s: the skin would move backwards")
+        return self
+
+
+Phase = Annotated[Rest | Press | Hold | Slide | Lift, Field(discriminator="kind")]
+
+
+class Scene(Params):
+    """Schema of ``config/scenes/*.toml``, and the scene itself."""
+
+    name: str = Field(min_length=1)
+    description: str = ""
+    array: str = Field(default="wang2019-3x3", description="name or file of the array that is worn")
+    contact: Literal["signal"] = Field(default="signal", description="contact model: a rung of the ladder")
+    seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
+    surface: Surface = Flat()
+    electronics: ElectronicsParams = ElectronicsParams()
+    phases: list[Phase] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        loaded = False
+        for index, phase in enumerate(self.phases):
+            if isinstance(phase, Hold | Slide | Lift) and not loaded:
+                raise ValueError(f"phases[{index}]: a {phase.kind} needs contact; put a press before it")
+            if isinstance(phase, Rest) and loaded:
+                raise ValueError(f"phases[{index}]: a rest touches nothing; use hold, or lift before it")
+            loaded = isinstance(phase, Press) or (loaded and not isinstance(phase, Lift))
+        return self
+
+    @property
+    def duration_s(self) -> float:
+        return sum(phase.duration_s for phase in self.phases)
+
+    def with_changes(self, **changes: object) -> "Scene":
+        """Copy with top-level keys changed, checked like a file: ``scene.with_changes(seed=7)``."""
+        return tomlfile.parse(self.model_dump() | changes, Scene, f"variation of scene {self.name}")
+
+    def with_surface(self, **surface: object) -> "Scene":
+        """Copy on another plate: ``with_surface(period_mm=1.2, angle_deg=30)`` or ``with_surface()``.
+
+        Groove parameters given make grooves, with the scene's own grooves as their defaults; none make
+        a flat plate. Where phases of the scene name grooves of their own, those are changed, else the
+        plate of the whole scene.
+        """
+        document = self.model_dump()
+        places = [p for p in document["phases"] if p["surface"] and p["surface"]["kind"] == "grooves"]
+        for place in places or [document]:
+            known = place["surface"] if place["surface"]["kind"] == "grooves" else {"kind": "grooves"}
+            place["surface"] = known | surface if surface else {"kind": "flat"}
+        return tomlfile.parse(document, Scene, f"variation of scene {self.name}")
+
+
+def load_scene(name_or_path: str) -> Scene:
+    """Scene by shipped name (``demo``) or by path; `ConfigError` with every fault of the file."""
+    path = resources.find(name_or_path, "config/scenes")
+    if not path.exists() and not path.suffix and "/" not in name_or_path:
+        known = ", ".join(resources.shipped_names("config/scenes"))
+        raise ConfigError("scene", [f"no scene named {name_or_path!r}; shipped: {known}; or give a file"])
+    return tomlfile.load(path, Scene)
+
+
+def paper_scenes() -> dict[str, Scene]:
+    """The protocols of the 2019 paper by name: slip twice, and each period and angle of its table 2.
+
+    Groove scenes are named ``<experiment|simulation>-d<period>-a<angle>``.
+    """
+    scenes = {name: load_scene(name) for name in ("flat-experiment", "flat-simulation")}
+    for kind in ("experiment", "simulation"):
+        base = load_scene(f"grooves-{kind}")
+        table = [(period, 0) for period in (0.9, 1.2, 1.5)] + [(1.2, angle) for angle in (15, 30, 45, 60)]
+        for period_mm, angle_deg in table:
+            name = f"{kind}-d{period_mm:.2f}-a{angle_deg}"
+            varied = base.with_surface(period_mm=period_mm, angle_deg=angle_deg)
+            scenes[name] = varied.with_changes(name=name)
+    return scenes

@@ -1,0 +1,63 @@
+"""A scene seen through the array and its electronics: what the board's ADC reads."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.emulator import electronics
+from tactiled.emulator.contact import RUNGS
+from tactiled.emulator.motion import Motion
+from tactiled.emulator.noise import ScanNoise
+from tactiled.emulator.scene import Scene
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+
+
+class Sensor:
+    """Counts of every channel at given instants of scene time.
+
+    Parameters
+    ----------
+    scene : Scene
+    array : Array
+    adc_bits : int
+    adc_reference_v : float
+
+    Raises
+    ------
+    ConfigError
+        A dead channel that the array does not have.
+    """
+
+    def __init__(self, scene: Scene, array: Array, *, adc_bits: int, adc_reference_v: float) -> None:
+        params = scene.electronics
+        if outside := [c for c in params.dead_channels if not 0 <= c < array.n_channels]:
+            fault = f"electronics.dead_channels: {outside} are not among the {array.n_channels} channels"
+            raise ConfigError(f"scene {scene.name}", [fault])
+        self._params = params
+        self._motion = Motion(scene)
+        self._contact = RUNGS[scene.contact](self._motion, array)
+        self._noise = ScanNoise(scene.seed, array.n_channels)
+        self._bits, self._reference_v = adc_bits, adc_reference_v
+        kinds = np.array(array.channel_kind)
+        self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
+        self._is_inverted = (array.sign < 0) & ~self._is_shear  # wired to the supply, not to ground
+
+    def volts(self, time_s: FloatArray) -> FloatArray:
+        """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
+        params = self._params
+        force_n = self._contact.forces(time_s)
+        crept = force_n * electronics.creep_gain(
+            params, self._motion.relaxed_load_n(time_s, params.creep_time_s)
+        )
+        volts = electronics.divider_v(params, electronics.conductance_s(params, crept))
+        volts = np.where(self._is_inverted, self._reference_v - volts, volts)
+        volts = np.where(self._is_shear, electronics.shear_v(params, crept, self._reference_v), volts)
+        volts[:, params.dead_channels] = 0.0
+        return volts
+
+    def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64]:
+        """Counts of scans ``first``, ``first + 1``, ... sampled at `time_s` (n, channels)."""
+        noise = self._params.noise_v * self._noise.normal(first, len(time_s))
+        return electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
