@@ -28,8 +28,9 @@ class ClockParams(Params):
     bucket_s: float = Field(default=1.0, gt=0, description="the earliest arrival of each bucket is kept")
     # Crystals wander by about 1e-6 per kelvin: over two minutes that is well under 0.1 ms.
     window_buckets: int = Field(default=120, ge=3, description="buckets that the line is fitted to")
-    max_drift_ppm: float = Field(default=300.0, gt=0, description="no two crystals differ by more")
-    gate_s: float = Field(default=0.02, gt=0, description="arrivals this early mean a stepped clock, if they last")
+    # Board and host crystals of 100 ppm each, the worst that is sold for clocks.
+    max_drift_ppm: float = Field(default=200.0, gt=0, description="no two crystals differ by more")
+    gate_s: float = Field(default=0.02, gt=0, description="arrivals this early and lasting: a stepped clock")
 
 
 class ClockFit:

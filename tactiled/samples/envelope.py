@@ -7,6 +7,7 @@ a half-plane; what is left of the plane is a convex polygon, and its centroid an
 mean and the covariance of a uniform posterior.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -103,7 +104,7 @@ def _moments(polygon: list[Point]) -> tuple[float, float, float, float, float]:
     """
     p0, q0 = polygon[0]
     area = mp = mq = mpp = mpq = mqq = 0.0
-    for (pa, qa), (pb, qb) in zip(polygon[1:], polygon[2:], strict=False):
+    for (pa, qa), (pb, qb) in itertools.pairwise(polygon[1:]):
         ap, aq, bp, bq = pa - p0, qa - q0, pb - p0, qb - q0
         weight = ap * bq - aq * bp
         sp, sq = ap + bp, aq + bq

@@ -1,0 +1,206 @@
+"""The first four rooms in one object: bytes in, events out. Live, replayed and offline run this code."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from tactiled.array import Array
+from tactiled.detect.base import Detector
+from tactiled.detect.suite import DetectParams, build_detectors
+from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent
+from tactiled.samples.assembler import Assembler, SampleParams
+from tactiled.samples.block import Gap, ScanBlock
+from tactiled.tomlfile import Params
+from tactiled.wire.codec import Decoder
+from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
+from tactiled.wire.layout import Layout
+
+Output = Event | Hello | Acknowledge
+
+
+class PipelineParams(Params):
+    """Parameters of the rooms that a pipeline is made of."""
+
+    samples: SampleParams = SampleParams()
+    detect: DetectParams = DetectParams()
+
+
+@dataclass(frozen=True)
+class Health:
+    """Counters and state of a pipeline; `bytes_in == bytes_framed + bytes_discarded + bytes_pending`."""
+
+    scans: int
+    scans_missing: int
+    scans_duplicate: int
+    frames_corrupt: int
+    bytes_in: int
+    bytes_framed: int
+    bytes_discarded: int
+    bytes_pending: int
+    newest_scan_s: float
+    """Instant of the newest scan; -inf before there is one."""
+    clock_sd_s: float
+    clock_rate_ppm: float
+    rate_hz: float
+    contact: Literal["none", "loading", "holding", "sliding"]
+    slipping: bool
+
+
+class Pipeline:
+    """Bytes of a board to events.
+
+    Parameters
+    ----------
+    layout : Layout
+    array : Array
+    params : PipelineParams
+    """
+
+    def __init__(self, layout: Layout, array: Array, params: PipelineParams | None = None) -> None:
+        params = params or PipelineParams()
+        self.layout = layout
+        self.array = array
+        self._decoder = Decoder(layout)
+        self._assembler = Assembler(layout, params.samples)
+        self._detectors = build_detectors(array, params.detect)
+        self.reset()
+
+    def reset(self) -> None:
+        """As new: board, clock, detectors and counters forgotten."""
+        self._decoder.reset()
+        self._assembler.reset()
+        for detector in self._detectors:
+            detector.reset()
+        self.hello: Hello | None = None
+        self._frames_corrupt = 0
+        self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
+        self._contact: Literal["none", "loading", "holding", "sliding"] = "none"
+        self._slipping = False
+        if (assumed := self.layout.file.assumed_hello) is not None:
+            fields = assumed.model_dump()
+            fields["channel_offset_s"] = tuple(fields["channel_offset_s"])
+            self._accept(Hello(protocol_version=self.layout.file.protocol_version, **fields))
+
+    def receive_data(self, data: bytes, now_s: float) -> list[Output]:
+        """Everything that `data` completes, in the order of the stream.
+
+        Parameters
+        ----------
+        data : bytes
+            Any part of the stream, of any length.
+        now_s : float
+            When it was handed over, host monotonic seconds.
+        """
+        out: list[Output] = []
+        for frame in self._decoder.feed(data):
+            if isinstance(frame, Scan):
+                if self.hello is not None:
+                    self._assembler.scan(frame, now_s)
+            elif isinstance(frame, Corrupt):
+                self._frames_corrupt += 1
+                self._assembler.corrupt()
+            elif isinstance(frame, Hello):
+                out += self._run(self._assembler.flush(), now_s)
+                out.append(frame)
+                if check_hello(frame, self.layout, self.array) is None:
+                    self._accept(frame)
+                else:
+                    self.hello = None
+            elif isinstance(frame, Acknowledge):
+                out.append(frame)
+        out += self._run(self._assembler.flush(), now_s)
+        return out
+
+    def disconnected(self) -> None:
+        """The port was lost: half a frame is none, and a Gap comes before the next scan."""
+        sums = (self._decoder.bytes_in, self._decoder.bytes_framed, self._decoder.bytes_discarded)
+        pending = self._decoder.bytes_pending
+        before = [old + new for old, new in zip(self._bytes_before, sums, strict=True)]
+        self._bytes_before = (before[0], before[1], before[2] + pending)
+        self._decoder.reset()
+        self._assembler.interrupt("disconnect")
+        self.hello = None if self.layout.has("hello") else self.hello
+
+    def health(self) -> Health:
+        """Counters and state as they are now."""
+        counts = self._assembler.counts
+        bytes_in, framed, discarded = self._bytes_before
+        newest_s, sd_s = self._assembler.newest
+        return Health(
+            scans=counts.scans,
+            scans_missing=counts.missing,
+            scans_duplicate=counts.duplicate,
+            frames_corrupt=self._frames_corrupt,
+            bytes_in=bytes_in + self._decoder.bytes_in,
+            bytes_framed=framed + self._decoder.bytes_framed,
+            bytes_discarded=discarded + self._decoder.bytes_discarded,
+            bytes_pending=self._decoder.bytes_pending,
+            newest_scan_s=newest_s,
+            clock_sd_s=sd_s,
+            clock_rate_ppm=self._assembler.drift_ppm,
+            rate_hz=self._assembler.rate_hz,
+            contact=self._contact,
+            slipping=self._slipping,
+        )
+
+    def _accept(self, hello: Hello) -> None:
+        self.hello = hello
+        self._assembler.board(hello)
+
+    def _run(self, items: Sequence[ScanBlock | Gap], now_s: float) -> Iterator[Event]:
+        for item in items:
+            if isinstance(item, ScanBlock):
+                yield from scan_events(item, now_s)
+            for event in run_detectors(self._detectors, item):
+                if isinstance(event, ContactEvent):
+                    self._contact = event.state
+                elif isinstance(event, SlipEvent):
+                    self._slipping = event.state == "onset"
+                yield event
+
+
+def run_detectors(detectors: Sequence[Detector], item: ScanBlock | Gap) -> Iterator[Event]:
+    """Events of all detectors, in their order."""
+    for detector in detectors:
+        yield from detector.process(item)
+
+
+def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
+    """One event a scan, for those who want the voltages."""
+    rows = zip(
+        block.index.tolist(), block.volts.tolist(), block.valid.tolist(),
+        block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), strict=True,
+    )  # fmt: skip
+    for index, volts, valid, time_s, sd_s, late in rows:
+        yield ScanEvent(
+            time_s=time_s,
+            index=index,
+            volts=tuple(volts),
+            valid=tuple(valid),
+            time_sd_s=sd_s,
+            age_s=now_s - time_s,
+            late=late,
+        )
+
+
+def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
+    """Reason why this board does not fit, or None when it does."""
+    wanted = layout.file.protocol_version
+    if hello.protocol_version != wanted:
+        return (
+            f"board {hello.board_serial} speaks protocol version {hello.protocol_version}, "
+            f"{layout.name} is version {wanted}: update its firmware or name its layout in board.protocol"
+        )
+    if hello.array_id != array.name:
+        return (
+            f"board {hello.board_serial} carries the array {hello.array_id!r}, configured is "
+            f"{array.name!r}: name the right one in board.array"
+        )
+    if array.n_channels != layout.n_channels:
+        return (
+            f"array {array.name!r} has {array.n_channels} channels ({array.n_taxels} taxels), a scan of "
+            f"{layout.name} has {layout.n_channels}: mend the array file or the layout file"
+        )
+    if hello.rate_hz <= 0 or hello.adc_bits < 1 or hello.adc_reference_v <= 0:
+        return f"board {hello.board_serial} reports an impossible rate, ADC width or reference"
+    return None

@@ -1,0 +1,136 @@
+"""Plain logs that somebody else recorded: CSV with a header, or npz."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.errors import DataError
+from tactiled.samples.block import Gap, ScanBlock
+
+FloatArray = NDArray[np.float64]
+
+
+def read_table(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Times and readings of a log.
+
+    Parameters
+    ----------
+    path : Path
+        ``.csv``: a header, a column ``time_s``, then one column a channel in channel order; an empty
+        cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``.
+
+    Returns
+    -------
+    time_s : (n,) float64
+    volts : (n, channels) float64
+
+    Raises
+    ------
+    DataError
+        With the line or the array that is wrong.
+    """
+    time_s, volts = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
+    if len(time_s) < 2:
+        raise DataError(f"{path}: holds {len(time_s)} scans; at least two are needed to know their rate")
+    if not np.all(np.isfinite(time_s)):
+        raise DataError(f"{path}: time_s is not a number in row {int(np.argmin(np.isfinite(time_s))) + 1}")
+    backwards = np.flatnonzero(np.diff(time_s) <= 0)
+    if backwards.size:
+        row = int(backwards[0]) + 2
+        raise DataError(f"{path}: time_s does not grow at row {row} ({time_s[row - 2]} to {time_s[row - 1]})")
+    return time_s, np.where(np.isfinite(volts), volts, np.nan)
+
+
+def to_blocks(
+    time_s: FloatArray, volts: FloatArray, rate_hz: float | None, full_scale_volts: float
+) -> list[ScanBlock | Gap]:
+    """Blocks between the holes of a log.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+        Growing.
+    volts : (n, channels) float64
+    rate_hz : float or None
+        None: the median interval tells.
+    full_scale_volts : float
+        Readings beyond it are marked invalid.
+    """
+    rate_hz = rate_hz or float(1 / np.median(np.diff(time_s)))
+    steps = np.maximum(np.rint(np.diff(time_s) * rate_hz).astype(np.int64), 1)
+    index = np.concatenate([[0], np.cumsum(steps)])
+    items: list[ScanBlock | Gap] = []
+    ends = [*(np.flatnonzero(steps > 1) + 1).tolist(), len(time_s)]
+    start = 0
+    for end in ends:
+        if start:
+            missing = int(index[start] - index[start - 1] - 1)
+            items.append(Gap(missing, "missing", int(index[start])))
+        part = slice(start, end)
+        n = end - start
+        items.append(
+            ScanBlock(
+                volts=np.ascontiguousarray(volts[part]),
+                time_s=time_s[part],
+                time_sd_s=np.zeros(n),
+                index=index[part],
+                valid=np.abs(volts[part]) < full_scale_volts,  # NaN compares False
+                rate_hz=rate_hz,
+                channel_offset_s=np.zeros(volts.shape[1]),
+                late=np.zeros(n, dtype=np.bool_),
+            )
+        )
+        start = end
+    return items
+
+
+def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            missing = [name for name in ("time_s", "volts") if name not in archive]
+            if missing:
+                raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
+            time_s = np.asarray(archive["time_s"], dtype=np.float64)
+            volts = np.asarray(archive["volts"], dtype=np.float64)
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(f"{path}: cannot be read as npz: {error}") from None
+    if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):
+        raise DataError(
+            f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
+        )
+    return time_s, volts
+
+
+def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
+    rows: list[list[float]] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            header = [name.strip() for name in next(reader, [])]
+            if "time_s" not in header:
+                found = ", ".join(header[:6]) or "nothing"
+                raise DataError(f"{path}: the header lacks the column time_s (found: {found})")
+            for cells in reader:
+                if not cells:
+                    continue
+                if len(cells) != len(header):
+                    raise DataError(
+                        f"{path}: line {reader.line_num} has {len(cells)} cells, the header has {len(header)}"
+                    )
+                rows.append([_number(cell, path, reader.line_num) for cell in cells])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from None
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    column = header.index("time_s")
+    return np.ascontiguousarray(table[:, column]), np.delete(table, column, axis=1)
+
+
+def _number(cell: str, path: Path, line: int) -> float:
+    if not cell.strip():
+        return float("nan")
+    try:
+        return float(cell)
+    except ValueError:
+        raise DataError(f"{path}: line {line}: {cell!r} is not a number") from None

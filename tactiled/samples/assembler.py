@@ -1,0 +1,189 @@
+"""Scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from tactiled.errors import ContractError
+from tactiled.samples.block import Gap, GapCause, ScanBlock
+from tactiled.samples.clock import ClockFit, ClockParams
+from tactiled.samples.unwrap import ScanCounter
+from tactiled.tomlfile import Params
+from tactiled.wire.frames import Hello, Scan
+from tactiled.wire.layout import Layout
+
+
+class SampleParams(Params):
+    """How frames become scans."""
+
+    late_after_s: float = Field(
+        default=0.1,
+        gt=0,
+        description="a scan handled this long after it was taken is late: recorded, never acted on",
+    )
+    clock: ClockParams = ClockParams()
+
+
+@dataclass(frozen=True)
+class SampleCounts:
+    """What became of the scans the board sent."""
+
+    scans: int = 0
+    missing: int = 0
+    duplicate: int = 0
+    restarts: int = 0
+
+
+class Assembler:
+    """Scan frames in, blocks and gaps out, in order.
+
+    Feed `scan` and `corrupt` in the order of the stream, then take what is complete with `flush`.
+    Neither reads a clock: `now_s` is when the bytes were handed over (host monotonic seconds).
+    """
+
+    def __init__(self, layout: Layout, params: SampleParams | None = None) -> None:
+        self._layout = layout
+        self._params = params or SampleParams()
+        self._frame_s = 10 * layout.wire_bytes("scan") / layout.file.baud  # start, 8 data, stop bits
+        self._fault_flag = layout.flag("reference_fault")
+        self._start_flag = layout.flag("first_after_start")
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget board, counters and clock."""
+        self._hello: Hello | None = None
+        self._index = -1
+        self._counts = SampleCounts()
+        self._rows: list[tuple[Scan, float, float, bool]] = []
+        self._out: list[ScanBlock | Gap] = []
+        self._n_corrupt = 0
+        self._pending_gap: GapCause | None = None
+        self._newest_s = -np.inf
+        self._newest_sd_s = np.inf
+        self._fit: ClockFit | None = None
+        self._counter = ScanCounter(
+            self._layout.bits("scan", "sequence") or 16,
+            self._layout.bits("scan", "ticks"),
+            self._layout.tick_s,
+        )
+
+    @property
+    def counts(self) -> SampleCounts:
+        return self._counts
+
+    @property
+    def rate_hz(self) -> float:
+        return self._hello.rate_hz if self._hello else 0.0
+
+    @property
+    def newest(self) -> tuple[float, float]:
+        """Instant of the newest scan and its standard deviation; (-inf, inf) before there is one."""
+        return self._newest_s, self._newest_sd_s
+
+    @property
+    def drift_ppm(self) -> float:
+        return self._fit.drift_ppm if self._fit else 0.0
+
+    def board(self, hello: Hello) -> None:
+        """Take what the board says of itself; a new boot or a new rate begins a new run."""
+        old = self._hello
+        if old is not None and hello.boot_count == old.boot_count and hello.rate_hz == old.rate_hz:
+            return
+        offsets = hello.channel_offset_s or (0.0,) * self._layout.n_channels
+        self._hello = hello
+        self._volts_per_count = hello.volts_per_count
+        self._full_count = 2**hello.adc_bits - 1
+        self._offset_s = np.array(offsets)
+        if old is not None:
+            self._new_run("rate" if hello.boot_count == old.boot_count else "restart")
+        self._fit = ClockFit(self._params.clock, self._frame_s + float(self._offset_s.max()))
+
+    def interrupt(self, cause: GapCause) -> None:
+        """The stream breaks here: close the block and say a Gap before the next scan.
+
+        The board's counters are still followed: should it turn out to have run on, the gap has a count.
+        """
+        self._close_block()
+        self._pending_gap = cause
+
+    def _new_run(self, cause: GapCause) -> None:
+        """The board counts anew: so do we."""
+        self.interrupt(cause)
+        self._counter.reset()
+        if self._fit:
+            self._fit.reset()
+
+    def corrupt(self) -> None:
+        """A frame arrived damaged: if scans turn out to be missing here, that is why."""
+        self._n_corrupt += 1
+
+    def scan(self, scan: Scan, now_s: float) -> None:
+        """Take the next scan frame."""
+        if self._hello is None or self._fit is None:
+            raise ContractError("Assembler.scan before Assembler.board")
+        if scan.flags & self._start_flag and self._index >= 0:
+            self.interrupt("start")
+            self._counter.forget_sequence()
+        step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+        if step.kind == "restart":
+            self._count(restarts=1)
+            self._new_run("restart")
+            step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+        if step.kind == "duplicate":
+            self._count(duplicate=1)
+            return
+        self._place(step.n_scans)
+        self._fit.add(self._counter.board_s, now_s)
+        time_s, sd_s = self._fit.time_of(self._counter.board_s)
+        # A better fit may move instants back; time itself never does.
+        time_s = max(time_s, self._newest_s + 0.1 / self._hello.rate_hz)
+        self._newest_s, self._newest_sd_s = time_s, sd_s
+        self._rows.append((scan, time_s, sd_s, now_s - time_s > self._params.late_after_s))
+        self._count(scans=1)
+
+    def flush(self) -> list[ScanBlock | Gap]:
+        """Blocks and gaps that are complete, in order."""
+        self._close_block()
+        out, self._out = self._out, []
+        return out
+
+    def _place(self, n_scans: int) -> None:
+        """Number the scan, and say the gap before it if there is one."""
+        n_missing = n_scans - 1
+        cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
+        if self._index >= 0 and (n_missing or self._pending_gap):
+            self._close_block()
+            self._out.append(Gap(n_missing, cause, self._index + n_scans))
+        self._index += n_scans
+        self._count(missing=n_missing)
+        self._pending_gap = None
+        self._n_corrupt = 0
+
+    def _close_block(self) -> None:
+        if not self._rows or self._hello is None:
+            return
+        rows, self._rows = self._rows, []
+        counts = np.stack([scan.counts for scan, *_ in rows])
+        n = len(rows)
+        sound = np.array([not scan.flags & self._fault_flag for scan, *_ in rows])
+        # At full scale the voltage is unknown above; zero is a finger that touches nothing.
+        valid = (counts < self._full_count) & sound[:, np.newaxis]
+        self._out.append(
+            ScanBlock(
+                volts=np.asarray(counts * self._volts_per_count, dtype=np.float64),
+                time_s=np.array([time_s for _, time_s, _, _ in rows]),
+                time_sd_s=np.array([sd_s for _, _, sd_s, _ in rows]),
+                index=np.arange(self._index - n + 1, self._index + 1, dtype=np.int64),
+                valid=valid,
+                rate_hz=self._hello.rate_hz,
+                channel_offset_s=self._offset_s,
+                late=np.array([late for *_, late in rows], dtype=np.bool_),
+            )
+        )
+
+    def _count(self, scans: int = 0, missing: int = 0, duplicate: int = 0, restarts: int = 0) -> None:
+        old = self._counts
+        self._counts = SampleCounts(
+            old.scans + scans, old.missing + missing, old.duplicate + duplicate, old.restarts + restarts
+        )

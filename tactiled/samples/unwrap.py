@@ -1,0 +1,101 @@
+"""Wire counters that wrap, turned into ones that do not, and told apart from counters that start anew."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Step:
+    """How a scan follows the one before.
+
+    Attributes
+    ----------
+    kind : {"next", "duplicate", "restart"}
+        "duplicate": this scan was seen already (or an older one); "restart": the counters cannot belong to
+        the same run of the board.
+    n_scans : int
+        Scans since the one before, 1 when none is missing; 0 unless `kind` is "next".
+    """
+
+    kind: Literal["next", "duplicate", "restart"]
+    n_scans: int
+
+
+class ScanCounter:
+    """Follows a board's sequence number and ticks from scan to scan.
+
+    Parameters
+    ----------
+    sequence_bits : int
+        Width of the sequence number on the wire.
+    tick_bits : int or None
+        Width of the ticks; None where scans carry none.
+    tick_s : float or None
+        Seconds of one tick.
+    """
+
+    # A scan instant that the board overran shifts ticks against sequence by a scan or two; a rate that is
+    # being changed shifts a few more before the new hello arrives. More is another run of the board.
+    SLACK_SCANS = 5
+    # Long silences: crystals and a rate rounded to millihertz are good for a per cent.
+    SLACK_PART = 0.01
+    # A line that repeats or reorders does so at once; older scans than these do not come back.
+    STRAGGLERS = 16
+
+    def __init__(self, sequence_bits: int, tick_bits: int | None, tick_s: float | None) -> None:
+        self._modulus = 1 << sequence_bits
+        self._tick_modulus = 1 << tick_bits if tick_bits else 0
+        self._tick_s = tick_s or 0.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last scan; the next one begins a new run."""
+        self._sequence: int | None = None
+        self._sequence_known = False
+        self._ticks: int | None = None
+        self._arrival_s = 0.0
+        self.board_s = 0.0
+        """Board time of the last scan, unwrapped, zero at the first scan of the run."""
+
+    def forget_sequence(self) -> None:
+        """The board was stopped and started: its ticks ran on, its sequence number did not."""
+        self._sequence_known = False
+
+    def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> Step:
+        """Take the next scan and say how it follows; duplicates and restarts leave the state as it was."""
+        if self._sequence is None:
+            self._keep(sequence, ticks, arrival_s, 0.0)
+            return Step("next", 1)
+        advance = (sequence - self._sequence) % self._modulus
+        elapsed_s = arrival_s - self._arrival_s
+        if ticks is not None and self._ticks is not None:
+            wraps = elapsed_s / self._tick_s
+            turned = _nearest(ticks - self._ticks, wraps, self._tick_modulus)
+            elapsed_s = turned * self._tick_s
+            slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz)
+        else:  # only the host's clock, and bytes may come in bursts: half a second either way
+            slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + 0.5 * rate_hz
+        if not self._sequence_known:
+            self._keep(sequence, ticks, arrival_s, max(elapsed_s, 0.0))
+            return Step("next", 1)
+        expected = elapsed_s * rate_hz
+        n_scans = _nearest(advance, expected, self._modulus)
+        if abs(n_scans - expected) > slack:
+            return Step("restart", 0)
+        if n_scans <= -self.STRAGGLERS:
+            return Step("restart", 0)  # a board that boots counts from zero: not a scan of long ago
+        if n_scans <= 0:
+            return Step("duplicate", 0)
+        self._keep(sequence, ticks, arrival_s, elapsed_s if ticks is not None else n_scans / rate_hz)
+        return Step("next", n_scans)
+
+    def _keep(self, sequence: int, ticks: int | None, arrival_s: float, elapsed_s: float) -> None:
+        self._sequence, self._ticks, self._arrival_s = sequence, ticks, arrival_s
+        self._sequence_known = True
+        self.board_s += elapsed_s
+
+
+def _nearest(residue: int, value: float, modulus: int) -> int:
+    """Number congruent to `residue` that lies nearest to `value`."""
+    return residue + modulus * math.floor((value - residue) / modulus + 0.5)

@@ -1,0 +1,201 @@
+"""Scan frames to blocks: every scan accounted for, wraps unseen, gaps told with count and cause."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.errors import ContractError
+from tactiled.samples.assembler import Assembler
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.wire.frames import Hello, Scan
+from tactiled.wire.layout import load_layout
+
+LAYOUT = load_layout("board-v1")
+LEGACY = load_layout("legacy-9")
+LATENCY_S = 35 * 2e-4 + 10 * 85 / 115200  # the last channel's sampling offset, and 85 bytes on the line
+
+
+def hello(**changes: object) -> Hello:
+    fields: dict[str, object] = {
+        "board_serial": "TS0001",
+        "array_id": "wang2019-3x3",
+        "rate_hz": 100.0,
+        "adc_bits": 12,
+        "adc_reference_v": 3.0,
+        "channel_offset_s": tuple(k * 2e-4 for k in range(36)),
+        **changes,
+    }
+    return Hello(**fields)  # type: ignore[arg-type]
+
+
+def scan(number: int, *, tick0: int = 0, sequence0: int = 0, flags: int = 0, level: int = 1000) -> Scan:
+    """Scan `number` of a board that started at the given counters."""
+    return Scan(
+        sequence=(sequence0 + number) % 2**16,
+        ticks=(tick0 + number * 10_000) % 2**32,
+        flags=flags,
+        counts=np.full(36, level, dtype=np.int64),
+    )
+
+
+def assembler() -> Assembler:
+    new = Assembler(LAYOUT)
+    new.board(hello())
+    return new
+
+
+def feed(target: Assembler, numbers: list[int], **start: int) -> list[ScanBlock | Gap]:
+    out: list[ScanBlock | Gap] = []
+    for number in numbers:
+        target.scan(scan(number, **start), 50.0 + number * 0.01 + LATENCY_S)
+        out += target.flush()
+    return out
+
+
+@given(
+    kept=st.lists(st.booleans(), min_size=2, max_size=300),
+    tick0=st.integers(0, 2**32 - 1),
+    sequence0=st.integers(0, 2**16 - 1),
+)
+def test_every_scan_is_delivered_or_missing(kept: list[bool], tick0: int, sequence0: int) -> None:
+    numbers = [n for n, keep in enumerate(kept) if keep] or [0, 1]
+    target = assembler()
+    items = feed(target, numbers, tick0=tick0, sequence0=sequence0)
+    blocks = [item for item in items if isinstance(item, ScanBlock)]
+    gaps = [item for item in items if isinstance(item, Gap)]
+    assert sum(len(block) for block in blocks) == len(numbers) == target.counts.scans
+    missing = numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert sum(gap.n_missing for gap in gaps) == missing == target.counts.missing
+    index = np.concatenate([block.index for block in blocks])
+    assert index.tolist() == [n - numbers[0] for n in numbers]
+    assert target.counts.restarts == 0
+
+
+def test_wraps_of_sequence_and_ticks_go_unseen() -> None:
+    target = assembler()
+    items = feed(target, list(range(40)), tick0=2**32 - 200_000, sequence0=2**16 - 20)
+    assert not [item for item in items if isinstance(item, Gap)]
+    times = np.concatenate([item.time_s for item in items if isinstance(item, ScanBlock)])
+    assert np.diff(times) == pytest.approx(np.full(39, 0.01), abs=2e-3)
+
+
+@pytest.mark.parametrize("away_s", [1.0, 700.0, 2000.0, 5000.0])
+def test_a_long_silence_is_counted_over_any_number_of_wraps(away_s: float) -> None:
+    """16-bit sequences wrap in 11 minutes, 32-bit microseconds in 71: the host's clock tells how often."""
+    target = assembler()
+    feed(target, list(range(50)))
+    target.interrupt("disconnect")
+    back = 50 + int(away_s * 100)
+    gaps = [item for item in feed(target, [back, back + 1]) if isinstance(item, Gap)]
+    assert gaps == [Gap(back - 50, "disconnect", back)]
+
+
+def test_duplicates_and_stragglers_are_dropped_and_counted() -> None:
+    target = assembler()
+    items = feed(target, [0, 1, 1, 2, 1, 3])
+    assert sum(len(item) for item in items if isinstance(item, ScanBlock)) == 4
+    assert target.counts.duplicate == 2
+    assert not [item for item in items if isinstance(item, Gap)]
+
+
+def test_a_reboot_is_no_loss() -> None:
+    target = assembler()
+    feed(target, list(range(1000)))
+    target.board(hello(boot_count=1))
+    items = feed(target, [0, 1], tick0=77)
+    assert items[0] == Gap(0, "restart", 1000)
+    assert target.counts.missing == 0
+
+
+def test_counters_that_jump_without_a_hello_are_a_restart() -> None:
+    target = assembler()
+    feed(target, list(range(1000)))
+    target.scan(Scan(5, np.zeros(36, dtype=np.int64), ticks=50_000), 70.0)
+    assert [item for item in target.flush() if isinstance(item, Gap)] == [Gap(0, "restart", 1000)]
+    assert target.counts.restarts == 1
+
+
+def test_stop_and_start_is_a_gap_whatever_the_sequence_does() -> None:
+    target = assembler()
+    feed(target, list(range(100)))
+    target.scan(
+        Scan(0, np.zeros(36, dtype=np.int64), ticks=30_000_000, flags=LAYOUT.flag("first_after_start")), 80.02
+    )
+    block = target.flush()
+    assert block[0] == Gap(0, "start", 100)
+    assert isinstance(block[1], ScanBlock)
+    assert block[1].time_s[0] == pytest.approx(80.0, abs=0.02)
+
+
+def test_cause_of_a_gap_is_corruption_when_bytes_arrived_damaged() -> None:
+    target = assembler()
+    feed(target, [0, 1])
+    target.corrupt()
+    assert [i for i in feed(target, [3]) if isinstance(i, Gap)] == [Gap(1, "corrupt", 3)]
+    assert [i for i in feed(target, [5]) if isinstance(i, Gap)] == [Gap(1, "missing", 5)]
+
+
+def test_full_scale_and_reference_faults_are_invalid_and_zero_is_not() -> None:
+    target = assembler()
+    target.scan(scan(0, level=4095), 50.0)
+    target.scan(scan(1, level=0), 50.01)
+    target.scan(scan(2, flags=LAYOUT.flag("reference_fault")), 50.02)
+    block = target.flush()[0]
+    assert isinstance(block, ScanBlock)
+    assert block.valid.all(axis=1).tolist() == [False, True, False]
+    assert block.volts[0, 0] == 4095 * 3.0 / 4096
+
+
+def test_backlog_is_marked_late_and_never_moves_time() -> None:
+    target = assembler()
+    feed(target, list(range(300)))
+    for number in range(300, 350):  # half a second of scans in one read
+        target.scan(scan(number), 53.5 + LATENCY_S)
+    (block,) = target.flush()
+    assert isinstance(block, ScanBlock)
+    assert block.late[0]
+    assert not block.late[-1]
+    assert block.time_s == pytest.approx(53.0 + 0.01 * np.arange(50), abs=2e-3)
+
+
+def test_time_grows_whatever_arrives() -> None:
+    rng = np.random.default_rng(3)
+    target = assembler()
+    times: list[float] = []
+    arrival_s = 50.0
+    for number in range(2000):
+        arrival_s = max(arrival_s, 50 + number * 0.01 + rng.exponential(0.02))
+        target.scan(scan(number), arrival_s)
+        for item in target.flush():
+            assert isinstance(item, ScanBlock)
+            times += item.time_s.tolist()
+    assert np.all(np.diff(times) > 0)
+
+
+def test_a_board_without_ticks_is_timed_by_its_sample_count() -> None:
+    target = Assembler(LEGACY)
+    target.board(hello(rate_hz=50.0, channel_offset_s=(), adc_bits=10, adc_reference_v=5.0))
+    for number in range(600):
+        target.scan(
+            Scan(number % 256, np.zeros(9, dtype=np.int64), ticks=None),
+            10 + number * 0.02 + 0.0001 * (number % 7),
+        )
+    (block,) = target.flush()
+    assert isinstance(block, ScanBlock)
+    latency_s = 10 * LEGACY.wire_bytes("scan") / 57600
+    assert block.time_s[-1] == pytest.approx(10 + 599 * 0.02 - latency_s, abs=1e-3)
+
+
+def test_scan_before_hello_is_our_own_mistake() -> None:
+    with pytest.raises(ContractError):
+        Assembler(LAYOUT).scan(scan(0), 0.0)
+
+
+def test_blocks_refuse_to_straddle_a_gap() -> None:
+    block = regular_block(np.zeros((4, 2)), 100.0)
+    with pytest.raises(ContractError):
+        ScanBlock(
+            block.volts, block.time_s, block.time_sd_s, block.index * 2, block.valid, 100.0,
+            block.channel_offset_s, block.late,
+        )  # fmt: skip
