@@ -227,7 +227,7 @@ def load_array(name_or_path: str) -> Array:
         With every fault of the file.
     """
     path: Path = resources.find(name_or_path, "config/arrays")
-    if not path.exists() and path.suffix != ".toml" and "/" not in name_or_path:
+    if resources.is_name(name_or_path) and not path.exists():
         known = ", ".join(resources.shipped_names("config/arrays"))
         raise ConfigError("array", [f"no array named {name_or_path!r}; shipped: {known}; or give a file"])
     return build(tomlfile.load(path, ArrayFile))

@@ -28,10 +28,14 @@ def find(name_or_path: str, kind: str) -> Path:
     Path
         May not exist: whoever opens it reports that, with the name the user gave.
     """
-    path = Path(name_or_path)
-    if path.suffix or "/" in name_or_path:
-        return path
+    if not is_name(name_or_path):
+        return Path(name_or_path)
     return shipped(*kind.split("/")) / f"{name_or_path}.toml"
+
+
+def is_name(name_or_path: str) -> bool:
+    """Whether `find` looks this up among the shipped files."""
+    return not Path(name_or_path).suffix and "/" not in name_or_path
 
 
 def shipped_names(kind: str) -> list[str]:

@@ -117,7 +117,7 @@ def compile_layout(file: LayoutFile) -> Layout:
 def load_layout(name_or_path: str) -> Layout:
     """Layout by shipped name (``board-v1``) or by path; `ConfigError` with every fault of the file."""
     path = resources.find(name_or_path, "protocols")
-    if not path.exists() and not path.suffix and "/" not in name_or_path:
+    if resources.is_name(name_or_path) and not path.exists():
         known = ", ".join(resources.shipped_names("protocols"))
         raise ConfigError("protocol", [f"no layout named {name_or_path!r}; shipped: {known}"])
     return compile_layout(tomlfile.load(path, LayoutFile))

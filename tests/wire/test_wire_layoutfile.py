@@ -1,0 +1,176 @@
+"""Layout files: the shipped ones say what board.md says; a broken one is refused by the place."""
+
+import copy
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactiled import resources, tomlfile
+from tactiled.errors import ConfigError
+from tactiled.wire.layout import load_layout
+from tactiled.wire.schema import LayoutFile
+
+Document = dict[str, Any]
+
+
+def shipped(name: str) -> Document:
+    return tomllib.loads(resources.shipped("protocols", f"{name}.toml").read_text())
+
+
+def put(*path: str | int, value: Any) -> Callable[[Document], None]:
+    """Set one value deep inside the document."""
+
+    def mutate(document: Any) -> None:
+        for key in path[:-1]:
+            document = document[key]
+        document[path[-1]] = value
+
+    return mutate
+
+
+def drop(*path: str | int) -> Callable[[Document], None]:
+    def mutate(document: Any) -> None:
+        for key in path[:-1]:
+            document = document[key]
+        del document[path[-1]]
+
+    return mutate
+
+
+def add_field(message: int, **field: Any) -> Callable[[Document], None]:
+    return lambda document: document["messages"][message]["fields"].append(field)
+
+
+def short_length(document: Document) -> None:
+    document["channels"] = 200
+    document["framing"]["length"] = "u8"
+
+
+def twice(index: int) -> Callable[[Document], None]:
+    return lambda document: document["messages"].append(copy.deepcopy(document["messages"][index]))
+
+
+V1, L9 = "board-v1", "legacy-9"
+SCAN, HELLO = ("messages", 0, "fields"), ("messages", 1, "fields")
+BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
+    (V1, drop("name"), "name: missing"),
+    (V1, drop("byte_order"), "byte_order: missing"),
+    (V1, put("byte_order", value="middle"), "byte_order: "),
+    (V1, put("channels", value="many"), "channels: "),
+    (V1, put("channels", value=0), "channels: "),
+    (V1, put("baud", value=-1), "baud: "),
+    (V1, put("bauds", value=1), "bauds: unknown key; did you mean baud?"),
+    (V1, put("protocol_version", value=256), "protocol_version: "),
+    (V1, drop("framing"), "framing: missing"),
+    (V1, put("framing", "kind", value="slip"), "framing.kind: "),
+    (V1, put("framing", "sync_hex", value="A55A"), "framing: sync_hex and length belong"),
+    (V1, drop("framing", "message_type"), "messages[0].id: 1 does not fit framing.message_type"),
+    (V1, put("checksum", "algorithm", value="crc-16"), "checksum.algorithm: no such checksum; known: crc"),
+    (V1, put("checksum", "algorithm", value=16), "checksum.algorithm: no such checksum"),
+    (V1, put("checksum", "covers", value="length-and-body"), "checksum.covers"),
+    (V1, put("messages", value=[]), "messages: "),
+    (V1, drop("messages", 0), "there is no scan"),
+    (V1, drop("messages", 1), "give either a hello message or [assumed_hello]"),
+    (V1, drop("messages", 2), "commands need an acknowledge"),
+    (V1, twice(0), "messages: scan is described twice"),
+    (V1, put("messages", 1, "id", value=1), "messages: id 1 is used twice board-to-host"),
+    (V1, put("messages", 0, "id", value=256), "messages[0].id: 256 does not fit"),
+    (V1, put("messages", 0, "name", value="scans"), "messages[0].name: "),
+    (V1, put("messages", 0, "direction", value="host-to-board"), "messages[0]: scan cannot go host-to-board"),
+    (V1, put("messages", 0, "direction", value="up"), "messages[0].direction: "),
+    (V1, drop(*SCAN, 0), "messages[0]: scan: lacks the field sequence"),
+    (V1, drop(*SCAN, 3), "messages[0]: scan: lacks the field counts"),
+    (V1, drop("messages", 5, "fields", 1), "messages[5]: set_rate: lacks the field rate_hz"),
+    (V1, add_field(0, name="flags", type="u8"), "messages[0]: scan: field flags is listed twice"),
+    (V1, add_field(0, name="gain", type="u8"), "messages[0]: scan: no such field as gain; known: counts"),
+    (V1, put(*SCAN, 0, "type", value="u64"), "messages[0].fields[0].type: "),
+    (V1, put(*SCAN, 0, "type", value="f32"), "messages[0].fields[0]: sequence must be an int"),
+    (V1, put(*SCAN, 0, "type", value="i16"), "messages[0].fields[0]: sequence must be unsig"),
+    (V1, put(*SCAN, 3, "type", value="f32"), "messages[0].fields[3]: counts must be an int"),
+    (V1, put(*SCAN, 0, "type", value="text"), "messages[0].fields[0]: size belongs to type"),
+    (V1, put(*SCAN, 0, "size", value=2), "messages[0].fields[0]: size belongs to type"),
+    (V1, put(*SCAN, 0, "per_unit", value=10), "per_unit has no meaning for sequence"),
+    (V1, put(*SCAN, 0, "count", value="channels"), "messages[0].fields[0]: count = 'channels'"),
+    (V1, put(*SCAN, 3, "count", value=36), "messages[0].fields[3].count: "),
+    (V1, drop(*SCAN, 3, "count"), "messages[0].fields[3]: count = 'channels' belongs to"),
+    (V1, drop(*HELLO, 1, "size"), "messages[1].fields[1]: size belongs to type = 'text'"),
+    (V1, put(*HELLO, 1, "size", value=0), "messages[1].fields[1].size: "),
+    (V1, put(*HELLO, 6, "per_unit", value=1000), "ticks must have the same type and per_unit"),
+    (V1, put("results", value={}), "results: 'ok' is missing"),
+    (V1, put("results", "busy", value=256), "results.busy: 256 does not fit"),
+    (V1, put("results", "busy", value=0), "results.busy: 0 is used twice"),
+    (V1, put("results", "busy", value="soon"), "results.busy: "),
+    (V1, put("flags", "overrun", value=16), "flags.overrun: the scan's flags have no bit 16"),
+    (V1, put("flags", "overun", value=5), "flags.overun: no such flag; known: first_after_start"),
+    (L9, drop("framing", "sync_hex"), "framing: sync_hex and length belong"),
+    (L9, put("framing", "sync_hex", value="A5 5A"), "framing.sync_hex: "),
+    (L9, put("framing", "length", value="u64"), "framing.length: "),
+    (L9, short_length, "framing.length: messages[0] has 404 bytes"),
+    (L9, drop("assumed_hello"), "give either a hello message or [assumed_hello]"),
+    (L9, put("assumed_hello", "rate_hz", value=0), "assumed_hello.rate_hz: "),
+    (L9, put("assumed_hello", "rate_hz", value=float("nan")), "assumed_hello.rate_hz: "),
+    (L9, drop("assumed_hello", "array_id"), "assumed_hello.array_id: missing"),
+    (L9, put("assumed_hello", "channel_offset_s", value=[0.1]), "assumed_hello.channel_offset_s: 1 numbers"),
+    (L9, put("flags", value={"overrun": 0}), "flags.overrun: the scan's flags have no bit 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "mutate", "fault"), BROKEN, ids=[fault[:60] for _, _, fault in BROKEN])
+def test_a_broken_layout_is_refused_by_its_place(
+    name: str, mutate: Callable[[Document], None], fault: str
+) -> None:
+    document = shipped(name)
+    mutate(document)
+    with pytest.raises(ConfigError) as caught:
+        tomlfile.parse(document, LayoutFile, "lab.toml")
+    assert str(caught.value).startswith("lab.toml: ")
+    assert any(line.startswith(fault) or fault in line for line in caught.value.faults)
+    assert "\n" not in "".join(caught.value.faults)
+
+
+def test_faults_of_one_file_are_told_together() -> None:
+    document = shipped("board-v1")
+    document["baud"] = 0
+    del document["messages"][0]["fields"][0]
+    document["checksum"]["algorithm"] = "md5"
+    with pytest.raises(ConfigError) as caught:
+        tomlfile.parse(document, LayoutFile, "lab.toml")
+    assert len(caught.value.faults) == 3
+
+
+def test_shipped_sizes_are_those_of_the_prose() -> None:
+    board, legacy = load_layout("board-v1"), load_layout("legacy-9")
+    # COBS code, body, CRC-16, delimiter
+    sizes = {name: board.body_bytes(message) + 4 for name, message in board.messages.items()}
+    assert (sizes["scan"], sizes["hello"], sizes["acknowledge"]) == (85, 144, 13)
+    assert (sizes["start"], sizes["set_rate"]) == (7, 11)
+    assert board.tick_s == 1e-6
+    assert (board.bits("scan", "sequence"), board.bits("scan", "ticks")) == (16, 32)
+    assert (board.flag("first_after_start"), board.flag("overrun"), board.flag("reference_fault")) == (
+        1,
+        2,
+        4,
+    )
+    # sync, length, body, CRC-32
+    assert 2 + 2 + legacy.body_bytes(legacy.messages["scan"]) + 4 == 30
+    assert legacy.tick_s == 1e-3
+    assert legacy.flag("overrun") == 0
+    assert legacy.bits("scan", "flags") is None
+
+
+def test_a_name_that_is_not_shipped_lists_those_that_are() -> None:
+    with pytest.raises(ConfigError, match=r"no layout named 'board-v9'; shipped: board-v1, legacy-9"):
+        load_layout("board-v9")
+
+
+def test_a_layout_is_loaded_from_a_path(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(
+        resources.shipped("protocols", "legacy-9.toml").read_text().replace('"legacy-9"', '"lab"')
+    )
+    assert load_layout(str(path)).name == "lab"
+    with pytest.raises(ConfigError, match="no such file; beside it there are: lab"):
+        load_layout(str(tmp_path / "lap.toml"))
