@@ -2,7 +2,7 @@
 
 /* CRC-16/IBM-3740 (also known as CCITT-FALSE): width 16, poly 0x1021, init 0xFFFF, no reflection,
  * xorout 0, check value 0x29B1 over "123456789". Bit by bit, without a table: 81 octets x 8 bits x
- * some 10 cycles = 0.05 ms of a C28x at 150 MHz, of the 10 ms between scans. */
+ * some 10 cycles is 0.05 ms of a C28x at 150 MHz, of the 10 ms between scans. */
 static uint_least16_t crc_next(uint_least16_t crc, uint_least16_t octet)
 {
     int bit;
@@ -138,7 +138,7 @@ size_t tactiled_encode_acknowledge(const tactiled_acknowledge *acknowledge, tact
 
 uint_least32_t tactiled_largest_rate_millihertz(uint_least32_t baud)
 {
-    return baud / 10u * 900u / TACTILED_SCAN_OCTETS; /* 32 bits suffice up to 47 Mbaud */
+    return baud / 10u * 950u / TACTILED_SCAN_OCTETS; /* 32 bits suffice up to 45 Mbaud */
 }
 
 /* ---- host to board ------------------------------------------------------------------------------- */

@@ -82,7 +82,7 @@ size_t tactiled_encode_scan(const tactiled_scan *scan, tactiled_octet *out);
 size_t tactiled_encode_hello(const tactiled_hello *hello, tactiled_octet *out);
 size_t tactiled_encode_acknowledge(const tactiled_acknowledge *acknowledge, tactiled_octet *out);
 
-/* Largest rate that leaves a tenth of the line free, as set_rate must check it (8N1: ten bits an octet). */
+/* Largest rate that leaves a twentieth of the line free, as set_rate must check it (8N1: ten bits an octet). */
 uint_least32_t tactiled_largest_rate_millihertz(uint_least32_t baud);
 
 /* What the encoders are made of: begin, put body octets in order, end. */

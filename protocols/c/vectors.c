@@ -31,7 +31,7 @@ static const char *const GOLDEN[] = {
     "scan 258 1000000 1 2048 2049 2050 2051 2052 2053 2054 2055 2056 2057 2058 2059 2060 2061 2062 2063 2064 "
     "2065 2066 2067 2068 2069 2070 2071 2072 2073 2074 2075 2076 2077 2078 2079 2080 2081 2082 2083",
     /* all zeros: the longest chain of COBS blocks */
-    "scan 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0",
+    "scan 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0",
     /* every field full, the last before both wraps */
     "scan 65535 4294967295 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 "
     "65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 65535 "
@@ -39,8 +39,8 @@ static const char *const GOLDEN[] = {
     /* the largest reading of 12 bits, at each wrap of one field alone */
     "scan 65535 0 0 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 "
     "4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095 4095",
-    "scan 0 4294967295 6 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 "
-    "256 255 1 0 256 255",
+    "scan 0 4294967295 6 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 255 1 0 256 "
+    "255 1 0 256 255 1 0 256 255",
     "hello 1 \"1.0.0\" \"TB-0001\" \"wang2019-3x3\" 3 0 2500000 100000 12 3000 0 80 160 240 320 400 480 560 640 "
     "720 800 880 960 1040 1120 1200 1280 1360 1440 1520 1600 1680 1760 1840 1920 2000 2080 2160 2240 2320 2400 "
     "2480 2560 2640 2720 2800",
@@ -101,6 +101,13 @@ static unsigned long number(const char **at)
     return value;
 }
 
+static void nothing_more(const char *at)
+{
+    if (*skip(at) != '\0') {
+        fail("a request has more than its message");
+    }
+}
+
 static void text(const char **at, char *into, size_t room)
 {
     const char *from = skip(*at);
@@ -134,6 +141,7 @@ static void answer_scan(const char *at)
     for (i = 0; i < TACTILED_CHANNELS; i++) {
         scan.counts[i] = (uint_least16_t)number(&at);
     }
+    nothing_more(at);
     print_frame(tactiled_encode_scan(&scan, frame));
 }
 
@@ -158,6 +166,7 @@ static void answer_hello(const char *at)
     for (i = 0; i < TACTILED_CHANNELS; i++) {
         hello.channel_offset_us[i] = (uint_least16_t)number(&at);
     }
+    nothing_more(at);
     print_frame(tactiled_encode_hello(&hello, frame));
 }
 
@@ -168,6 +177,7 @@ static void answer_acknowledge(const char *at)
     acknowledge.command = (uint_least16_t)number(&at);
     acknowledge.result = (uint_least16_t)number(&at);
     acknowledge.ticks_us = (uint_least32_t)number(&at);
+    nothing_more(at);
     print_frame(tactiled_encode_acknowledge(&acknowledge, frame));
 }
 

@@ -68,6 +68,10 @@ class _Checker:
         return None
 
 
+# Both ends take frames of a later version up to this many stuffed bytes, to name them (board.md).
+_LEAST_TAKEN = 32
+
+
 class CobsFramer:
     """COBS frames, each closed by 0x00."""
 
@@ -77,6 +81,8 @@ class CobsFramer:
         self._guarded_bytes = {n + self._tail for n in self._checker.body_bytes.values()}
         # Stuffing adds one byte, and at most one more for each full run of 254.
         self._longest = max(n + 1 + (n - 1) // 254 for n in self._guarded_bytes)
+        # Two frames with a broken delimiter between them still fit; what is longer is cut.
+        self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
@@ -89,8 +95,7 @@ class CobsFramer:
         self.bytes_in += len(data)
         buffer = self._buffer
         buffer += data
-        # Two frames with a broken delimiter between them still fit; what is longer is cut here.
-        limit = 2 * self._longest + 1
+        limit = self._limit
         while buffer:
             end = buffer.find(0, 0, limit)
             if end < 0 and len(buffer) < limit:

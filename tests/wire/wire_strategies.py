@@ -42,7 +42,7 @@ def longest_pending(layout: Layout, direction: Direction) -> int:
     body = max((layout.body_bytes(m) for m in layout.incoming(direction).values()), default=0)
     guarded = body + layout.checksum.n_bytes
     if layout.file.framing.kind == "cobs":
-        return 2 * (guarded + 1 + (guarded - 1) // 254)
+        return max(2 * (guarded + 1 + (guarded - 1) // 254), 32)
     return len(layout.sync) + layout.length_bytes + guarded
 
 
