@@ -1,0 +1,210 @@
+"""Where a host finds the emulated port: a pty under a stable name, or a TCP listener."""
+
+import contextlib
+import os
+import select
+import socket
+import tty
+from pathlib import Path
+from typing import Protocol
+
+from tactiled.errors import ConfigError
+
+_READ_BYTES = 4096
+
+
+class Link(Protocol):
+    """An open port as the emulator sees it. Nothing here blocks; what the host does not take is lost."""
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def describe(self) -> dict[str, str]:
+        """Where it is, for the report."""
+        ...
+
+    def fds(self) -> list[int]:
+        """Descriptors to wait on for reading."""
+        ...
+
+    def read(self) -> bytes:
+        """What the host wrote; b"" when there is nothing."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """How many bytes were taken, as an adapter whose buffer may be full."""
+        ...
+
+
+class PtyLink:
+    """A pty; `path` is a symbolic link to its device, replaced whole and removed at close.
+
+    The device end is kept open here, so the port outlives hosts that come and go. It is raw: no echo, no
+    line discipline touches the bytes before a host sets anything.
+
+    Parameters
+    ----------
+    path : Path or None
+        None makes no link: the device's own name is in the report.
+
+    Raises
+    ------
+    ConfigError
+        On `open`: `path` is something else than a symbolic link, or cannot be made.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._master = self._slave = -1
+        self._device = ""
+
+    def open(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._device = os.ttyname(self._slave)
+        if self._path is not None:
+            try:
+                self._point(self._path)
+            except OSError as error:
+                self.close()
+                raise ConfigError("link", [f"cannot make {self._path}: {error.strerror}"]) from None
+
+    def close(self) -> None:
+        if self._master < 0:
+            return
+        with contextlib.suppress(OSError):  # somebody else's link by now, or gone
+            if self._path is not None and str(self._path.readlink()) == self._device:
+                self._path.unlink()
+        os.close(self._master)
+        os.close(self._slave)
+        self._master = self._slave = -1
+
+    def describe(self) -> dict[str, str]:
+        return {"device": self._device, "link": str(self._path or self._device)}
+
+    def fds(self) -> list[int]:
+        return [self._master] if self._master >= 0 else []
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self._master, _READ_BYTES) if self._master >= 0 else b""
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> int:
+        try:
+            return os.write(self._master, data) if self._master >= 0 else 0
+        except BlockingIOError:
+            return 0
+
+    def _point(self, path: Path) -> None:
+        """Make or replace the link in one step, so that a host never finds half of it."""
+        if path.exists() and not path.is_symlink():
+            raise FileExistsError(0, "it exists and is no symbolic link")
+        fresh = path.with_name(f".{path.name}.{os.getpid()}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(self._device)
+        fresh.replace(path)
+
+
+class TcpLink:
+    """A TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial's words).
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        0 takes a free one; it is kept over unplugging.
+
+    Raises
+    ------
+    ConfigError
+        On `open`: the address cannot be had.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self._listener: socket.socket | None = None
+        self._client: socket.socket | None = None
+
+    def open(self) -> None:
+        try:
+            self._listener = socket.create_server((self._host, self._port))
+        except OSError as error:
+            raise ConfigError("tcp", [f"cannot listen on {self._host}:{self._port}: {error}"]) from None
+        self._listener.setblocking(False)
+        self._port = self._listener.getsockname()[1]
+
+    def close(self) -> None:
+        self._hang_up()
+        if self._listener is not None:
+            self._listener.close()
+        self._listener = None
+
+    def describe(self) -> dict[str, str]:
+        return {"link": f"socket://{self._host}:{self._port}"}
+
+    def fds(self) -> list[int]:
+        return [s.fileno() for s in (self._listener, self._client) if s is not None]
+
+    def read(self) -> bytes:
+        self._accept()
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up()
+        return data
+
+    def write(self, data: bytes) -> int:
+        if self._client is None:
+            return 0
+        try:
+            return self._client.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._hang_up()
+            return 0
+
+    def _accept(self) -> None:
+        """Take a host that knocks; a second one is turned away, as a port that is busy would."""
+        if self._listener is None or not select.select([self._listener], [], [], 0)[0]:
+            return
+        client, _ = self._listener.accept()
+        if self._client is not None:
+            client.close()
+            return
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client = client
+
+    def _hang_up(self) -> None:
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+
+
+def make_link(link: Path | None, tcp: str | None) -> Link:
+    """Link for the command line's options: a pty unless `tcp` is ``tcp://HOST:PORT``.
+
+    Raises
+    ------
+    ConfigError
+        `tcp` is not of that form, or both are given.
+    """
+    if tcp is None:
+        return PtyLink(link)
+    host, _, port = tcp.removeprefix("tcp://").rpartition(":")
+    if link is not None:
+        raise ConfigError("command line", ["give either a link for a pty or a TCP address, not both"])
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise ConfigError("command line", [f"tcp: {tcp!r} is not of the form tcp://HOST:PORT"])
+    return TcpLink(host.strip("[]"), int(port))

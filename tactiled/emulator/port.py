@@ -1,0 +1,127 @@
+"""Board, sensor, line and faults as one sans-I/O object: what is behind an open port.
+
+`simulate` and `shell` drive this same object, one with a clock that jumps and one with the real clock.
+"""
+
+from collections.abc import Callable
+
+from tactiled.emulator.faults import FaultCounts, FaultKind, FaultParams, FaultPlan
+from tactiled.emulator.firmware import Board, ScanTruth
+from tactiled.emulator.identity import BoardParams, identity, worn_array
+from tactiled.emulator.line import Arrival, Line
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.sensor import Sensor
+from tactiled.wire.layout import Layout
+
+
+def _ignore(_: ScanTruth) -> None:
+    """Truth that nobody wants."""
+
+
+class Port:
+    """An emulated board at the end of an emulated cable.
+
+    Parameters
+    ----------
+    scene : Scene
+    layout : Layout
+    power_up_s : float
+        True instant (host monotonic clock) at which the board gets its power.
+    board : BoardParams
+    faults : FaultParams
+    seed : int
+        Of the faults; the scene has its own.
+    on_scan : callable
+        Gets a `ScanTruth` for each scan instant.
+
+    Attributes
+    ----------
+    board : Board
+    counts : FaultCounts
+    plugged : bool
+        False while the port has vanished; a host cannot read, write or open it then.
+
+    Raises
+    ------
+    ConfigError
+        Scene, array, layout and board do not fit each other.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        layout: Layout,
+        *,
+        power_up_s: float,
+        board: BoardParams | None = None,
+        faults: FaultParams | None = None,
+        seed: int = 0,
+        on_scan: Callable[[ScanTruth], None] = _ignore,
+    ) -> None:
+        params, self._faults = board or BoardParams(), faults or FaultParams()
+        array = worn_array(scene, layout)
+        hello = identity(params, layout, array)
+        sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
+        self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=on_scan)
+        self.counts = FaultCounts()
+        self.plugged = True
+        self._line = Line(layout.file.baud, self._faults, seed, self.counts)
+        self._plan = FaultPlan(self._faults, seed, power_up_s)
+        self._replug_s = float("inf")
+        self._out: list[Arrival] = []
+
+    def next_deadline_s(self) -> float:
+        """True instant at which `advance` will next have something to do."""
+        return min(self._next_cause_s(), self._line.next_arrival_s())
+
+    def advance(self, now_s: float) -> list[Arrival]:
+        """Let time pass; what arrived at the host meanwhile, in order."""
+        self._run_until(now_s)
+        out, self._out = self._out, []
+        return out
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Bytes that the host wrote; they reach the board at once."""
+        self._run_until(now_s)
+        if self.plugged:
+            self.board.receive(data, now_s)
+            self._collect(now_s)
+
+    def _next_cause_s(self) -> float:
+        return min(self.board.next_deadline_s(), self._plan.next_s(), self._replug_s)
+
+    def _run_until(self, now_s: float) -> None:
+        while (due_s := self._next_cause_s()) <= now_s:
+            self._out += self._line.arrivals(due_s)
+            self._collect(due_s)
+            if self._replug_s <= due_s:
+                self.plugged, self._replug_s = True, float("inf")
+            if self._plan.next_s() <= due_s:
+                self._inflict(self._plan.pop(), due_s)
+        self._out += self._line.arrivals(now_s)
+
+    def _collect(self, now_s: float) -> None:
+        """Frames that the board has ready go onto the line, or nowhere while it is pulled out."""
+        for frame in self.board.advance(now_s):
+            if self.plugged:
+                self._line.send(frame.ready_s, frame.data)
+            else:
+                self.counts.frames_unplugged += 1
+
+    def _inflict(self, kind: FaultKind, now_s: float) -> None:
+        if kind == "stall":
+            self._line.stall(now_s + self._faults.stall_s)
+            self.counts.stalls += 1
+        elif kind == "overrun":
+            self.board.miss_scan(now_s)
+            self.counts.overruns += 1
+        elif kind == "reboot":
+            self.board.reboot(now_s)
+            self.counts.reboots += 1
+        elif kind == "unplug":
+            if self.plugged:
+                self.plugged, self._replug_s = False, now_s + self._faults.unplug_s
+                self.counts.unplugs += 1
+                self._line.pull_out()
+        else:
+            self._line.arm(kind)

@@ -1,0 +1,191 @@
+"""The emulator as a process: real time on a real pty or TCP port.
+
+Deadlines are absolute on CLOCK_MONOTONIC, so lateness never adds up; the loop sleeps in ``select`` until the
+next one or until the host writes. Scene time starts with the board's first ``start`` command; the report
+says when that was.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from tactiled.emulator.faults import FaultParams
+from tactiled.emulator.firmware import ScanTruth
+from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.links import Link, make_link
+from tactiled.emulator.port import Port
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.truth import Truth
+from tactiled.wire.layout import Layout
+
+Report = Callable[[dict[str, Any]], None]
+# Longest sleep: a scan that ends in the far future must not outlive a suspended machine by much.
+_LONGEST_SLEEP_S = 1.0
+
+
+class Emulator:
+    """A port in real time; `run` until `stop`.
+
+    Parameters
+    ----------
+    scene : Scene
+    layout : Layout
+    link : Link
+    board : BoardParams
+    faults : FaultParams
+    seed : int
+        Of the faults.
+    report : callable
+        Gets maps with ``what``: ``"ready"`` (where the port is), ``"scene"`` (truth, instants on
+        CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (if asked), ``"end"`` (counts).
+    with_scans : bool
+        Report the truth of each scan.
+
+    Raises
+    ------
+    ConfigError
+        Scene, layout and board do not fit, or the link cannot be made.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        layout: Layout,
+        link: Link,
+        *,
+        board: BoardParams | None = None,
+        faults: FaultParams | None = None,
+        seed: int = 0,
+        report: Report,
+        with_scans: bool = False,
+    ) -> None:
+        self._scene = scene
+        self._link = link
+        self._report = report
+        self._port = Port(
+            scene,
+            layout,
+            power_up_s=time.monotonic(),
+            board=board,
+            faults=faults,
+            seed=seed,
+            on_scan=self._report_scan if with_scans else lambda _: None,
+        )
+        self._is_stopping = False
+        self._is_scene_reported = False
+        self._bytes_overflowed = 0
+        self._wake_read, self._wake_write = os.pipe()
+
+    def stop(self) -> None:
+        """End `run` soon; may be called from a signal handler or another thread."""
+        self._is_stopping = True
+        with contextlib.suppress(OSError):  # `run` has ended and closed it
+            os.write(self._wake_write, b"x")
+
+    def run(self) -> None:
+        """Be a board until `stop`."""
+        try:
+            self._link.open()
+            self._report({"what": "ready", **self._link.describe()})
+            while not self._is_stopping:
+                self._step()
+        finally:
+            self._link.close()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+        counts = vars(self._port.counts) | {"bytes_overflowed": self._bytes_overflowed}
+        self._report({"what": "end", "counts": counts})
+
+    def _step(self) -> None:
+        """Do what is due, then sleep until something is."""
+        was_plugged = self._port.plugged
+        for arrival in self._port.advance(time.monotonic()):
+            self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
+        if was_plugged != self._port.plugged:
+            self._replug()
+        self._report_scene()
+        wait_s = self._port.next_deadline_s() - time.monotonic()
+        fds = [self._wake_read, *self._link.fds()]
+        ready, _, _ = select.select(fds, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
+        if any(fd != self._wake_read for fd in ready) and (data := self._link.read()):
+            self._port.receive(data, time.monotonic())
+
+    def _replug(self) -> None:
+        if self._port.plugged:
+            self._link.open()
+            self._report({"what": "plugged", "time_s": time.monotonic(), **self._link.describe()})
+        else:
+            self._link.close()
+            self._report({"what": "unplugged", "time_s": time.monotonic()})
+
+    def _report_scene(self) -> None:
+        t0_s = self._port.board.scene_start_s
+        if t0_s is not None and not self._is_scene_reported:
+            self._is_scene_reported = True
+            self._report({"what": "scene", **Truth(self._scene, t0_s).to_map()})
+
+    def _report_scan(self, scan: ScanTruth) -> None:
+        self._report(
+            {
+                "what": "scan",
+                "index": scan.index,
+                "sequence": scan.sequence,
+                "boot": scan.boot,
+                "began_s": scan.began_s,
+                "sent": scan.sent,
+            }
+        )
+
+
+def run_emulator(
+    scene: Scene,
+    layout: Layout,
+    *,
+    link: Path | None = None,
+    tcp: str | None = None,
+    board: BoardParams | None = None,
+    faults: FaultParams | None = None,
+    seed: int = 0,
+    report: Report,
+    with_scans: bool = False,
+) -> None:
+    """Run an `Emulator` until SIGTERM or SIGINT; its pty appears as `link`, or it listens on `tcp`.
+
+    Raises
+    ------
+    ConfigError
+        What was asked for does not fit together, or the link cannot be made.
+    """
+    emulator = Emulator(
+        scene,
+        layout,
+        make_link(link, tcp),
+        board=board,
+        faults=faults,
+        seed=seed,
+        report=report,
+        with_scans=with_scans,
+    )
+    with _stopped_by_signals(emulator.stop):
+        emulator.run()
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """SIGTERM and SIGINT call `stop` meanwhile; handlers can only be set in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,125 @@
+"""The emulator in simulated time: the same code, a clock that jumps from deadline to deadline."""
+
+from collections.abc import Iterator
+
+from tactiled.emulator.faults import FaultCounts, FaultParams
+from tactiled.emulator.firmware import ScanTruth
+from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.port import Port
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.truth import Truth
+from tactiled.errors import ContractError
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command
+from tactiled.wire.layout import Layout
+
+# After the scene the board is stopped, and this long is waited for what is still under way.
+_DRAIN_S = 0.2
+
+
+class Simulation:
+    """Iterate once to get ``(arrival_s, bytes)`` in order; then read the truth.
+
+    Parameters
+    ----------
+    scene : Scene
+    layout : Layout
+    origin_s : float
+        What the simulated monotonic clock reads when the board is powered.
+    board : BoardParams
+    faults : FaultParams
+    seed : int
+        Of the faults; the scene has its own.
+    is_host : bool
+        Play the host too: start the board whenever bytes come and it does not run (also after a reset),
+        and stop it at the end. Else nothing starts but by `send`, and the time runs from power-up.
+    duration_s : float or None
+        Of scene time; None is the scene's own duration.
+
+    Attributes
+    ----------
+    now_s : float
+        Simulated time.
+    scans : list of ScanTruth
+        What really happened at each scan instant so far.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        layout: Layout,
+        *,
+        origin_s: float = 1000.0,
+        board: BoardParams | None = None,
+        faults: FaultParams | None = None,
+        seed: int = 0,
+        is_host: bool = True,
+        duration_s: float | None = None,
+    ) -> None:
+        faults = faults or FaultParams()
+        self.now_s = origin_s
+        self.scans: list[ScanTruth] = []
+        self._scene = scene
+        self._origin_s = origin_s
+        self._duration_s = scene.duration_s if duration_s is None else duration_s
+        self._drain_s = _DRAIN_S + faults.bunch_s + faults.stall_s
+        self._encoder = Encoder(layout)
+        self._is_host = is_host and layout.has("start")
+        self._token = 0
+        self._port = Port(
+            scene,
+            layout,
+            power_up_s=origin_s,
+            board=board,
+            faults=faults,
+            seed=seed,
+            on_scan=self.scans.append,
+        )
+
+    @property
+    def counts(self) -> FaultCounts:
+        """Faults that were done."""
+        return self._port.counts
+
+    @property
+    def truth(self) -> Truth:
+        """Truth of the scene on the simulated clock.
+
+        Raises
+        ------
+        ContractError
+            The scene has not begun.
+        """
+        t0_s = self._port.board.scene_start_s
+        if t0_s is None:
+            raise ContractError("the scene has not begun: iterate the simulation first")
+        return Truth(self._scene, t0_s)
+
+    def send(self, data: bytes) -> None:
+        """Bytes from the host to the board, now."""
+        self._port.receive(data, self.now_s)
+
+    def __iter__(self) -> Iterator[tuple[float, bytes]]:
+        yield from self._until_end()
+        if self._is_host:
+            self._is_host = False
+            self._command("stop")
+        self._duration_s += self._drain_s
+        yield from self._until_end()
+
+    def _until_end(self) -> Iterator[tuple[float, bytes]]:
+        while (due_s := self._port.next_deadline_s()) <= self._end_s():
+            self.now_s = due_s
+            for arrival in self._port.advance(due_s):
+                if self._is_host and not self._port.board.running:
+                    self._command("start")
+                yield arrival
+        self.now_s = self._end_s()
+
+    def _end_s(self) -> float:
+        t0_s = self._port.board.scene_start_s
+        return (self._origin_s if t0_s is None else t0_s) + self._duration_s
+
+    def _command(self, name: str) -> None:
+        self._token = (self._token + 1) % 256  # fits a token of any width
+        self.send(self._encoder.encode(Command(name, self._token)))
