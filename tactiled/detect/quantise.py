@@ -57,11 +57,17 @@ class Quantiser:
     def process(self, block: ScanBlock) -> Held:
         """Round a block; chunking does not matter."""
         ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
-        steps = np.rint(block.volts * (1.0 / self.volts_per_step))  # the scale is a power of two: exact
+        steps = self.round(block.volts)
         if not ok.all():
             steps = self._hold(steps, ok)
         self._last = steps[-1].copy()
         return Held(steps, ok)
+
+    def round(self, volts: FloatArray) -> FloatArray:
+        """Whole steps nearest to readings; NaN stays NaN, what is outside full scale is clipped."""
+        limit = self.full_scale_volts
+        steps: FloatArray = np.rint(np.clip(volts, -limit, limit) * (1.0 / self.volts_per_step))
+        return steps
 
     def _hold(self, steps: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
         rows = np.arange(1, len(steps) + 1)[:, np.newaxis]

@@ -1,15 +1,16 @@
 """The coif1 stationary wavelet transform as a causal streaming filter bank.
 
-Level j of the undecimated transform is one FIR filter: the cascade of j - 1 low-pass filters and a high-pass
-filter, each dilated by the powers of two before it (Mallat, "A Wavelet Tour of Signal Processing", 3rd ed.,
-section 5.5, algorithme a trous; `pywt.swt`). It has 5 (2^j - 1) + 1 taps. The bank's output at scan n is
-pywt's coefficient of index n - 3 (2^j - 1), provided the last 5 (2^j - 1) + 1 scans were good readings.
+Level j of the undecimated transform is one FIR filter: the cascade of j - 1 low-pass filters and a
+high-pass filter, each dilated by the powers of two before it (Mallat, "A Wavelet Tour of Signal
+Processing", 3rd ed., section 5.5, algorithme a trous; `pywt.swt`). It has 5 (2^j - 1) + 1 taps. The bank's
+output at scan n is pywt's coefficient of index n - 3 (2^j - 1), provided the last 5 (2^j - 1) + 1 scans
+were good readings.
 
-Exactness. Readings are whole steps within 2^23 (see `quantise`); taps are whole multiples of 2^-24. The sum of
-a filter's absolute taps is at most 9.14 (level 6), so no partial sum exceeds 9.14 * 2^47 < 2^50.2 < 2^53: every
-matrix product, in any order and any chunking, gives the same bits. Rounded taps are adjusted so that they and
-their first moment sum to zero exactly: a constant and a steady ramp give exactly 0, for ever. What rounding
-costs is bounded by `error_volts` and is below 1 uV rms in use.
+Exactness. Readings are whole steps within 2^23 (see `quantise`); taps are whole multiples of 2^-24. The sum
+of a filter's absolute taps is at most 9.14 (level 6), so no partial sum exceeds 9.14 * 2^47 < 2^50.2 <
+2^53: every matrix product, in any order and any chunking, gives the same bits. Rounded taps are adjusted so
+that they and their first moment sum to zero exactly: a constant and a steady ramp give exactly 0, for ever.
+What rounding costs is bounded by `error_volts` and is below 1 uV rms in use.
 """
 
 import functools
@@ -49,12 +50,12 @@ class BankParams(Params):
 
 def delay_scans(level: int) -> int:
     """Scans by which the bank's output trails the coefficient that `pywt.swt` gives the same name."""
-    return 3 * (2**level - 1)
+    return 3 * ((1 << level) - 1)
 
 
 def border_scans(level: int) -> int:
     """Scans at the start (or after a gap or a bad reading) whose output is not the transform yet."""
-    return 5 * (2**level - 1)
+    return 5 * ((1 << level) - 1)
 
 
 @functools.cache

@@ -1,0 +1,114 @@
+"""When a response began to rise, from the coefficient that its kink left.
+
+A response that rises with slope s from t0 on has risen by ``s tau`` after tau scans and leaves the
+coefficient ``s K(tau)``, K being the filter's answer to a unit kink (`wavelet.kink_response`). Their ratio
+``tau / K(tau)`` knows nothing of s. K swings to ever larger lobes of alternating sign and peaks in the last
+one; a kink is first noticed on the growing side of the last lobe or, when it is strong, of the negative one
+before it. On each of these sides the ratio falls steadily towards zero, so ratio and sign give tau.
+
+This is our reading of a delay to correct for: the paper states no onset instant.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.wavelet import kink_response, taps
+
+
+class Delay(NamedTuple):
+    """How far back a kink lies, in scans."""
+
+    scans: float
+    sd_scans: float
+
+
+class KinkFit:
+    """Delay of a crossing behind its kink.
+
+    Parameters
+    ----------
+    level : int
+        Wavelet level of the coefficient.
+
+    Attributes
+    ----------
+    n_before : int
+        Scans at the beginning of the filter's window that lie before any kink it answers to.
+    longest_scans : int
+        Delay at which a kink's coefficient peaks.
+    middle_scans : float
+        Delay of a kink of which no more is known than that it crosses.
+    """
+
+    def __init__(self, level: int) -> None:
+        response = kink_response(level)
+        self.longest_scans = int(np.argmax(response))
+        self.n_before = max(2, len(taps(level)) // 4)
+        lobe = _growing_side(response, self.longest_scans)
+        self._main = _Side(response, *lobe)
+        self.middle_scans = self._main.middle_scans
+        self._early = self._main
+        if lobe[0] > 2:  # level 1 has no negative lobe
+            early_peak = int(np.argmin(response[: lobe[0]]))
+            self._early = _Side(response, *_growing_side(-response, early_peak))
+
+    def fit(self, window: FloatArray, coefficient: float) -> Delay:
+        """Delay of the newest scan behind the kink.
+
+        Parameters
+        ----------
+        window : (taps,) float64
+            The response that kinks, newest scan last.
+        coefficient : float
+            The filter's output for that window.
+
+        Notes
+        -----
+        The sigma is the root sum of squares of: noise of rise and coefficient, carried through the ratio (at
+        most what the side's range alone says, ``range / sqrt(12)``); half a scan of rounding, as
+        ``1 / sqrt(12)``; a quarter of the range, since real responses begin rounder or steeper than a kink
+        (on steps, exponentials and parabolas the fit is off by so much, to both sides).
+        """
+        before = window[: self.n_before]
+        rise = float(window[-1] - before.mean())
+        noise = float(np.diff(before).std()) / np.sqrt(2)
+        side = self._main if rise * coefficient > 0 else self._early
+        widest = side.range_scans / np.sqrt(12)
+        if rise == 0 or coefficient == 0:
+            delay, from_noise = side.middle_scans, widest
+        else:
+            ratio = abs(rise / coefficient)
+            relative_noise = noise * np.hypot(1 / rise, 1 / coefficient)
+            delay = side.delay(ratio)
+            from_noise = min(widest, relative_noise / side.relative_slope(delay))
+        return Delay(delay, float(np.sqrt(from_noise**2 + 1 / 12 + (side.range_scans / 4) ** 2)))
+
+
+def _growing_side(response: FloatArray, peak: int) -> tuple[int, int]:
+    """First and last scan of the run up to a peak in which the response is positive and grows."""
+    first = peak
+    while first > 1 and 0 < response[first - 1] < response[first]:
+        first -= 1
+    return first, peak
+
+
+class _Side:
+    """The growing side of one lobe: delay as a function of the ratio of rise to coefficient."""
+
+    def __init__(self, response: FloatArray, first: int, last: int) -> None:
+        delays = np.arange(first, last + 1, dtype=np.float64)
+        # Logarithms: the ratio spans decades, and is nearer to a straight line in them.
+        self._log_ratios = np.log(delays / np.abs(response[first : last + 1]))[::-1]
+        self._delays = delays[::-1]
+        self.range_scans = float(last - first)
+        self.middle_scans = (first + last) / 2
+
+    def delay(self, ratio: float) -> float:
+        return float(np.interp(np.log(ratio), self._log_ratios, self._delays))
+
+    def relative_slope(self, delay: float) -> float:
+        """By how much the logarithm of the ratio falls from scan to scan around a delay."""
+        around = np.interp([delay - 0.5, delay + 0.5], self._delays[::-1], self._log_ratios[::-1])
+        return max(float(around[0] - around[1]), 1e-9)

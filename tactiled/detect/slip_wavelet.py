@@ -1,0 +1,296 @@
+"""The published slip rule: a coif1 coefficient above 0.002 V, and which of two peaks it is ("wang2019").
+
+Wang, Chen, Mei, Micromachines 2019, 10(9), 579, see two peaks in the wavelet coefficients of a resistor:
+loading to holding, then holding to sliding. In the second, R1 and R3 (or R2 and R4) move in opposite
+senses. Online:
+
+* A channel of a taxel in contact *crosses* when its coefficient is `threshold_volts` or more in size.
+* A crossing is the second peak when the load was steady before the kink that the filter now answers (a
+  change of load, and the settling after it, is the first peak) and when, over the taxels in contact, the
+  opposed part of the coefficients exceeds the common part. Arrays without shear channels have no opposed
+  part: there the load must be steady now, and nothing more is asked.
+* Direction: change of the summed pair responses (R1 - R3, R2 - R4) since before the kink.
+* Onset: see `kink`. The delay of detection behind the onset is that of the filter: at level 3 and 100 Hz
+  some 0.10 to 0.17 s whatever the slope, since the filter is all but blind to a kink's first scans.
+* End: contact is lost; or nothing crosses for `quiet_s` after an opposite kink that took `relaxed_part` of
+  the response away. A stop that leaves the shear as it was cannot be seen before the lift. Without shear
+  channels a slip ends when nothing crosses for `quiet_s`, which on a flat plate is soon: a steady slide
+  leaves no trace.
+
+The rule says that sliding has begun, no more: `kind` is always "gross", though the kink belongs to the
+beginning of tangential load and so comes before gross slip. `confidence` is the opposed part of opposed
+plus common (0.5 where there is no shear to oppose); it is no probability.
+
+False alarms: whatever kinks the opposed response at a steady load is slip to this rule. A hand that shifts
+sideways without slipping, a tap on one edge, a cable pulled, a tangential load below the friction limit;
+without shear channels also any local change of pressure. White noise of s volts crosses when 0.002 / s is
+small: about once in hours at 0.3 mV rms with a 12-bit ADC on 36 channels, many times a minute from 0.7 mV
+rms on.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.contact import (
+    ContactParams,
+    ContactState,
+    ContactTracker,
+    Transition,
+    contact_event,
+    lost_contact_event,
+)
+from tactiled.detect.kink import KinkFit
+from tactiled.detect.pairs import PairResponse, whole_weights
+from tactiled.detect.quantise import Quantiser
+from tactiled.detect.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
+from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock
+from tactiled.tomlfile import Params
+
+DETECTOR = "wang2019"
+
+
+class SlipParams(Params):
+    """The published rule; the defaults are for volts at any rate from 20 Hz to 1 kHz."""
+
+    threshold_volts: float = Field(default=0.002, gt=0, description="coefficient that marks slip; 2019 paper")
+    level: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_LEVEL,
+        description="wavelet level; 0: level 3 at 100 Hz, the same span elsewhere",
+    )
+    quiet_s: float = Field(default=0.8, gt=0, le=60, description="no crossing for so long before a slip ends")
+    # A skin that stops keeps much of its shear; 15 % is well above creep (2 %) and below what relaxes.
+    relaxed_part: float = Field(
+        default=0.15, gt=0, lt=1, description="part of the shear response that an ended slip has given back"
+    )
+    contact: ContactParams = ContactParams()
+
+
+def level_at(rate_hz: float, params: SlipParams) -> int:
+    """Wavelet level in use at a scan rate: the one whose span in seconds is nearest level 3's at 100 Hz."""
+    return params.level or int(np.clip(round(3 + np.log2(rate_hz / 100.0)), 1, MAX_LEVEL))
+
+
+class _Look(NamedTuple):
+    """What the rule looks at in one scan."""
+
+    time_s: float
+    time_sd_s: float
+    late: bool
+    coefficients: FloatArray  # (channels,)
+    analysed: NDArray[np.bool_]  # (channels,): usable, on a taxel in contact
+    crossing: NDArray[np.bool_]  # (channels,)
+    steps: FloatArray  # (taps, channels): the held readings behind the coefficients
+
+
+@dataclass
+class _Slide:
+    """A slip that is going on."""
+
+    onset: SlipEvent
+    weights: FloatArray  # (channels,): readings, in steps, to the response along the motion
+    reference: float  # that response before the slip
+    trace_s: float  # when the slip ended, should it turn out that it has
+    before_kink: float = 0.0  # largest response, above the reference, before the opposite kinks of this burst
+
+
+class WaveletSlip:
+    """Contact and slip events by the published rule.
+
+    Parameters
+    ----------
+    array : Array
+    params : SlipParams
+    """
+
+    def __init__(self, array: Array, params: SlipParams | None = None) -> None:
+        self._array = array
+        self._params = params or SlipParams()
+        self._pairs = PairResponse(array)
+        self._has_shear = array.has_shear
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        self._rate_hz = 0.0  # nothing seen
+        self._last_time_s = 0.0
+        self._slide: _Slide | None = None
+        self._quiet = 0  # scans since the newest crossing
+
+    def _start(self, rate_hz: float) -> None:
+        level = level_at(rate_hz, self._params)
+        self._rate_hz = rate_hz
+        self._border = border_scans(level)
+        self._quiet_scans = max(1, round(self._params.quiet_s * rate_hz))
+        self._quantiser = Quantiser(self._array)
+        self._bank = SwtBank(self._array, BankParams(levels=(level,)))
+        self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
+        self._kink = KinkFit(level)
+
+    @property
+    def contact_state(self) -> ContactState:
+        """State of the contact after the last scan."""
+        return self._tracker.state if self._rate_hz else "none"
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Events that the item completes.
+
+        A gap, or a new scan rate, ends a slip and a contact with events that are not valid: nobody saw
+        them end. The detector then is as new.
+        """
+        if isinstance(item, Gap):
+            return self._forget()
+        events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
+        if not self._rate_hz:
+            self._start(item.rate_hz)
+        for start in range(0, len(item), PIECE_SCANS):
+            events += self._process_piece(item[start : start + PIECE_SCANS])
+        self._last_time_s = float(item.time_s[-1])
+        return events
+
+    def _forget(self) -> list[Event]:
+        events: list[Event] = []
+        if self._slide is not None:
+            events.append(_ended(self._slide.onset, self._last_time_s, self._last_time_s, valid=False))
+        if self.contact_state != "none":
+            events.append(lost_contact_event(self._last_time_s, self.contact_state))
+        self.reset()
+        return events
+
+    def _process_piece(self, block: ScanBlock) -> list[Event]:
+        events: list[Event] = []
+        held = self._quantiser.process(block)
+        answer = self._bank.filter(held)
+        pressure = self._tracker.measure(block, held)
+        coefficients = answer.volts[:, 0]
+        analysed = answer.usable[:, 0] & pressure.taxel_touches[:, self._array.channel_taxel]
+        crossing = analysed & (np.abs(coefficients) >= self._params.threshold_volts)
+        steps = self._bank.recent_steps(len(block))
+        crosses = np.any(crossing, axis=1).tolist()
+        for scan, values in enumerate(pressure.rows()):
+            change = self._tracker.step(*values)
+            if change is not None:
+                events.append(contact_event(block, scan, pressure, change))
+            if crosses[scan] or self._slide is not None:
+                look = _Look(
+                    float(block.time_s[scan]),
+                    float(block.time_sd_s[scan]),
+                    bool(block.late[scan]),
+                    coefficients[scan],
+                    analysed[scan],
+                    crossing[scan],
+                    steps[scan : scan + self._border + 1],
+                )
+                slip = self._look(look, crosses[scan])
+                if slip is not None:
+                    events.append(slip)
+                    if (change := self._follow(slip)) is not None:
+                        events.append(contact_event(block, scan, pressure, change))
+            self._quiet = 0 if crosses[scan] else self._quiet + 1
+        return events
+
+    def _look(self, look: _Look, crosses: bool) -> SlipEvent | None:
+        """Onset or end that this scan brings."""
+        if self._slide is None:
+            return self._onset(look)
+        if self._tracker.state == "none":
+            return _ended(self._slide.onset, look.time_s, look.time_s, valid=not look.late)
+        if crosses:
+            self._follow_kinks(self._slide, look)
+            return None
+        if self._quiet + 1 >= self._quiet_scans and self._gave_back(self._slide, look):
+            return _ended(self._slide.onset, self._slide.trace_s, look.time_s, valid=not look.late)
+        return None
+
+    def _follow(self, slip: SlipEvent) -> Transition | None:
+        """Tell the tracker of an onset or end."""
+        if slip.state == "onset":
+            return self._tracker.begin_sliding()
+        self._slide = None
+        return self._tracker.end_sliding() if self._tracker.state == "sliding" else None
+
+    def _onset(self, look: _Look) -> SlipEvent | None:
+        """The second peak, if this crossing is that."""
+        # Slip itself may disturb the pressure: with shear to tell it by, the load need only have been steady
+        # up to the kink, which lies no further back than the filter's peak delay.
+        within = self._kink.longest_scans if self._has_shear else 0
+        if self._tracker.state == "none" or not self._tracker.was_steady(self._border + 1, within):
+            return None
+        if not self._has_shear:
+            strongest = np.zeros((1, self._array.n_channels))
+            strongest[0, np.argmax(np.where(look.crossing, np.abs(look.coefficients), -1.0))] = 1.0
+            return self._begin(look, strongest, confidence=0.5)
+        taxels = np.zeros(self._array.n_taxels, dtype=np.bool_)
+        taxels[self._array.channel_taxel[look.analysed]] = True
+        taxels &= self._pairs.whole_taxels(look.analysed)
+        opposed, common = self._pairs.opposed_and_common(look.coefficients, taxels)
+        if not opposed > common:
+            return None
+        return self._begin(look, self._pairs.motion_weights(taxels), opposed / (opposed + common))
+
+    def _begin(self, look: _Look, weights: FloatArray, confidence: float) -> SlipEvent:
+        """Onset event, and the slide that it begins; `weights` (axes, channels) make the motion response."""
+        responses = look.steps @ weights.T * self._quantiser.volts_per_step
+        before = responses[: self._kink.n_before]
+        moved = responses[-1] - before.mean(axis=0)
+        size = float(np.sqrt((moved**2).sum()))
+        along = moved / size if size > 0 else np.eye(1, len(moved))[0]
+        delay = self._kink.fit(responses @ along, float(along @ (weights @ look.coefficients)))
+        onset_s = look.time_s - delay.scans / self._rate_hz
+        direction_deg, direction_sd_deg = 0.0, UNKNOWN_SD_DEG
+        if self._has_shear and size > 0:
+            noise = float(np.diff(before, axis=0).std()) / np.sqrt(2) * np.sqrt(1 + 1 / len(before))
+            direction_deg = float(np.degrees(np.arctan2(moved[1], moved[0])))
+            direction_sd_deg = min(UNKNOWN_SD_DEG, float(np.degrees(noise / size)))
+        onset = SlipEvent(
+            time_s=onset_s,
+            state="onset",
+            kind="gross",
+            onset_s=onset_s,
+            onset_sd_s=float(np.hypot(delay.sd_scans / self._rate_hz, look.time_sd_s)),
+            direction_deg=direction_deg,
+            direction_sd_deg=direction_sd_deg,
+            confidence=confidence,
+            taxels=tuple(np.unique(self._array.channel_taxel[look.crossing]).tolist()),
+            detector=DETECTOR,
+            statistic=float(np.abs(look.coefficients[look.crossing]).max()),
+            threshold=self._params.threshold_volts,
+            valid=not look.late,
+            detected_s=look.time_s,
+        )
+        motion = whole_weights(along @ weights)
+        reference = float((look.steps[: self._kink.n_before] @ motion).mean())
+        self._slide = _Slide(onset, motion, reference, trace_s=look.time_s)
+        return onset
+
+    def _follow_kinks(self, slide: _Slide, look: _Look) -> None:
+        """Remember how large the response was before it kinked back."""
+        if not self._has_shear:
+            slide.trace_s = look.time_s
+            return
+        if self._quiet >= self._quiet_scans:
+            slide.before_kink = 0.0  # a new burst of crossings
+        if slide.weights @ look.coefficients < 0:
+            before = float((look.steps[: self._kink.n_before] @ slide.weights).mean()) - slide.reference
+            if slide.before_kink == 0:
+                slide.trace_s = look.time_s - self._kink.middle_scans / self._rate_hz
+            slide.before_kink = max(slide.before_kink, before)
+
+    def _gave_back(self, slide: _Slide, look: _Look) -> bool:
+        if not self._has_shear:
+            return True
+        left = float(look.steps[-1] @ slide.weights) - slide.reference
+        return left < (1 - self._params.relaxed_part) * slide.before_kink
+
+
+def _ended(onset: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
+    """End of the slip that began with `onset`, whose estimates it repeats."""
+    return dataclasses.replace(onset, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)
