@@ -1,0 +1,104 @@
+"""A port kept open: opened, lost, opened again, for as long as the daemon lives."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from tactiled.daemon.source import Port, open_port_in_thread
+from tactiled.errors import PortError
+
+logger = logging.getLogger(__name__)
+
+QUICK_TRIES = 20  # for the second in which a twitched cable comes back ...
+QUICK_S = 0.05
+SLOWEST_S = 1.0  # ... then rarer and rarer, but a replugged board never waits longer than this
+_SLOWER = 1.5
+_SETTLED_S = 1.0  # a port that stayed open for so long earned quick tries again when it goes
+
+
+class Connection:
+    """Keeps a port open and tells of it.
+
+    Parameters
+    ----------
+    url : str
+    baud : int
+    opened : callable
+        A port is there, `write` reaches it.
+    received : callable
+        Takes bytes as they come.
+    lost : callable
+        Takes the reason why there is no port, again at each try.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        baud: int,
+        *,
+        opened: Callable[[], None],
+        received: Callable[[bytes], None],
+        lost: Callable[[str], None],
+    ) -> None:
+        self.connects = 0
+        self._url, self._baud = url, baud
+        self._on_opened, self._on_received, self._on_lost = opened, received, lost
+        self._port: Port | None = None
+        self._gone: asyncio.Future[str] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._port is not None
+
+    def write(self, data: bytes) -> None:
+        """Hand a command to the line; one that it does not take is sent again by whoever needs it."""
+        if self._port is not None:
+            self._port.write(data)
+
+    def move(self, url: str, baud: int) -> None:
+        """Leave this port for another one."""
+        self._url, self._baud = url, baud
+        self._leave("the configuration names another port")
+
+    async def run(self) -> None:
+        """Never returns; cancel it to close the port."""
+        tries, delay_s = 0, QUICK_S
+        loop = asyncio.get_running_loop()
+        while True:
+            url = self._url
+            try:
+                port = await open_port_in_thread(url, self._baud)
+            except PortError as error:
+                self._on_lost(str(error))
+            else:
+                opened_s = loop.time()
+                reason = await self._serve(port)
+                self._on_lost(f"{url}: {reason}")
+                if loop.time() - opened_s > _SETTLED_S:
+                    tries, delay_s = 0, QUICK_S
+            tries += 1
+            if tries > QUICK_TRIES:
+                delay_s = min(delay_s * _SLOWER, SLOWEST_S)
+            await asyncio.sleep(delay_s)
+
+    async def _serve(self, port: Port) -> str:
+        """From an open port until it is lost; gives the reason."""
+        self.connects += 1
+        logger.info("%s: open at %d baud", self._url, self._baud)
+        self._port = port
+        self._gone = asyncio.get_running_loop().create_future()
+        try:
+            port.attach(self._on_received, self._leave)
+            self._on_opened()
+            return await self._gone
+        finally:
+            self._port = self._gone = None
+            port.detach()
+            if port.is_blocking:
+                await asyncio.to_thread(port.close)
+            else:
+                port.close()
+
+    def _leave(self, reason: str) -> None:
+        if self._gone is not None and not self._gone.done():
+            self._gone.set_result(reason)

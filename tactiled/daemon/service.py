@@ -1,0 +1,306 @@
+"""The daemon: a port, a pipeline, a session and a publisher in one event loop.
+
+The hot path is one callback: bytes -> `Pipeline.receive_data` -> non-blocking sends. No task, queue or
+lock stands between, so what a subscriber gets is as old as the line made it. Beside it run the
+connection (open, wait until lost, open again), the status at 10 Hz and the session's own deadlines.
+"""
+
+import asyncio
+import logging
+import math
+import signal
+import time
+from collections.abc import Callable
+
+from tactiled.array import Array
+from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.connection import Connection
+from tactiled.daemon.diagnosis import LineWatch
+from tactiled.daemon.health import info_event, status_event
+from tactiled.daemon.notify import Notifier
+from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.source import PortParams, check_url
+from tactiled.errors import TactiledError
+from tactiled.events.types import Event, ScanEvent
+from tactiled.pipeline import Pipeline, check_hello
+from tactiled.tomlfile import Params
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command, Hello
+from tactiled.wire.layout import Layout
+
+logger = logging.getLogger(__name__)
+
+STATUS_PERIOD_S = 0.1
+INFO_PERIOD_S = 1.0
+CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
+_DRAIN_S = 0.1  # scans on their way when we stop: more than an FTDI bucket and the board's answer take
+
+
+class ServiceParams(Params):
+    """All that the daemon's room needs to be told."""
+
+    port: PortParams
+    session: SessionParams = SessionParams()
+    publish: PublishParams = PublishParams()
+
+
+Reload = Callable[[], ServiceParams]
+
+
+class Service:
+    """The running daemon.
+
+    Parameters
+    ----------
+    params : ServiceParams
+    pipeline : Pipeline
+        Made for `layout` and `array`.
+    layout : Layout
+    array : Array
+    reload : callable, optional
+        Reads the configuration again (SIGHUP) and gives what it says now.
+
+    Raises
+    ------
+    ConfigError, OperatorError
+        An endpoint cannot be bound, or something can never work.
+    """
+
+    def __init__(
+        self,
+        params: ServiceParams,
+        pipeline: Pipeline,
+        layout: Layout,
+        array: Array,
+        reload: Reload | None = None,
+    ) -> None:
+        check_url(params.port.url)
+        self._params = params
+        self._pipeline = pipeline
+        self._layout = layout
+        self._array = array
+        self._reload = reload
+        self._encoder = Encoder(layout)
+        self._line = LineWatch(layout.name, self._baud)
+        self._session = Session(
+            params.session, layout, lambda hello: check_hello(hello, layout, array), self._line
+        )
+        self._connection = Connection(
+            params.port.url, self._baud, opened=self._opened, received=self._received, lost=self._lost
+        )
+        self._clock = EpochClock()
+        self._publisher = Publisher(params.publish)
+        self._notifier = Notifier()
+        self._said = ("", "")
+        self._timer: asyncio.TimerHandle | None = None
+        self._started_s = time.monotonic()
+        self._next_info_s = self._started_s
+
+    async def run(self) -> None:
+        """Serve until `stop`; an error in the data path ends the service instead of being served around."""
+        loop = asyncio.get_running_loop()
+        self._end: asyncio.Future[None] = loop.create_future()
+        tasks = [asyncio.create_task(self._connection.run()), asyncio.create_task(self._report())]
+        try:
+            self._notifier.ready()
+            await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
+            self._notifier.stopping()
+            for finished in (self._end, *tasks):
+                if finished.done():
+                    finished.result()
+            await self._drain()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            if self._timer is not None:
+                self._timer.cancel()
+            self._publisher.close()
+            self._notifier.close()
+
+    def stop(self) -> None:
+        """Drain and end."""
+        if not self._end.done():
+            self._end.set_result(None)
+
+    def reload(self) -> None:
+        """Read the configuration again; take what can be taken while running."""
+        if self._reload is None:
+            logger.info("nothing to reload: there is no configuration file")
+            return
+        self._notifier.reloading()
+        try:
+            new = self._reload()
+            check_url(new.port.url)
+            self._session.configure(new.session)
+        except TactiledError as error:
+            logger.error("configuration not reloaded, the old one stays: %s", error)
+        else:
+            if new.publish != self._params.publish:
+                logger.warning("publish has changed: restart tactiled for it to take effect")
+            moved = new.port != self._params.port
+            self._params = new
+            if moved:
+                self._connection.move(new.port.url, self._baud)
+            logger.info("configuration reloaded")
+        self._notifier.ready()
+        self._act([])
+
+    @property
+    def _baud(self) -> int:
+        return self._params.port.baud or self._layout.file.baud
+
+    # ---- the data path -----------------------------------------------------------------------------
+
+    def _received(self, data: bytes) -> None:
+        self._guarded(lambda: self._handle(data))
+
+    def _handle(self, data: bytes) -> None:
+        now_s = time.monotonic()
+        session = self._session
+        commands: list[Command] = []
+        scanned = False
+        self._line.received(now_s)
+        for item in self._pipeline.receive_data(data, now_s):
+            if isinstance(item, Event):
+                if session.accepted:
+                    scanned = scanned or isinstance(item, ScanEvent)
+                    self._publish(item)
+            elif isinstance(item, Hello):
+                commands += session.greeted(item, now_s)
+                self._next_info_s = now_s
+            else:
+                commands += session.answered(item, now_s)
+        if scanned:
+            self._line.framed(now_s)
+            commands += session.scanned(now_s)
+        self._notifier.alive(now_s)
+        self._act(commands)
+
+    def _publish(self, event: Event) -> None:
+        hello = self._session.hello
+        board = hello.board_serial if hello is not None else self._params.session.board_serial or ""
+        self._publisher.send(event, board=board, unix_offset_s=self._clock.offset_s)
+
+    def _act(self, commands: list[Command]) -> None:
+        """Send what the session asks for, tell the world of a new state, and set the next deadline."""
+        for command in commands:
+            self._connection.write(self._encoder.encode(command))
+        now_s = time.monotonic()
+        said = (self._session.state, self._session.reason(now_s))
+        if said != self._said:
+            self._announce(*said, now_s)
+        deadline_s = self._session.deadline_s
+        # An armed timer is moved only when it would come too late: at 100 Hz it is hardly ever touched.
+        if self._timer is None or self._timer.when() > deadline_s:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = None
+            if deadline_s < math.inf:
+                self._timer = asyncio.get_running_loop().call_at(deadline_s, self._deadline)
+
+    def _deadline(self) -> None:
+        self._timer = None
+        self._guarded(lambda: self._act(self._session.tick(time.monotonic())))
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        """Run a callback of the loop, which would only log what it raises and go on, broken."""
+        try:
+            step()
+        except Exception as error:  # a bug: end with it, loudly, and let the manager start us afresh
+            if not self._end.done():
+                self._end.set_exception(error)
+
+    def _announce(self, state: str, reason: str, now_s: float) -> None:
+        new_state = state != self._said[0]
+        self._said = (state, reason)
+        hello = self._session.hello
+        board = f"board {hello.board_serial}" if hello is not None else "board"
+        text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
+        logger.log(logging.INFO if state in ("running", "syncing") else logging.WARNING, "%s", text)
+        self._notifier.status(text)
+        if new_state:
+            self._publish_status(now_s)  # a controller learns of a stall now, not at the next tick
+
+    # ---- the connection ----------------------------------------------------------------------------
+
+    def _opened(self) -> None:
+        now_s = time.monotonic()
+        self._line.reset(now_s)
+        self._line.count(self._pipeline.health().bytes_framed, now_s)
+        self._act(self._session.opened(now_s))
+
+    def _lost(self, reason: str) -> None:
+        if self._session.state != "no-device":
+            self._pipeline.disconnected()
+        self._session.lost(reason)
+        self._act([])
+
+    async def _drain(self) -> None:
+        """Stop the board, take what is still on its way, say goodbye."""
+        if self._connection.is_open:
+            self._act(self._session.stop())
+            await asyncio.sleep(_DRAIN_S)
+        self._lost("tactiled is stopping")
+
+    # ---- what is said regularly --------------------------------------------------------------------
+
+    async def _report(self) -> None:
+        """Status at 10 Hz whatever happens, info each second once there is something to say."""
+        next_s = next_look_s = time.monotonic()
+        while True:
+            now_s = time.monotonic()
+            self._line.count(self._pipeline.health().bytes_framed, now_s)
+            self._act(self._session.tick(now_s))
+            self._publish_status(now_s)
+            if now_s >= self._next_info_s and self._session.hello is not None:
+                self._next_info_s = now_s + INFO_PERIOD_S
+                self._publish(info_event(self._session.hello, self._layout, self._array, now_s))
+            if now_s >= next_look_s:
+                next_look_s = now_s + CLOCK_PERIOD_S
+                if step_s := self._clock.follow():
+                    logger.warning("the wall clock was set by %+.3f s; timestamps follow it", step_s)
+            self._notifier.alive(now_s)
+            next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang there is nothing to catch up with
+            await asyncio.sleep(next_s - time.monotonic())
+
+    def _publish_status(self, now_s: float) -> None:
+        event = status_event(
+            self._session,
+            self._pipeline.health(),
+            now_s=now_s,
+            started_s=self._started_s,
+            connects=self._connection.connects,
+        )
+        self._publish(event)
+
+
+async def serve(
+    params: ServiceParams, pipeline: Pipeline, layout: Layout, array: Array, reload: Reload | None = None
+) -> None:
+    """Run the daemon until SIGTERM or SIGINT; SIGHUP reloads."""
+    service = Service(params, pipeline, layout, array, reload)
+    loop = asyncio.get_running_loop()
+    handlers = {signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload}
+    for number, handler in handlers.items():
+        loop.add_signal_handler(number, handler)
+    try:
+        await service.run()
+    finally:
+        for number in handlers:
+            loop.remove_signal_handler(number)
+
+
+def run_service(
+    params: ServiceParams, pipeline: Pipeline, layout: Layout, array: Array, reload: Reload | None = None
+) -> int:
+    """Run the daemon; 0 after a wanted end.
+
+    Raises
+    ------
+    OperatorError
+        Something that must be mended first (an endpoint in use, a URL that is none).
+    """
+    asyncio.run(serve(params, pipeline, layout, array, reload))
+    return 0

@@ -1,0 +1,338 @@
+"""The conversation with a board, with no I/O: what it told us, what it should do, what to say next.
+
+::
+
+    no-device --opened--> syncing --hello fits, settings made, scans--> running
+        ^                  |   ^                                        |   ^
+        |                  |   '---- rebooted, stopped, new rate -------'   |
+        |                  '-- wrong board, refused command --> fault       |
+        '---- lost, from anywhere                 silence --> stalled ------'
+
+There is no script to be at some line of. Whatever happens, what the board needs next follows from what is
+known of it (`_wanted`): identify what is unknown, then make the rate right, then start it. A reboot, a
+lost answer or a replug only makes something unknown again, so every setting comes back by itself, and no
+command but ``identify`` ever goes to a board that did not say it is ours.
+
+Every input takes ``now_s`` and returns the commands to send; `deadline_s` says when `tick` is due.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from tactiled.daemon.diagnosis import LineWatch
+from tactiled.errors import ConfigError
+from tactiled.events.types import BoardState
+from tactiled.tomlfile import Params
+from tactiled.wire.frames import Acknowledge, Command, Hello
+from tactiled.wire.layout import Layout
+
+ANSWER_S = 0.2  # a hello takes 15 ms at 115200 baud, behind a backlog of FTDI buckets some 50: a lost answer
+FOREIGN_S = 1.0  # how often a wrong or refusing board is asked again: it may be swapped or mended
+MAX_TRIES = 5  # commands unanswered: the board may have rebooted, so who is it?
+SILENT_PERIODS = 5.0  # scans in a row that a board in order does not lose
+SILENT_LEAST_S = 0.05  # and never less than a few FTDI buckets of 16 ms
+_SAME_RATE = 1e-3  # relative: board timers divide, and the wire rounds to millihertz
+
+
+class SessionParams(Params):
+    """Which board, and how it is set."""
+
+    board_serial: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Serial number of the one board to accept, as its hello says it (see `tactiled listen "
+        "--topic info`). Leave it out where only one board can be plugged in; give it where two hands share "
+        "a host, because a left board on the right hand's port is a wrong answer, not a missing one.",
+    )
+    rate_hz: float | None = Field(
+        default=None,
+        gt=0,
+        le=10_000,
+        description="Scan rate to set, restored after every replug and reboot. Leave it out to take the "
+        "board's own. Slip is found from 100 Hz; texture needs twice speed / groove period.",
+    )
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """A command that was sent and not answered yet."""
+
+    name: str
+    token: int
+    tries: int
+    again_s: float
+
+
+class Session:
+    """State of the board and the line.
+
+    Parameters
+    ----------
+    params : SessionParams
+    layout : Layout
+    check : callable
+        Reason why a board is not the one configured, or None (`pipeline.check_hello`).
+    line : LineWatch
+        Names the likely cause when nothing comes through.
+
+    Raises
+    ------
+    ConfigError
+        A rate is asked of a layout that cannot set or confirm one.
+    """
+
+    def __init__(
+        self, params: SessionParams, layout: Layout, check: Callable[[Hello], str | None], line: LineWatch
+    ) -> None:
+        self._layout = layout
+        self._check = check
+        self._line = line
+        self._introduces = layout.has("hello")
+        self._confirms = self._introduces and layout.has("identify")
+        self.params = self._checked(params)
+        bits = layout.bits("identify", "token") or layout.bits("start", "token") or 16
+        self._token_limit = 1 << bits
+        self.reset()
+
+    def reset(self) -> None:
+        """As new: no port, no board known."""
+        self._token = 0
+        self.hello: Hello | None = None
+        """What the last good board said; kept when it leaves, as the name to speak of it."""
+        if (assumed := self._layout.file.assumed_hello) is not None:
+            fields = assumed.model_dump() | {"channel_offset_s": tuple(assumed.channel_offset_s)}
+            self.hello = Hello(protocol_version=self._layout.file.protocol_version, **fields)
+        self.lost("not opened yet")
+
+    def configure(self, params: SessionParams) -> None:
+        """Take new parameters; the board is asked again who it is, and what follows from that is done."""
+        self.params = self._checked(params)
+        if self._confirms:
+            self._known = False
+
+    # ---- what happens ------------------------------------------------------------------------------
+
+    def opened(self, now_s: float) -> list[Command]:
+        """The port is open."""
+        self._open, self._leaving = True, False
+        self._scan_s = self._asked_s = self._quiet_until_s = now_s
+        # Firmware that never introduces itself is taken at its word, and started if it can be.
+        self._known = not self._introduces
+        return self._step(now_s)
+
+    def lost(self, reason: str) -> None:
+        """The port is gone, or could not be opened."""
+        self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
+        self._pending: _Pending | None = None
+        self._foreign = self._refused = self._unanswered = ""
+        self._rate_taken = False
+        self._gone = reason
+        self._scan_s = self._asked_s = self._quiet_until_s = 0.0
+
+    def greeted(self, hello: Hello, now_s: float) -> list[Command]:
+        """The board introduced itself."""
+        self._answered("identify", now_s)
+        if (foreign := self._foreign_because(hello)) is not None:
+            self._foreign = foreign
+            self._known = self._running = self._stalled = False
+            self._quiet_until_s = now_s + FOREIGN_S
+            return []
+        before = self.hello
+        if before is None or (before.board_serial, before.boot_count) != (
+            hello.board_serial,
+            hello.boot_count,
+        ):
+            self._refused = ""  # another board, or the same one anew: let it decide again
+        self._foreign = ""
+        self.hello, self._known, self._streaming = hello, True, hello.streaming
+        wanted = self._wanted()
+        self._running = self._running and wanted is None
+        if self._rate_taken and wanted in ("stop", "set_rate"):
+            self._refuse(
+                f"the board took set_rate to {self.params.rate_hz:g} Hz but says {hello.rate_hz:g} Hz: "
+                "choose a rate that its timer can make",
+                now_s,
+            )
+        self._rate_taken = False
+        return self._step(now_s)
+
+    def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
+        """The board acknowledged a command."""
+        pending = self._pending
+        if pending is None or (pending.token, pending.name) != (answer.token, answer.command):
+            return []
+        # A busy board is asked again; what answers identify is the hello.
+        if answer.result == "busy" or (pending.name == "identify" and answer.result == "ok"):
+            return []
+        self._answered(answer.command, now_s)
+        if answer.result != "ok":
+            rate = f" to {self.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
+            self._refuse(f"the board refused {answer.command}{rate}: {answer.result}", now_s)
+            return []
+        self._refused = ""
+        if answer.command == "set_rate":
+            self._rate_taken, self._known = True, False  # the next hello says what rate it has become
+        else:
+            self._streaming = answer.command == "start"
+        return self._step(now_s)
+
+    def scanned(self, now_s: float) -> list[Command]:
+        """Scans of our board came."""
+        if self._foreign or not self._open:
+            return []
+        self._scan_s = now_s
+        self._streaming = True
+        if self._stalled and not self._known:
+            self._known = True  # the line came back by itself: no board was changed on an open port
+        if not self._running and self._known and self._wanted() is None:
+            self._running, self._stalled = True, False
+            self._refused = self._unanswered = ""
+            self._pending = None
+        return [] if self._running else self._step(now_s)
+
+    def tick(self, now_s: float) -> list[Command]:
+        """Time passed: see what is overdue."""
+        if self._leaving:
+            return []
+        if self._running and now_s >= self._scan_s + self.silence_s:
+            self._running, self._stalled = False, True
+            self._streaming, self._known = False, not self._confirms
+            self._asked_s = now_s
+        if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
+            self._streaming = False  # it says it streams and is not heard: start it again
+        return self._step(now_s)
+
+    def stop(self) -> list[Command]:
+        """We are leaving: what to tell the board; from now on nothing is restored."""
+        self._leaving = True
+        if not (self._open and self._known and self._layout.has("stop")):
+            return []
+        return [self._command("stop")]
+
+    # ---- what follows ------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> BoardState:
+        if not self._open:
+            return "no-device"
+        if self._foreign or self._refused:
+            return "fault"
+        if self._running:
+            return "running"
+        return "stalled" if self._stalled else "syncing"
+
+    @property
+    def accepted(self) -> bool:
+        """Whether scans that come now are those of our board."""
+        return self._open and not self._foreign and self.hello is not None
+
+    @property
+    def rate_hz(self) -> float:
+        """Scan rate as the board said it; 0.0 before it did."""
+        return self.hello.rate_hz if self.hello is not None else 0.0
+
+    @property
+    def silence_s(self) -> float:
+        """How long without a scan is a stall."""
+        return max(SILENT_LEAST_S, SILENT_PERIODS / self.rate_hz) if self.rate_hz else math.inf
+
+    @property
+    def deadline_s(self) -> float:
+        """When `tick` must be called if nothing happens before; inf where only the board can act."""
+        if not self._open or self._leaving:
+            return math.inf
+        if self._running:
+            return self._scan_s + self.silence_s
+        if self._wanted() is not None:
+            again_s = self._pending.again_s if self._pending is not None else -math.inf
+            return max(self._quiet_until_s, again_s)
+        return self._overdue_s if self._streaming else math.inf
+
+    def reason(self, now_s: float) -> str:
+        """Why it is not running and what to look at; empty while it is."""
+        if not self._open:
+            return self._gone
+        if self._foreign or self._refused or self._running:
+            return self._foreign or self._refused
+        if fault := self._line.fault(now_s):
+            return fault
+        if self._unanswered:
+            return f"the board sends but does not answer {self._unanswered}: is the line to it broken?"
+        if self._stalled:
+            return f"no scan for {self.silence_s * 1000:.0f} ms or more"
+        return "waiting for scans" if self._known else "waiting for the board to introduce itself"
+
+    # ---- how it is decided -------------------------------------------------------------------------
+
+    def _wanted(self) -> str | None:
+        """Name of the command that the board needs next, from all that is known of it."""
+        if not self._open or self._leaving:
+            return None
+        if not self._known:
+            return "identify" if self._layout.has("identify") else None
+        rate_hz = self.params.rate_hz
+        if rate_hz is not None and not math.isclose(self.rate_hz, rate_hz, rel_tol=_SAME_RATE):
+            return "stop" if self._streaming and self._layout.has("stop") else "set_rate"
+        if not self._streaming and self._layout.has("start"):
+            return "start"
+        return None
+
+    def _step(self, now_s: float) -> list[Command]:
+        """The wanted command, unless it is on its way or must wait."""
+        name = self._wanted()
+        if name is None:
+            self._pending = None
+            return []
+        tries = 0
+        if self._pending is not None and self._pending.name == name:
+            if now_s < self._pending.again_s:
+                return []
+            tries = self._pending.tries
+        if now_s < self._quiet_until_s:
+            return []
+        if tries >= MAX_TRIES:
+            self._unanswered = name
+            if name != "identify" and self._confirms:
+                self._known, name, tries = False, "identify", 0
+        command = self._command(name)
+        self._asked_s = now_s
+        self._pending = _Pending(name, command.token, tries + 1, now_s + ANSWER_S)
+        return [command]
+
+    def _command(self, name: str) -> Command:
+        self._token = (self._token + 1) % self._token_limit
+        return Command(name, self._token, rate_hz=self.params.rate_hz if name == "set_rate" else None)
+
+    def _answered(self, name: str, now_s: float) -> None:
+        self._asked_s = now_s
+        if self._pending is not None and self._pending.name == name:
+            self._pending = None
+        if self._unanswered == name:
+            self._unanswered = ""
+
+    def _foreign_because(self, hello: Hello) -> str | None:
+        pinned = self.params.board_serial
+        if pinned is not None and hello.board_serial != pinned:
+            return f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them"
+        return self._check(hello)
+
+    def _refuse(self, reason: str, now_s: float) -> None:
+        """The board will not do what it must: say so, and look afresh in a while."""
+        self._refused = reason
+        self._running = False
+        self._known = not self._introduces
+        self._quiet_until_s = now_s + FOREIGN_S
+
+    @property
+    def _overdue_s(self) -> float:
+        """When a board that says it streams should have been heard."""
+        return max(self._asked_s, self._scan_s) + max(ANSWER_S, self.silence_s)
+
+    def _checked(self, params: SessionParams) -> SessionParams:
+        if params.rate_hz is not None and not (self._confirms and self._layout.has("set_rate")):
+            fault = f"protocol {self._layout.name} cannot set and confirm a rate: leave rate_hz out"
+            raise ConfigError("session.rate_hz", [fault])
+        return params
