@@ -6,7 +6,7 @@ here: `unix_offset_s` turns instants into epoch seconds (0 offline: the file's o
 """
 
 import dataclasses
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
 
@@ -15,11 +15,7 @@ from tactiled.events.types import Event
 
 MESSAGE_VERSION = 1
 # Instants: they become epoch seconds and lose the unit of the monotonic clock from their names.
-_RENAMED = {
-    "time_s": "timestamp",
-    "onset_s": "onset",
-    "detected_s": "detected",
-}  # instants become epoch seconds
+_RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
 
 
 def topic_of(board: str, event_topic: str) -> str:
@@ -41,14 +37,15 @@ def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float) -> dict[
 
 
 def _plain(value: Any, kind: Any) -> Any:
+    """Plain value of the declared type: 0 leaves as 0.0 in a float field, a numpy integer as an int."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: _plain(getattr(value, f.name), f.type) for f in dataclasses.fields(value)}
     if isinstance(value, tuple):
-        inner = float if kind == tuple[float, ...] else None
+        inner = get_args(kind)[0]
         return [_plain(v, inner) for v in value]
-    if kind is float:
-        return float(value)  # 0 must leave as 0.0: one type for each field for ever
-    return value
+    if kind in (bool, int, float, str):
+        return kind(value)
+    return value  # a Literal: the string itself
 
 
 def encode(event: Event, *, seq: int, board: str, unix_offset_s: float) -> tuple[bytes, bytes]:
