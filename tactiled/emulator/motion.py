@@ -124,6 +124,7 @@ class Motion:
         self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
         self.surfaces: list[Flat | Grooves] = []
         self._segments = self._build()
+        self._entry_mm = np.array([surface.entry_mm for surface in self.surfaces])
         names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
         self._table = {name: np.array([getattr(s, name) for s in self._segments]) for name in names}
 
@@ -156,9 +157,9 @@ class Motion:
         contact is come onto over its `entry_mm` of travel, smoothly.
         """
         i, _, way = self._locate(time_s)
-        entry_mm = max(getattr(self.surfaces[number], "entry_mm", 1.0), 1e-6)
         table = self._table
-        part = np.clip((table["path"][i] + way - table["path_at_change"][i]) / entry_mm, 0.0, 1.0)
+        since_mm = table["path"][i] + way - table["path_at_change"][i]
+        part = np.clip(since_mm / self._entry_mm[table["surface"][i]], 0.0, 1.0)
         entered = part * part * (3 - 2 * part)
         now = table["surface"][i] == number
         before = table["surface_before"][i] == number
@@ -231,9 +232,11 @@ def _speed_knots(slide: Slide) -> list[tuple[float, float]]:
         knots = list(slide.profile)
         return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
     speed = slide.speed_mm_s or 0.0
-    times = {0.0, slide.ramp_s, end}
+    times = {0.0, slide.ramp_s}
     if slide.ripple_mm_s:
         times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
+    # Rounding must not leave a last piece without a length to divide by.
+    times = {t for t in times if t < end - 1e-6} | {end}
 
     def at(t: float) -> float:
         if t < slide.ramp_s:

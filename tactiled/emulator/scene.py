@@ -12,20 +12,28 @@ from pydantic import Field, model_validator
 
 from tactiled import resources, tomlfile
 from tactiled.emulator.electronics import ElectronicsParams
-from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
-Duration = Annotated[float, Field(gt=0, le=86400, description="seconds that the phase lasts")]
+_SHORTEST_S = 0.001  # a tenth of a scan: shorter changes cannot be seen and only strain the arithmetic
+Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds that the phase lasts")]
 
 
-class Flat(Params):
+class Plate(Params):
+    """What all plates have."""
+
+    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
+    entry_mm: float = Field(
+        default=1.0, gt=0, description="travel over which a sliding skin comes fully onto this plate"
+    )
+
+
+class Flat(Plate):
     """A plate without texture."""
 
     kind: Literal["flat"] = "flat"
-    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
 
 
-class Grooves(Params):
+class Grooves(Plate):
     """A plate with parallel grooves; the groove normal lies at `angle_deg` from +x towards +y."""
 
     kind: Literal["grooves"]
@@ -39,10 +47,6 @@ class Grooves(Params):
     harmonics: list[float] = Field(
         default=[0.2, 0.05], max_length=8, description="amplitudes of the 2nd, 3rd, ... over the first"
     )
-    entry_mm: float = Field(
-        default=1.0, ge=0, description="travel over which a sliding skin comes fully onto this plate"
-    )
-    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
 
     @model_validator(mode="after")
     def _positive_force(self) -> Self:
@@ -106,12 +110,12 @@ class Slide(Still):
         if self.profile and (self.ramp_s or self.ripple_mm_s):
             raise ValueError("ramp_s and ripple_mm_s belong to speed_mm_s, not to a profile")
         times = [t for t, _ in self.profile]
-        if times and (times[0] != 0 or any(b <= a for a, b in itertools.pairwise(times))):
-            raise ValueError("profile times must begin at 0 and grow")
+        if times and (times[0] != 0 or any(b - a < _SHORTEST_S for a, b in itertools.pairwise(times))):
+            raise ValueError(f"profile times must begin at 0 and grow by at least {_SHORTEST_S} s")
         if times and times[-1] > self.duration_s:
             raise ValueError(f"profile goes on to {times[-1]} s, the phase only to {self.duration_s} s")
-        if self.ramp_s > self.duration_s:
-            raise ValueError("ramp_s is longer than the phase")
+        if self.ramp_s > self.duration_s or 0 < self.ramp_s < _SHORTEST_S:
+            raise ValueError(f"ramp_s must be 0, or from {_SHORTEST_S} s to the length of the phase")
         if self.speed_mm_s is not None and self.ripple_mm_s > self.speed_mm_s:
             raise ValueError("ripple_mm_s is larger than speed_mm_s: the skin would move backwards")
         return self
@@ -168,11 +172,7 @@ class Scene(Params):
 
 def load_scene(name_or_path: str) -> Scene:
     """Scene by shipped name (``demo``) or by path; `ConfigError` with every fault of the file."""
-    path = resources.find(name_or_path, "config/scenes")
-    if not path.exists() and not path.suffix and "/" not in name_or_path:
-        known = ", ".join(resources.shipped_names("config/scenes"))
-        raise ConfigError("scene", [f"no scene named {name_or_path!r}; shipped: {known}; or give a file"])
-    return tomlfile.load(path, Scene)
+    return tomlfile.load(resources.find(name_or_path, "config/scenes"), Scene)
 
 
 def paper_scenes() -> dict[str, Scene]:

@@ -1,0 +1,148 @@
+"""Closed-form motion against step-by-step integration of the same laws."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.emulator.motion import PRESLIDING_MM, Motion
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.truth import Truth
+
+PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}
+HOLD = {"kind": "hold", "duration_s": 0.4}
+
+
+def scene(*phases: dict[str, object], **rest: object) -> Scene:
+    return Scene.model_validate({"name": "test", "phases": list(phases), **rest})
+
+
+durations = st.floats(0.05, 3.0).map(lambda x: round(x, 3))
+slides = st.one_of(
+    st.fixed_dictionaries(
+        {
+            "kind": st.just("slide"),
+            "duration_s": durations,
+            "speed_mm_s": st.floats(0.5, 20),
+            "direction_deg": st.floats(-180, 180),
+            "ramp_s": st.just(0.0) | st.floats(0.001, 0.05),
+            "ripple_mm_s": st.floats(0, 0.5),
+            "ripple_hz": st.floats(0.1, 5),
+        }
+    ),
+    st.fixed_dictionaries(
+        {
+            "kind": st.just("slide"),
+            "duration_s": st.just(2.0),
+            "profile": st.lists(st.floats(0, 20), min_size=1, max_size=4).map(
+                lambda speeds: [[0.4 * k, v] for k, v in enumerate(speeds)]
+            ),
+            "direction_deg": st.floats(-180, 180),
+        }
+    ),
+)
+presses = st.fixed_dictionaries(
+    {"kind": st.just("press"), "duration_s": durations, "force_n": st.floats(0.1, 50)}
+)
+holds = st.fixed_dictionaries({"kind": st.just("hold"), "duration_s": durations})
+lifts = st.fixed_dictionaries({"kind": st.just("lift"), "duration_s": durations})
+
+
+@given(st.lists(st.one_of(slides, presses, holds), min_size=1, max_size=4), lifts)
+@settings(max_examples=30, deadline=None)
+def test_travel_is_the_integral_of_speed_and_everything_is_finite(
+    phases: list[dict[str, object]], lift: dict[str, object]
+) -> None:
+    motion = Motion(scene(PRESS, *phases, lift))
+    end = float(motion.phase_start_s[-1])
+    edges = np.unique(np.concatenate([motion.segment_start_s, np.linspace(-1, end + 1, 4000)]))
+    state, middle = motion.at(edges), motion.at((edges[1:] + edges[:-1]) / 2)
+    angle = np.deg2rad(middle.direction_deg)
+    for travel, part in ((state.travel_x_mm, np.cos(angle)), (state.travel_y_mm, np.sin(angle))):
+        # The midpoint rule is exact here: no step straddles a segment, in which speed is linear.
+        np.testing.assert_allclose(np.diff(travel), middle.speed_mm_s * part * np.diff(edges), atol=1e-9)
+    assert np.all(np.hypot(state.shear_x, state.shear_y) <= 1 + 1e-12)
+    assert np.all(state.load_n >= -1e-9)
+    assert state.load_n[-1] == 0
+    assert all(np.all(np.isfinite(values)) for values in vars(state).values())
+
+
+def test_tangential_state_obeys_dahl_and_turns_over() -> None:
+    slide = {"kind": "slide", "duration_s": 0.3, "speed_mm_s": 2.0}
+    test = scene(PRESS, slide, slide | {"direction_deg": 180.0}, slide | {"direction_deg": 90.0})
+    time_s = np.arange(0.5, 1.4, 1e-5)
+    state = Motion(test).at(time_s)
+    s = np.zeros(2)
+    stepped = []
+    for dx, dy in zip(np.diff(state.travel_x_mm), np.diff(state.travel_y_mm), strict=True):
+        stepped.append(s)
+        s = s + (np.array([dx, dy]) - s * np.hypot(dx, dy)) / PRESLIDING_MM
+    expected = np.array(stepped)
+    np.testing.assert_allclose(state.shear_x[:-1], expected[:, 0], atol=2e-4)
+    np.testing.assert_allclose(state.shear_y[:-1], expected[:, 1], atol=2e-4)
+    assert state.shear_x[int(0.29e5)] > 0.99
+    assert state.shear_x[int(0.59e5)] < -0.99
+
+
+def test_a_stop_is_felt_and_two_holds_are_one() -> None:
+    slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
+    time_s = np.linspace(0, 3, 301)
+    once = Motion(scene(PRESS, slide, {"kind": "hold", "duration_s": 0.8})).at(time_s)
+    twice = Motion(scene(PRESS, slide, HOLD, HOLD)).at(time_s)
+    np.testing.assert_allclose(once.shear_x, twice.shear_x, atol=1e-12)
+    assert once.shear_x[150] - once.shear_x[230] > 0.2
+
+
+def test_losing_contact_clears_the_tangential_state() -> None:
+    slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
+    lifted = scene(PRESS, slide, {"kind": "lift", "duration_s": 0.1}, PRESS, HOLD)
+    state = Motion(lifted).at(np.array([1.49, 2.3]))
+    assert state.shear_x[0] > 0.9
+    assert state.shear_x[1] == 0.0
+
+
+@pytest.mark.parametrize("tau", [0.2, 20.0])
+def test_relaxed_load_solves_its_equation(tau: float) -> None:
+    motion = Motion(scene(PRESS, HOLD, {"kind": "lift", "duration_s": 0.2}, PRESS))
+    time_s = np.arange(0.0, 2.5, 1e-4)
+    load = motion.at(time_s).load_n
+    stepped = np.zeros_like(time_s)
+    for k in range(len(time_s) - 1):  # trapezoidal rule
+        mean = (load[k] + load[k + 1]) / 2
+        stepped[k + 1] = mean + (stepped[k] - mean) * np.exp(-1e-4 / tau)
+    np.testing.assert_allclose(motion.relaxed_load_n(time_s, tau), stepped, atol=1e-5)
+
+
+def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
+    grooves = {"kind": "grooves", "period_mm": 1.2, "entry_mm": 0.5}
+    slide = {"kind": "slide", "duration_s": 2.0, "speed_mm_s": 1.0}
+    motion = Motion(scene(PRESS, HOLD | {"surface": grooves}, slide, slide | {"surface": {"kind": "flat"}}))
+    assert [s.kind for s in motion.surfaces] == ["flat", "grooves"]
+    share = motion.surface_share(1, np.array([0.4, 0.89, 1.0, 1.15, 1.5, 3.0, 4.9]))
+    assert share[[0, 1]].tolist() == [0.0, 0.0]
+    assert 0 < share[2] < share[3] < 1
+    assert share[[4, 6]].tolist() == [1.0, 0.0]
+    both = motion.surface_share(0, np.linspace(0, 5, 99)) + motion.surface_share(1, np.linspace(0, 5, 99))
+    np.testing.assert_allclose(both, 1.0)
+
+
+def test_a_plate_in_the_air_is_there_at_once() -> None:
+    grooves = {"kind": "grooves", "period_mm": 1.2}
+    motion = Motion(scene({"kind": "rest", "duration_s": 1.0}, PRESS | {"surface": grooves}))
+    assert motion.surface_share(1, np.array([0.9, 1.01])).tolist() == [0.0, 1.0]
+
+
+def test_truth_names_each_slip_and_carries_the_clock() -> None:
+    stick = {"kind": "slide", "duration_s": 2.0, "profile": [[0.0, 1.0], [0.5, 0.0], [1.0, 0.0], [1.5, 2.0]]}
+    other = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0, "direction_deg": 90.0}
+    truth = Truth(scene(PRESS, stick, other), t0_s=500.0)
+    found = [(s.onset_s, s.end_s, s.direction_deg) for s in truth.slips]
+    assert found == [
+        pytest.approx((500.5, 501.0, 0.0)),
+        pytest.approx((501.5, 502.5, 0.0)),
+        pytest.approx((502.5, 503.5, 90.0)),
+    ]
+    assert truth.phases[1].start_s == 500.5
+    np.testing.assert_allclose(truth.travel_mm(np.array([503.5])), [[0.25 + 0.5 + 1.0, 1.0]])
+    assert truth.speed_mm_s(np.array([503.0])) == 1.0
+    assert truth.load_n(np.array([500.25])) == pytest.approx(5.0)

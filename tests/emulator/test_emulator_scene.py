@@ -1,0 +1,127 @@
+"""Scene files: what ships loads, what is impossible is refused with its place."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactiled import resources
+from tactiled.array import load_array
+from tactiled.emulator.scene import Flat, Grooves, Scene, Slide, load_scene, paper_scenes
+from tactiled.emulator.truth import Truth
+from tactiled.errors import ConfigError
+
+PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 10.0}
+SLIDE = {"kind": "slide", "duration_s": 2.0, "speed_mm_s": 1.0}
+
+
+def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
+    return Scene.model_validate({"name": "test", "phases": list(phases), **rest})
+
+
+@pytest.mark.parametrize("name", resources.shipped_names("config/scenes"))
+def test_every_shipped_scene_loads_and_says_its_name(name: str) -> None:
+    loaded = load_scene(name)
+    assert loaded.name == name
+    assert load_array(loaded.array).n_channels == 36
+    assert Truth(loaded).to_map()["phases"][-1]["end_s"] == pytest.approx(loaded.duration_s)
+
+
+def test_demo_is_a_flat_slip_and_then_grooves_within_its_time() -> None:
+    demo = load_scene("demo")
+    assert demo.duration_s <= 38.0
+    flat, grooves = Truth(demo).slips
+    assert isinstance(flat.surface, Flat)
+    assert isinstance(grooves.surface, Grooves)
+    assert (grooves.surface.period_mm, grooves.surface.angle_deg) == (1.2, 30.0)
+    assert flat.direction_deg == grooves.direction_deg == 0.0
+    assert grooves.onset_s > flat.end_s + 1.0
+
+
+def test_paper_scenes_are_the_protocols_of_its_table() -> None:
+    scenes = paper_scenes()
+    assert len(scenes) == 2 + 2 * 7
+    varied = scenes["experiment-d1.20-a45"]
+    assert isinstance(varied.surface, Grooves)
+    assert (varied.surface.period_mm, varied.surface.angle_deg) == (1.2, 45.0)
+    slides = {n: p for n, s in scenes.items() for p in s.phases if isinstance(p, Slide)}
+    assert {n for n, p in slides.items() if p.speed_mm_s == 0.25} == {"flat-experiment"}
+    assert len({s.name for s in scenes.values()}) == len(scenes)
+
+
+def test_with_surface_changes_the_grooves_that_the_scene_has() -> None:
+    demo = load_scene("demo").with_surface(period_mm=0.9)
+    assert [s.surface.kind for s in Truth(demo).slips] == ["flat", "grooves"]
+    surface = Truth(demo).slips[1].surface
+    assert isinstance(surface, Grooves)
+    assert (surface.period_mm, surface.angle_deg) == (0.9, 30.0)
+    assert all(s.surface == Flat() for s in Truth(demo.with_surface()).slips)
+    made = load_scene("flat-experiment").with_surface(period_mm=1.5, angle_deg=-20)
+    assert isinstance(made.surface, Grooves)
+    with pytest.raises(ConfigError, match=r"variation of scene demo.*period_mm"):
+        load_scene("demo").with_surface(period_mm=-1)
+    assert load_scene("demo").with_changes(seed=9).seed == 9
+
+
+BAD = {
+    "a negative period": (
+        'surface = { kind = "grooves", period_mm = -1.2 }\n[[phases]]\nkind = "rest"\nduration_s = 1',
+        r"surface\.grooves\.period_mm: .*greater than",
+    ),
+    "a period in a phase": (
+        '[[phases]]\nkind = "press"\nduration_s = 1\nforce_n = 1\n'
+        'surface = { kind = "grooves", period_mm = 0 }',
+        r"phases\[0\]\.press\.surface\.grooves\.period_mm",
+    ),
+    "a wrong unit": (
+        '[[phases]]\nkind = "press"\nduration_s = 1\nforce_kg = 1',
+        r"force_kg: unknown key; units belong to the name here: use force_n",
+    ),
+    "an unknown phase": ('[[phases]]\nkind = "wiggle"\nduration_s = 1', r"phases\[0\].*wiggle"),
+    "no phases": ("phases = []", r"phases"),
+    "a slide in the air": (
+        '[[phases]]\nkind = "slide"\nduration_s = 1\nspeed_mm_s = 1',
+        r"phases\[0\]: a slide",
+    ),
+    "no duration": ('[[phases]]\nkind = "rest"', r"phases\[0\]\.rest\.duration_s: missing"),
+    "nan": ('[[phases]]\nkind = "rest"\nduration_s = nan', r"phases\[0\]\.rest\.duration_s"),
+    "an unknown rung": ('contact = "magic"\n[[phases]]\nkind = "rest"\nduration_s = 1', r"contact: .*signal"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_scene_files_are_refused_by_name(tmp_path: Path, case: str) -> None:
+    text, finding = BAD[case]
+    path = tmp_path / "bad.toml"
+    path.write_text(f'name = "bad"\n{text}\n')
+    with pytest.raises(ConfigError, match=finding) as refusal:
+        load_scene(str(path))
+    assert str(path) in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("slide", "finding"),
+    [
+        ({"profile": [[0.0, 1.0]]}, "either speed_mm_s or profile"),
+        ({"speed_mm_s": None}, "either speed_mm_s or profile"),
+        ({"speed_mm_s": None, "profile": [[0.5, 1.0]]}, "begin at 0"),
+        ({"speed_mm_s": None, "profile": [[0.0, 1.0], [9.0, 1.0]]}, "goes on to 9.0 s"),
+        ({"speed_mm_s": None, "profile": [[0.0, -1.0]]}, "greater than or equal to 0"),
+        ({"ramp_s": 3.0}, "the length of the phase"),
+        ({"ramp_s": 1e-9}, "ramp_s must be 0"),
+        ({"ripple_mm_s": 2.0}, "backwards"),
+    ],
+)
+def test_impossible_slides_are_refused(slide: dict[str, Any], finding: str) -> None:
+    with pytest.raises(ValueError, match=finding):
+        scene(PRESS, SLIDE | slide)
+
+
+def test_rest_while_pressed_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"phases\[1\]: a rest"):
+        scene(PRESS, {"kind": "rest", "duration_s": 1.0})
+
+
+def test_a_name_that_does_not_ship_lists_those_that_do() -> None:
+    with pytest.raises(ConfigError, match=r"dmeo.*no such file.*demo, flat-exp"):
+        load_scene("dmeo")
