@@ -7,7 +7,6 @@ array travel in the file's metadata, so a recording explains itself years later.
 
 import os
 import struct
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from tactiled import __version__, resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
-from tactiled.errors import ConfigError, DataError
+from tactiled.errors import DataError
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
@@ -152,23 +151,9 @@ def _open(path: Path) -> BinaryIO:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-def unix_offset_s() -> float:
-    """Epoch seconds minus host monotonic seconds, now."""
-    return time.time() - time.monotonic()
-
-
 def load_source(protocol: str, array: str) -> Source:
-    """Layout and array files by name or path, checked against each other."""
-    source = Source(
+    """Layout and array files by name or path."""
+    return Source(
         tomlfile.load(resources.find(protocol, "protocols"), LayoutFile),
         tomlfile.load(resources.find(array, "config/arrays"), ArrayFile),
     )
-    if source.array.n_channels != source.layout_file.channels:
-        raise ConfigError(
-            "array",
-            [
-                f"{source.array_file.name} has {source.array.n_channels} channels, a scan of "
-                f"{source.layout_file.name} has {source.layout_file.channels}"
-            ],
-        )
-    return source

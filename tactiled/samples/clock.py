@@ -14,7 +14,7 @@ last byte of a frame was handed to us; `time_s` is the estimated host monotonic 
 
 import math
 from collections import deque
-from statistics import median
+from statistics import fmean
 
 from pydantic import Field
 
@@ -47,8 +47,9 @@ class ClockFit:
     STEPS_TO_BELIEVE = 5  # early arrivals in a row before we believe that the board's clock stepped
     FLOOR_SD_S = 50e-6  # host scheduling and tick resolution: nobody knows an instant better than this
     # Delays on k evenly spaced steps have a step of 2 / (k - 1) of the distance from their least to their
-    # median; 10 ms scans in 16 ms bunches make k = 8, so 0.29. Without bunches the distance itself is small.
-    STEP_PER_MEDIAN = 0.3
+    # mean; 10 ms scans in 16 ms bunches make k = 8, so 0.29. Without bunches the distance itself is small;
+    # with a stall it is large, and a loose bound does no harm. (The median would jump by a whole step.)
+    STEP_PER_MEAN = 0.3
 
     def __init__(self, params: ClockParams, min_latency_s: float) -> None:
         self._params = params
@@ -122,8 +123,8 @@ class ClockFit:
     def _band(self) -> tuple[float, float, float]:
         """Bounds that the bucket being filled puts on the line: (x, low, high)."""
         x, least = min(self._delays, key=lambda point: point[1])
-        typical = median(delay for _, delay in self._delays)
-        return x, least - self.STEP_PER_MEDIAN * (typical - least), least
+        typical = fmean(delay for _, delay in self._delays)
+        return x, least - self.STEP_PER_MEAN * (typical - least), least
 
     def _close_bucket(self) -> None:
         self._bands.append(self._band())

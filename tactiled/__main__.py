@@ -1,0 +1,5 @@
+"""``python -m tactiled``."""
+
+from tactiled.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""The measured trades: each module is one `tactiled bench NAME`."""

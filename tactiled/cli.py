@@ -1,0 +1,157 @@
+"""The command line. Machine output goes to stdout as JSON lines, everything for people to stderr.
+
+Exit codes: 0 good, 1 the operation failed, 2 usage or configuration. Heavy rooms are imported by the
+command that needs them, so that ``--help`` and ``listen`` start at once.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tactiled import __version__
+from tactiled.errors import ConfigError, TactiledError
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+FILE = click.Path(path_type=Path, dir_okay=False)
+CONFIG_ENV = "TACTILED_CONFIG"
+
+
+@click.group(context_settings=CONTEXT)
+@click.version_option(__version__, prog_name="tactiled")
+def cli() -> None:
+    """Tactile-sensing daemon: serial taxel arrays in, slip and texture events out.
+
+    Begin with `tactiled demo`: it needs no hardware.
+    """
+
+
+@cli.command()
+@click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture to write.")
+def demo(out: Path) -> None:
+    """Run the whole path on an emulated board: three processes, 40 s, a table and a picture.
+
+    Example: tactiled demo --out /tmp/demo.png
+    """
+    from tactiled.demo import run_demo
+
+    sys.exit(0 if run_demo(out) else 1)
+
+
+@cli.command()
+@click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
+@click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
+@click.option("-v", "--verbose", is_flag=True, help="Log what usually does not matter.")
+def run(config: Path | None, port: str | None, verbose: bool) -> None:
+    """Read the board and publish events until stopped.
+
+    Example: tactiled run --config /etc/tactiled/left.toml
+    """
+    from tactiled.config import default_config, load_config
+    from tactiled.daemon.log import set_up
+    from tactiled.daemon.service import ServiceParams, run_service
+
+    if config is None and port is None:
+        raise click.UsageError("say --config FILE, or --port PORT to run with defaults")
+
+    def load() -> Any:
+        return load_config(config, port) if config is not None else default_config(port or "")
+
+    def again() -> ServiceParams:
+        params: ServiceParams = load().config.service
+        return params
+
+    set_up(10 if verbose else 20)
+    setup = load()
+    sys.exit(
+        run_service(
+            setup.config.service,
+            setup.make_pipeline(),
+            setup.layout,
+            setup.array,
+            again if config is not None else None,
+        )
+    )
+
+
+@cli.command()
+@click.argument("endpoint", default="tcp://127.0.0.1:9872")
+@click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, info.")
+@click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many messages.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0), help="Fail after so many silent seconds.")
+def listen(endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None) -> None:
+    """Print what a daemon publishes, one JSON line a message.
+
+    Example: tactiled listen --topic slip --topic texture
+    """
+    from tactiled.client.listen import listen as run_listener
+
+    sys.exit(run_listener(endpoint, topics, count, timeout_s))
+
+
+@cli.command("check-config")
+@click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
+def check_config(file: Path | None, schema: bool) -> None:
+    """Check a configuration and all files that it names, without touching the port.
+
+    Example: tactiled check-config /etc/tactiled/left.toml
+    """
+    from tactiled.config import Config, load_config
+
+    if schema:
+        click.echo(json.dumps(Config.model_json_schema(), indent=2))
+        return
+    if file is None:
+        raise click.UsageError("say which FILE, or --schema")
+    setup = load_config(file)
+    click.echo(json.dumps(setup.config.model_dump(mode="json")))
+    click.echo(f"{file}: good ({setup.array.name}, {setup.layout.name})", err=True)
+
+
+@cli.command()
+@click.argument("file", type=FILE)
+@click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
+@click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
+@click.option("--speed", "speed_mm_s", type=float, help="Sliding speed, for texture.")
+@click.option("--setting", help="Named set of detectors (default: the first of `--list-settings`).")
+@click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
+def detect(
+    file: Path,
+    array: str | None,
+    rate_hz: float | None,
+    speed_mm_s: float | None,
+    setting: str | None,
+    plot: Path | None,
+) -> None:
+    """Find slip, contact and texture in a recording, a CSV or an npz file.
+
+    CSV: a header with `time_s`, then one column a channel in channel order, volts. Every event is one
+    JSON line on stdout, with times in the file's own clock.
+
+    Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
+    """
+    from tactiled.offline import detect_file
+
+    found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
+    click.echo(f"{file}: {found} events", err=True)
+
+
+def main() -> None:
+    """Entry point: every fault of an operator or a board ends in one clear line."""
+    try:
+        sys.exit(cli.main(standalone_mode=False))
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        sys.exit(130)
+    except TactiledError as error:
+        click.echo(f"tactiled: {error}", err=True)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:  # the reader of our lines went away: that is how it says "enough"
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)

@@ -1,0 +1,107 @@
+"""``tactiled.toml``: the rooms' parameters put together. Config knows the rooms; no room knows config."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import Field
+
+from tactiled import resources, tomlfile
+from tactiled.array import Array, ArrayFile, build
+from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.service import ServiceParams
+from tactiled.daemon.session import SessionParams
+from tactiled.daemon.source import PortParams
+from tactiled.detect.suite import DetectParams
+from tactiled.errors import ConfigError
+from tactiled.pipeline import Pipeline, PipelineParams
+from tactiled.samples.assembler import SampleParams
+from tactiled.tomlfile import Params
+from tactiled.wire.layout import Layout, compile_layout
+from tactiled.wire.schema import LayoutFile
+
+
+class BoardParams(Params):
+    """What stands at the other end of the cable."""
+
+    protocol: str = Field(default="board-v1", description="frame layout: a shipped name or a TOML file")
+    array: str = Field(default="wang2019-3x3", description="array: a shipped name or a TOML file")
+
+
+class Config(Params):
+    """Schema of ``tactiled.toml``; its tables are explained in ``config/tactiled.toml``."""
+
+    port: PortParams
+    board: BoardParams = BoardParams()
+    session: SessionParams = SessionParams()
+    samples: SampleParams = SampleParams()
+    detect: DetectParams = DetectParams()
+    publish: PublishParams = PublishParams()
+
+    @property
+    def service(self) -> ServiceParams:
+        return ServiceParams(port=self.port, session=self.session, publish=self.publish)
+
+    @property
+    def pipeline(self) -> PipelineParams:
+        return PipelineParams(samples=self.samples, detect=self.detect)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A checked configuration with what its files describe."""
+
+    config: Config
+    layout: Layout
+    array: Array
+
+    def make_pipeline(self) -> Pipeline:
+        return Pipeline(self.layout, self.array, self.config.pipeline)
+
+
+def load_config(path: Path, port_url: str | None = None) -> Setup:
+    """Configuration with the layout and the array that it names; faults of all files at once.
+
+    Parameters
+    ----------
+    path : Path
+    port_url : str, optional
+        Takes the place of ``port.url``.
+
+    Raises
+    ------
+    ConfigError
+    """
+    document = tomlfile.read(path)
+    if port_url is not None:
+        document = {**document, "port": {**document.get("port", {}), "url": port_url}}
+    return _set_up(tomlfile.parse(document, Config, str(path)), str(path))
+
+
+def default_config(port_url: str, **tables: Params) -> Setup:
+    """Configuration for a port when there is no file."""
+    config = tomlfile.parse({"port": {"url": port_url}, **tables}, Config, "command line")
+    return _set_up(config, "command line")
+
+
+def _set_up(config: Config, source: str) -> Setup:
+    faults: list[str] = []
+    layout_file: LayoutFile | None = None
+    array_file: ArrayFile | None = None
+    try:
+        layout_file = tomlfile.load(resources.find(config.board.protocol, "protocols"), LayoutFile)
+    except ConfigError as error:
+        faults += [f"board.protocol: {error.source}: {fault}" for fault in error.faults]
+    try:
+        array_file = tomlfile.load(resources.find(config.board.array, "config/arrays"), ArrayFile)
+    except ConfigError as error:
+        faults += [f"board.array: {error.source}: {fault}" for fault in error.faults]
+    if layout_file is None or array_file is None:
+        raise ConfigError(source, faults)
+    array = build(array_file)
+    if array.n_channels != layout_file.channels:
+        fault = (
+            f"board.array: {array.name} has {array.n_taxels} taxels and {array.n_channels} channels, "
+            f"but a scan of {layout_file.name} has {layout_file.channels}"
+        )
+        raise ConfigError(source, [fault])
+    return Setup(config, compile_layout(layout_file), array)
