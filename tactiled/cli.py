@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from tactiled import __version__
-from tactiled.errors import ConfigError, TactiledError
+from tactiled.errors import TactiledError
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 FILE = click.Path(path_type=Path, dir_okay=False)

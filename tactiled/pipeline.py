@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tactiled.array import Array
-from tactiled.detect.base import Detector
-from tactiled.detect.suite import DetectParams, build_detectors
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
@@ -62,15 +61,14 @@ class Pipeline:
         self.array = array
         self._decoder = Decoder(layout)
         self._assembler = Assembler(layout, params.samples)
-        self._detectors = build_detectors(array, params.detect)
+        self._suite = build_suite(array, params.detect)
         self.reset()
 
     def reset(self) -> None:
         """As new: board, clock, detectors and counters forgotten."""
         self._decoder.reset()
         self._assembler.reset()
-        for detector in self._detectors:
-            detector.reset()
+        self._suite.reset()
         self.hello: Hello | None = None
         self._frames_corrupt = 0
         self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
@@ -151,18 +149,12 @@ class Pipeline:
         for item in items:
             if isinstance(item, ScanBlock):
                 yield from scan_events(item, now_s)
-            for event in run_detectors(self._detectors, item):
+            for event in self._suite.process(item):
                 if isinstance(event, ContactEvent):
                     self._contact = event.state
                 elif isinstance(event, SlipEvent):
                     self._slipping = event.state == "onset"
                 yield event
-
-
-def run_detectors(detectors: Sequence[Detector], item: ScanBlock | Gap) -> Iterator[Event]:
-    """Events of all detectors, in their order."""
-    for detector in detectors:
-        yield from detector.process(item)
 
 
 def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
