@@ -15,6 +15,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.wavelet import kink_response, taps
+from tactiled.events.types import UNKNOWN_SD_DEG
 
 
 class Delay(NamedTuple):
@@ -22,6 +23,24 @@ class Delay(NamedTuple):
 
     scans: float
     sd_scans: float
+
+
+class Onset(NamedTuple):
+    """Where a response of one or two axes began to move, and which way.
+
+    Attributes
+    ----------
+    delay : Delay
+    along : (axes,) float64
+        Unit vector of the movement.
+    direction_deg, direction_sd_deg : float
+        The same as an angle from the first axis towards the second; 180 where nothing moved.
+    """
+
+    delay: Delay
+    along: FloatArray
+    direction_deg: float
+    direction_sd_deg: float
 
 
 class KinkFit:
@@ -73,17 +92,50 @@ class KinkFit:
         """
         before = window[: self.n_before]
         rise = float(window[-1] - before.mean())
-        noise = float(np.diff(before).std()) / np.sqrt(2)
         side = self._main if rise * coefficient > 0 else self._early
         widest = side.range_scans / np.sqrt(12)
         if rise == 0 or coefficient == 0:
             delay, from_noise = side.middle_scans, widest
         else:
             ratio = abs(rise / coefficient)
-            relative_noise = noise * np.hypot(1 / rise, 1 / coefficient)
+            relative_noise = _noise(before) * np.hypot(1 / rise, 1 / coefficient)
             delay = side.delay(ratio)
             from_noise = min(widest, relative_noise / side.relative_slope(delay))
         return Delay(delay, float(np.sqrt(from_noise**2 + 1 / 12 + (side.range_scans / 4) ** 2)))
+
+    def onset(self, responses: FloatArray, coefficients: FloatArray) -> Onset:
+        """Delay and direction of a kink.
+
+        Parameters
+        ----------
+        responses : (taps, axes) float64
+            Newest scan last.
+        coefficients : (axes,) float64
+            The filter's output for them.
+
+        Notes
+        -----
+        The direction is that of the change from before the kink to now; its sigma is the noise of that
+        change, taken from the scans before the kink, over its size.
+        """
+        before = responses[: self.n_before]
+        moved = responses[-1] - before.mean(axis=0)
+        size = float(np.sqrt((moved**2).sum()))
+        if size == 0:
+            along, direction_deg, direction_sd_deg = np.eye(1, len(moved))[0], 0.0, UNKNOWN_SD_DEG
+        else:
+            along = moved / size
+            noise = _noise(before) * np.sqrt(1 + 1 / len(before))
+            direction_deg = float(np.degrees(np.arctan2(moved[1], moved[0]))) if len(moved) == 2 else 0.0
+            direction_sd_deg = min(UNKNOWN_SD_DEG, float(np.degrees(noise / size)))
+        return Onset(
+            self.fit(responses @ along, float(along @ coefficients)), along, direction_deg, direction_sd_deg
+        )
+
+
+def _noise(responses: FloatArray) -> float:
+    """Standard deviation of white noise, from the differences of neighbours so that a trend is not noise."""
+    return float(np.diff(responses, axis=0).std() / np.sqrt(2))
 
 
 def _growing_side(response: FloatArray, peak: int) -> tuple[int, int]:

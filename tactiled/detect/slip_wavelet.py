@@ -13,9 +13,9 @@ senses. Online:
 * Onset: see `kink`. The delay of detection behind the onset is that of the filter: at level 3 and 100 Hz
   some 0.10 to 0.17 s whatever the slope, since the filter is all but blind to a kink's first scans.
 * End: contact is lost; or nothing crosses for `quiet_s` after an opposite kink that took `relaxed_part` of
-  the response away. A stop that leaves the shear as it was cannot be seen before the lift. Without shear
-  channels a slip ends when nothing crosses for `quiet_s`, which on a flat plate is soon: a steady slide
-  leaves no trace.
+  the response away, or once the response is back at what it was before the slip. A stop that leaves the
+  shear as it was cannot be seen before the lift. Without shear channels a slip ends when nothing crosses
+  for `quiet_s`, which on a flat plate is soon: a steady slide leaves no trace.
 
 The rule says that sliding has begun, no more: `kind` is always "gross", though the kink belongs to the
 beginning of tangential load and so comes before gross slip. `confidence` is the opposed part of opposed
@@ -129,7 +129,8 @@ class WaveletSlip:
         level = level_at(rate_hz, self._params)
         self._rate_hz = rate_hz
         self._border = border_scans(level)
-        self._quiet_scans = max(1, round(self._params.quiet_s * rate_hz))
+        # Never less than the filter's window: the end's own kink must be out of it before the next slip.
+        self._quiet_scans = max(self._border + 1, round(self._params.quiet_s * rate_hz))
         self._quantiser = Quantiser(self._array)
         self._bank = SwtBank(self._array, BankParams(levels=(level,)))
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
@@ -238,26 +239,18 @@ class WaveletSlip:
 
     def _begin(self, look: _Look, weights: FloatArray, confidence: float) -> SlipEvent:
         """Onset event, and the slide that it begins; `weights` (axes, channels) make the motion response."""
-        responses = look.steps @ weights.T * self._quantiser.volts_per_step
-        before = responses[: self._kink.n_before]
-        moved = responses[-1] - before.mean(axis=0)
-        size = float(np.sqrt((moved**2).sum()))
-        along = moved / size if size > 0 else np.eye(1, len(moved))[0]
-        delay = self._kink.fit(responses @ along, float(along @ (weights @ look.coefficients)))
-        onset_s = look.time_s - delay.scans / self._rate_hz
-        direction_deg, direction_sd_deg = 0.0, UNKNOWN_SD_DEG
-        if self._has_shear and size > 0:
-            noise = float(np.diff(before, axis=0).std()) / np.sqrt(2) * np.sqrt(1 + 1 / len(before))
-            direction_deg = float(np.degrees(np.arctan2(moved[1], moved[0])))
-            direction_sd_deg = min(UNKNOWN_SD_DEG, float(np.degrees(noise / size)))
-        onset = SlipEvent(
+        onset = self._kink.onset(
+            look.steps @ weights.T * self._quantiser.volts_per_step, weights @ look.coefficients
+        )
+        onset_s = look.time_s - onset.delay.scans / self._rate_hz
+        event = SlipEvent(
             time_s=onset_s,
             state="onset",
             kind="gross",
             onset_s=onset_s,
-            onset_sd_s=float(np.hypot(delay.sd_scans / self._rate_hz, look.time_sd_s)),
-            direction_deg=direction_deg,
-            direction_sd_deg=direction_sd_deg,
+            onset_sd_s=float(np.hypot(onset.delay.sd_scans / self._rate_hz, look.time_sd_s)),
+            direction_deg=onset.direction_deg if self._has_shear else 0.0,
+            direction_sd_deg=onset.direction_sd_deg if self._has_shear else UNKNOWN_SD_DEG,
             confidence=confidence,
             taxels=tuple(np.unique(self._array.channel_taxel[look.crossing]).tolist()),
             detector=DETECTOR,
@@ -266,10 +259,13 @@ class WaveletSlip:
             valid=not look.late,
             detected_s=look.time_s,
         )
-        motion = whole_weights(along @ weights)
-        reference = float((look.steps[: self._kink.n_before] @ motion).mean())
-        self._slide = _Slide(onset, motion, reference, trace_s=look.time_s)
-        return onset
+        motion = whole_weights(onset.along @ weights)
+        self._slide = _Slide(event, motion, self._response_before(look, motion), trace_s=look.time_s)
+        return event
+
+    def _response_before(self, look: _Look, motion: FloatArray) -> float:
+        """Response along the motion, in steps, before any kink that the filter now answers to."""
+        return float((look.steps[: self._kink.n_before] @ motion).mean())
 
     def _follow_kinks(self, slide: _Slide, look: _Look) -> None:
         """Remember how large the response was before it kinked back."""
@@ -279,7 +275,7 @@ class WaveletSlip:
         if self._quiet >= self._quiet_scans:
             slide.before_kink = 0.0  # a new burst of crossings
         if slide.weights @ look.coefficients < 0:
-            before = float((look.steps[: self._kink.n_before] @ slide.weights).mean()) - slide.reference
+            before = self._response_before(look, slide.weights) - slide.reference
             if slide.before_kink == 0:
                 slide.trace_s = look.time_s - self._kink.middle_scans / self._rate_hz
             slide.before_kink = max(slide.before_kink, before)

@@ -1,0 +1,300 @@
+"""Period and angle of grooves from the voltages of one column, as Wang, Chen, Mei 2019 do it (eqs 3 to 6).
+
+A taxel at (x, y) sees the phase ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D``. With motion of
+speed v along direction theta its frequency is ``f = v |cos(theta - a)| / D``, and a taxel that is l further
+along the column sees each ridge earlier by ``t = l sin a / (v cos(theta - a))``. With ``rho = v t / l``::
+
+    tan a = rho cos(theta) / (1 - rho sin(theta))         D = v |cos(theta - a)| / f
+
+For motion along +x these are the paper's ``a = atan(v t / l)`` and ``D = v cos(a) / f``. Delays are known
+modulo the ripple's period only. The difference over unequal gaps, ``t1 - t2`` over ``l1 - l2``, is taken into
+half a period: right as long as ``|(l1 - l2) sin a| < D / 2``. Where the gaps are equal, ``t1`` over ``l1``
+stands alone and every period that may be added to it is another answer.
+
+What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
+of the two grids (uniform errors of one step, ``step / sqrt(12)``) and of white noise, carried through the
+equations.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tactiled.array import FloatArray
+from tactiled.events.types import Candidate, TextureStatus
+from tactiled.tomlfile import Params
+
+_MIN_PERIODS = 3  # fewer, and a trend or creep passes for a ripple
+_ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
+# Peak power over the median of the spectrum, summed over three taxels: white noise in 500 bins passes 10 less
+# than once in a million windows (gamma distribution of 3).
+_MIN_PEAK_RATIO = 10.0
+_MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say little about the angle
+_MAX_CANDIDATES = 8
+_EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
+
+
+class GrooveParams(Params):
+    """The flow chart's numbers."""
+
+    low_pass_hz: float = Field(default=20.0, gt=0, description="ripples above are not looked for")
+    agreement_mm: float = Field(
+        default=0.01,
+        gt=0,
+        description="two periods, from maximum and minimum of the correlation, may differ by",
+    )
+    max_angle_deg: float = Field(
+        default=75.0, gt=0, lt=90, description="for equal gaps: angles beyond are not counted as candidates"
+    )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is known of the slide: that of the skin over the surface."""
+
+    speed_mm_s: float
+    speed_sd_mm_s: float
+    direction_deg: float
+    direction_sd_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Amplitude spectrum of a window, mean and trend removed.
+
+    Attributes
+    ----------
+    frequency_hz : (bins,) float64
+    amplitude_volts : (bins, taxels) float64
+    phasors : (bins, taxels) complex128
+        The transform itself.
+    peak : int
+        Bin of the ripple; 0 where there is none.
+    status : str
+        "ok", or why there is no ripple to speak of.
+    snr_db : float
+        Power of the ripple over that of white noise of the median bin's density.
+    """
+
+    frequency_hz: FloatArray
+    amplitude_volts: FloatArray
+    phasors: NDArray[np.complex128]
+    peak: int
+    status: TextureStatus
+    snr_db: float
+
+    @property
+    def peak_hz(self) -> float:
+        return float(self.frequency_hz[self.peak])
+
+
+@dataclass(frozen=True)
+class Grooves:
+    """Answer for one window; zeros where `status` is not "ok"."""
+
+    status: TextureStatus
+    frequency_hz: float = 0.0
+    snr_db: float = 0.0
+    period_mm: float = 0.0
+    period_sd_mm: float = 0.0
+    angle_deg: float = 0.0
+    angle_sd_deg: float = 0.0
+    candidates: tuple[Candidate, ...] = ()
+
+
+def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, params: GrooveParams) -> Spectrum:
+    """Spectrum of a window and the peak in it: the largest local maximum of the taxels' summed power.
+
+    Parameters
+    ----------
+    volts : (n, taxels) float64
+        One signal a taxel; finite.
+    rate_hz : float
+    volts_per_step : float
+        Grid of the readings: what a noiseless signal has for noise.
+    params : GrooveParams
+    """
+    n, n_taxels = volts.shape
+    time = np.arange(n) - (n - 1) / 2
+    level = volts.mean(axis=0)
+    trend = time @ (volts - level) / max(float(time @ time), 1.0)
+    phasors = np.fft.rfft(volts - level - np.outer(time, trend), axis=0)
+    frequency_hz = np.arange(len(phasors)) * (rate_hz / n)
+    power = (np.abs(phasors) ** 2).sum(axis=1)
+    in_band = frequency_hz <= min(params.low_pass_hz, _ALIASED * rate_hz)
+    # The median of a gamma distribution of shape m is near 1 - 1 / (3 m) of its mean (Wilson-Hilferty).
+    noise_power = n * volts_per_step**2 / 12 * n_taxels
+    if in_band.sum() > 1:
+        noise_power = max(noise_power, float(np.median(power[1:][in_band[1:]])) / (1 - 1 / (3 * n_taxels)))
+    clear = power > _MIN_PEAK_RATIO * noise_power
+    is_peak = np.zeros(len(power), dtype=np.bool_)
+    is_peak[2:-1] = (power[2:-1] > power[1:-2]) & (power[2:-1] >= power[3:])
+    ripples = np.flatnonzero(is_peak & clear & in_band)
+    peak = int(ripples[np.argmax(power[ripples])]) if len(ripples) else 0
+    status: TextureStatus = "ok"
+    top = int(np.argmax(power[1:])) + 1 if len(power) > 1 else 0
+    if clear[top] and frequency_hz[top] > _ALIASED * rate_hz:
+        status, peak = "aliased", top
+    elif not peak:
+        status = "too-few-periods" if clear[1:_MIN_PERIODS].any() else "low-snr"
+    elif peak < _MIN_PERIODS:
+        status = "too-few-periods"
+    signal_power = 2 * float(power[peak]) / n**2 if peak else 0.0  # sum of amplitude^2 / 2
+    snr_db = 10 * float(np.log10(max(signal_power * n / noise_power, 1e-10))) if peak else 0.0
+    return Spectrum(frequency_hz, 2 * np.abs(phasors) / n, phasors, peak, status, snr_db)
+
+
+def estimate(
+    volts: FloatArray,
+    rate_hz: float,
+    volts_per_step: float,
+    places_mm: FloatArray,
+    offsets_s: FloatArray,
+    motion: Motion,
+    params: GrooveParams,
+) -> Grooves:
+    """The flow chart for one window.
+
+    Parameters
+    ----------
+    volts : (n, taxels) float64
+        Two or three taxels of one column, in growing y.
+    rate_hz : float
+    volts_per_step : float
+    places_mm : (taxels,) float64
+        Their y.
+    offsets_s : (taxels,) float64
+        How long after the scan began each is sampled.
+    motion : Motion
+    params : GrooveParams
+    """
+    seen = spectrum(volts, rate_hz, volts_per_step, params)
+    found = Grooves(seen.status, seen.peak_hz, seen.snr_db)
+    if seen.status != "ok":
+        return found
+    if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
+        return replace(found, status="ambiguous")  # the sense of the motion gives the angle its sign
+    period_s = 1.0 / seen.peak_hz
+    # Sampled later by the skew, a taxel seems to lead by it.
+    skews_s = np.diff(offsets_s)
+    leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
+    gaps_mm = np.diff(places_mm)
+    noise_s = np.sqrt(2 / (len(volts) * 10 ** (seen.snr_db / 10))) * period_s / (2 * np.pi)
+    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
+        gap_mm = float(gaps_mm[0] - gaps_mm[1])
+        delays_s = _into_half(leads_s[:, 0] - leads_s[:, 1], period_s)
+        delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(3) * noise_s))  # of 2 p1 - p0 - p2
+    else:
+        gap_mm = float(gaps_mm[0])
+        delays_s = _into_half(leads_s[:, 0], period_s)
+        delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, noise_s))
+        others = _candidates(float(delays_s.mean()), period_s, gap_mm, motion, params)
+        if len(others) != 1:
+            return replace(found, status="ambiguous", candidates=others)
+    answers = [_solve(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
+    (angle_max, period_max), (angle_min, period_min) = answers
+    if abs(period_max - period_min) > params.agreement_mm:
+        both = tuple(Candidate(period_mm=d, angle_deg=a, weight=0.5) for a, d in answers)
+        return replace(found, status="ambiguous", candidates=both)
+    angle_sd_deg, period_sd_mm = _sigmas(
+        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, rate_hz / len(volts) / np.sqrt(12), motion
+    )
+    return replace(
+        found,
+        period_mm=(period_max + period_min) / 2,
+        period_sd_mm=period_sd_mm,
+        angle_deg=(angle_max + angle_min) / 2,
+        angle_sd_deg=angle_sd_deg,
+    )
+
+
+def _leads_scans(seen: Spectrum, n: int) -> FloatArray:
+    """By how many scans each taxel sees a ridge before its neighbour.
+
+    The band-pass leaves one bin, a pure sine of a whole number of periods, so the correlation of two of them
+    is circular. Within half a period it has one maximum and one minimum; the minimum is half a period off.
+
+    Returns
+    -------
+    (2, taxels - 1) float64
+        From the maximum, from the minimum.
+    """
+    half_period = n / seen.peak / 2
+    lags = np.arange(-int(half_period), int(half_period) + 1)
+    leads = np.empty((2, seen.phasors.shape[1] - 1))
+    for k in range(leads.shape[1]):
+        product = np.zeros(len(seen.phasors), dtype=np.complex128)
+        product[seen.peak] = seen.phasors[seen.peak, k] * np.conj(seen.phasors[seen.peak, k + 1])
+        correlation = np.fft.irfft(product, n)[lags]  # sum over i of this taxel (i + lag) times the next (i)
+        leads[0, k] = lags[np.argmax(correlation)]
+        at_minimum = lags[np.argmin(correlation)]
+        leads[1, k] = at_minimum - half_period if at_minimum > 0 else at_minimum + half_period
+    return leads
+
+
+def _into_half(delays_s: FloatArray, period_s: float) -> FloatArray:
+    """Delays modulo the period, into half a period to either side; the second next to the first."""
+    first = delays_s[0] - period_s * np.round(delays_s[0] / period_s)
+    apart = delays_s - delays_s[0]
+    return np.asarray(first + apart - period_s * np.round(apart / period_s))
+
+
+def _solve(delay_s: float, gap_mm: float, frequency_hz: float, motion: Motion) -> tuple[float, float]:
+    """Angle (degrees, within -90..90) and period (mm): the equations of the module's docstring."""
+    theta = np.radians(motion.direction_deg)
+    rho = motion.speed_mm_s * delay_s / gap_mm
+    angle = np.arctan2(rho * np.cos(theta), 1 - rho * np.sin(theta))
+    angle -= np.pi * np.round(angle / np.pi)  # a groove normal has no sense
+    period_mm = motion.speed_mm_s * abs(np.cos(theta - angle)) / frequency_hz
+    return float(np.degrees(angle)), float(period_mm)
+
+
+def _candidates(
+    delay_s: float, period_s: float, gap_mm: float, motion: Motion, params: GrooveParams
+) -> tuple[Candidate, ...]:
+    """Every reading of a delay known modulo the period, smallest angle first."""
+    # rho = tan(a) for motion along x and bounded by it elsewhere, so this many periods reach every angle.
+    reach = np.tan(np.radians(params.max_angle_deg)) / _MIN_COS_COLUMN**2 * gap_mm / motion.speed_mm_s
+    turns = min(int(reach / period_s) + 1, 100)
+    answers = [_solve(delay_s + k * period_s, gap_mm, 1 / period_s, motion) for k in range(-turns, turns + 1)]
+    fitting = sorted((a for a in answers if abs(a[0]) <= params.max_angle_deg), key=lambda a: abs(a[0]))
+    return tuple(
+        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=1 / len(fitting))
+        for angle_deg, period_mm in fitting[:_MAX_CANDIDATES]
+    )
+
+
+def _sigmas(
+    delay_s: float,
+    delay_sd_s: float,
+    gap_mm: float,
+    frequency_hz: float,
+    frequency_sd_hz: float,
+    motion: Motion,
+) -> tuple[float, float]:
+    """Sigma of angle (degrees) and period (mm): each input moved by its own sigma to both sides."""
+
+    def spread(*ends: tuple[float, float]) -> tuple[float, float]:
+        (angle_a, period_a), (angle_b, period_b) = ends
+        turn = angle_a - angle_b
+        return (turn - 180 * round(turn / 180)) / 2, (period_a - period_b) / 2
+
+    def at(
+        *, delay: float = 0.0, frequency: float = 0.0, speed: float = 0.0, direction: float = 0.0
+    ) -> tuple[float, float]:
+        moved = replace(
+            motion,
+            speed_mm_s=max(motion.speed_mm_s + speed * motion.speed_sd_mm_s, 0.0),
+            direction_deg=motion.direction_deg + direction * motion.direction_sd_deg,
+        )
+        moved_hz = frequency_hz + frequency * frequency_sd_hz
+        # A phase makes a delay by way of the frequency, so the two go together.
+        return _solve(delay_s * frequency_hz / moved_hz + delay * delay_sd_s, gap_mm, moved_hz, moved)
+
+    parts = [
+        spread(at(**{name: 1.0}), at(**{name: -1.0})) for name in ("delay", "frequency", "speed", "direction")
+    ]
+    angle_sd_deg, period_sd_mm = np.sqrt((np.array(parts) ** 2).sum(axis=0))
+    return min(float(angle_sd_deg), 90.0), float(period_sd_mm)
