@@ -11,7 +11,8 @@
 There is no script to be at some line of. Whatever happens, what the board needs next follows from what is
 known of it (`_wanted`): identify what is unknown, then make the rate right, then start it. A reboot, a
 lost answer or a replug only makes something unknown again, so every setting comes back by itself, and no
-command but ``identify`` ever goes to a board that did not say it is ours.
+command but ``identify`` ever goes to a board that did not say it is ours. A board that we started is asked
+once more when its scans come: it may have rebooted between its hello and our start, without its settings.
 
 Every input takes ``now_s`` and returns the commands to send; `deadline_s` says when `tick` is due.
 """
@@ -128,7 +129,7 @@ class Session:
         self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
         self._pending: _Pending | None = None
         self._foreign = self._refused = self._unanswered = ""
-        self._rate_taken = False
+        self._rate_taken = self._confirmed = False
         self._gone = reason
         self._scan_s = self._asked_s = self._quiet_until_s = 0.0
 
@@ -150,6 +151,7 @@ class Session:
         self.hello, self._known, self._streaming = hello, True, hello.streaming
         wanted = self._wanted()
         self._running = self._running and wanted is None
+        self._confirmed = hello.streaming and wanted is None
         if self._rate_taken and wanted in ("stop", "set_rate"):
             self._refuse(
                 f"the board took set_rate to {self.params.rate_hz:g} Hz but says {hello.rate_hz:g} Hz: "
@@ -176,7 +178,7 @@ class Session:
         if answer.command == "set_rate":
             self._rate_taken, self._known = True, False  # the next hello says what rate it has become
         else:
-            self._streaming = answer.command == "start"
+            self._streaming, self._confirmed = answer.command == "start", False
         return self._step(now_s)
 
     def scanned(self, now_s: float) -> list[Command]:
@@ -190,8 +192,8 @@ class Session:
         if not self._running and self._known and self._wanted() is None:
             self._running, self._stalled = True, False
             self._refused = self._unanswered = ""
-            self._pending = None
-        return [] if self._running else self._step(now_s)
+            self._known = self._confirmed or not self._confirms
+        return self._step(now_s)
 
     def tick(self, now_s: float) -> list[Command]:
         """Time passed: see what is overdue."""
@@ -199,7 +201,7 @@ class Session:
             return []
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
-            self._streaming, self._known = False, not self._confirms
+            self._streaming, self._confirmed, self._known = False, False, not self._confirms
             self._asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # it says it streams and is not heard: start it again
@@ -208,7 +210,7 @@ class Session:
     def stop(self) -> list[Command]:
         """We are leaving: what to tell the board; from now on nothing is restored."""
         self._leaving = True
-        if not (self._open and self._known and self._layout.has("stop")):
+        if not (self._open and (self._known or self._running) and self._layout.has("stop")):
             return []
         return [self._command("stop")]
 

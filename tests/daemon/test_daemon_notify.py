@@ -1,0 +1,92 @@
+"""sd_notify against a real datagram socket, where systemd would stand."""
+
+import itertools
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tactiled.daemon.notify import Notifier
+
+
+def drain(manager: socket.socket) -> list[str]:
+    manager.setblocking(False)
+    messages = []
+    while True:
+        try:
+            messages.append(manager.recv(4096).decode())
+        except BlockingIOError:
+            return messages
+
+
+@pytest.fixture(params=["path", "abstract"])
+def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[socket.socket, str]]:
+    name = f"@tactiled-test-{os.getpid()}" if request.param == "abstract" else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind("\0" + name[1:] if name.startswith("@") else name)
+        yield listening, name
+
+
+def test_each_message_arrives(manager: tuple[socket.socket, str]) -> None:
+    listening, name = manager
+    notifier = Notifier({"NOTIFY_SOCKET": name})
+    notifier.ready()
+    notifier.status("board TS0001 running: 100 Hz")
+    notifier.reloading()
+    notifier.stopping()
+    notifier.close()
+    ready, status, reloading, stopping = drain(listening)
+    assert ready == "READY=1"
+    assert status == "STATUS=board TS0001 running: 100 Hz"
+    assert reloading.startswith("RELOADING=1\nMONOTONIC_USEC=")
+    assert stopping.startswith("STOPPING=1")
+
+
+def test_pings_come_in_less_than_half_the_limit_and_only_when_the_data_path_runs(
+    manager: tuple[socket.socket, str],
+) -> None:
+    listening, name = manager
+    notifier = Notifier({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())})
+    pings_s = []
+    for step in range(1000):
+        now_s = 50.0 + 0.01 * step
+        notifier.alive(now_s)
+        pings_s += [now_s] * len(drain(listening))
+    notifier.close()
+    gaps_s = [b - a for a, b in itertools.pairwise(pings_s)]
+    assert max(gaps_s) < 1.0
+    assert len(pings_s) <= 21  # a datagram for every scan would be a waste
+
+
+@pytest.mark.parametrize(
+    "environ", [{}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"}, {"WATCHDOG_USEC": "x"}]
+)
+def test_no_pings_where_nobody_asked_us_for_them(
+    environ: dict[str, str], manager: tuple[socket.socket, str]
+) -> None:
+    listening, name = manager
+    notifier = Notifier({"NOTIFY_SOCKET": name, **environ})
+    notifier.alive(1.0)
+    notifier.close()
+    assert drain(listening) == []
+
+
+def test_without_a_manager_nothing_happens() -> None:
+    notifier = Notifier({})
+    notifier.ready()
+    notifier.alive(1.0)
+    notifier.close()
+
+
+def test_a_manager_that_went_away_or_does_not_read_never_stops_us(tmp_path: Path) -> None:
+    name = tmp_path / "notify"
+    notifier = Notifier({"NOTIFY_SOCKET": str(name)})
+    notifier.ready()  # nobody there
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(name))
+        for _ in range(5000):  # far more than the kernel queues
+            notifier.status("x" * 100)
+        assert 0 < len(drain(listening)) < 5000
+    notifier.close()
