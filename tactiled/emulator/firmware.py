@@ -163,9 +163,9 @@ class Board:
         self._power_up(now_s, start_ticks=0, start_sequence=0)
 
     def miss_scan(self, now_s: float) -> None:
-        """Miss the next scan instant, as firmware does that is held up."""
+        """Miss the next scan instant, as firmware does that is held up; idle boards miss none."""
         self._out = self.advance(now_s)
-        self._to_miss += 1
+        self._to_miss += self.running
 
     def _power_up(self, now_s: float, start_ticks: int, start_sequence: int) -> None:
         self._crystal = Crystal(

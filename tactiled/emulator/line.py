@@ -79,7 +79,7 @@ class Line:
     def arrivals(self, now_s: float) -> list[Arrival]:
         """What has arrived by `now_s`; bytes that arrive at one instant come as one."""
         out: list[Arrival] = []
-        while (arrival_s := self.next_arrival_s()) <= now_s:
+        while self._queue and (arrival_s := self.next_arrival_s()) <= now_s:
             data = self._queue.popleft().data
             if out and out[-1].arrival_s == arrival_s:
                 data = out.pop().data + data

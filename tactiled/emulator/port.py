@@ -62,7 +62,8 @@ class Port:
         array = worn_array(scene, layout)
         hello = identity(params, layout, array)
         sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
-        self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=on_scan)
+        self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=self._scanned)
+        self._on_scan = on_scan
         self.counts = FaultCounts()
         self.plugged = True
         self._line = Line(layout.file.baud, self._faults, seed, self.counts)
@@ -108,13 +109,16 @@ class Port:
             else:
                 self.counts.frames_unplugged += 1
 
+    def _scanned(self, scan: ScanTruth) -> None:
+        self.counts.overruns += not scan.sent
+        self._on_scan(scan)
+
     def _inflict(self, kind: FaultKind, now_s: float) -> None:
         if kind == "stall":
             self._line.stall(now_s + self._faults.stall_s)
             self.counts.stalls += 1
         elif kind == "overrun":
             self.board.miss_scan(now_s)
-            self.counts.overruns += 1
         elif kind == "reboot":
             self.board.reboot(now_s)
             self.counts.reboots += 1

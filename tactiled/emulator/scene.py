@@ -75,7 +75,7 @@ class Press(Still):
     """The load goes linearly to `force_n`, in total on the array."""
 
     kind: Literal["press"]
-    force_n: float = Field(gt=0, le=200)
+    force_n: float = Field(gt=0, le=2000)
 
 
 class Hold(Still):
