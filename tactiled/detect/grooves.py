@@ -12,27 +12,25 @@ half a period: right as long as ``|(l1 - l2) sin a| < D / 2``. Where the gaps ar
 stands alone and every period that may be added to it is another answer.
 
 What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
-of the two grids (uniform errors of one step, ``step / sqrt(12)``) and of white noise, carried through the
-equations.
+of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage that a frequency between
+two bins brings, and of white noise, carried through the equations.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import FloatArray
+from tactiled.detect.spectrum import Spectrum, spectrum
 from tactiled.events.types import Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
-_MIN_PERIODS = 3  # fewer, and a trend or creep passes for a ripple
-_ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
-# Peak power over the median of the spectrum, summed over three taxels: white noise in 500 bins passes 10 less
-# than once in a million windows (gamma distribution of 3).
-_MIN_PEAK_RATIO = 10.0
 _MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say little about the angle
 _MAX_CANDIDATES = 8
+# A sine between two bins, d of a bin from the nearest, k, leaks its mirror image at -f into that bin: d / 2k
+# of it, at a phase that differs from taxel to taxel. Over d in +-1/2 and all phases: 0.102 / k radians rms.
+_IMAGE_RAD = 0.102
 _EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
 
 
@@ -60,36 +58,6 @@ class Motion:
     direction_sd_deg: float
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Amplitude spectrum of a window, mean and trend removed.
-
-    Attributes
-    ----------
-    frequency_hz : (bins,) float64
-    amplitude_volts : (bins, taxels) float64
-    phasors : (bins, taxels) complex128
-        The transform itself.
-    peak : int
-        Bin of the ripple; 0 where there is none.
-    status : str
-        "ok", or why there is no ripple to speak of.
-    snr_db : float
-        Power of the ripple over that of white noise of the median bin's density.
-    """
-
-    frequency_hz: FloatArray
-    amplitude_volts: FloatArray
-    phasors: NDArray[np.complex128]
-    peak: int
-    status: TextureStatus
-    snr_db: float
-
-    @property
-    def peak_hz(self) -> float:
-        return float(self.frequency_hz[self.peak])
-
-
 @dataclass(frozen=True)
 class Grooves:
     """Answer for one window; zeros where `status` is not "ok"."""
@@ -102,48 +70,6 @@ class Grooves:
     angle_deg: float = 0.0
     angle_sd_deg: float = 0.0
     candidates: tuple[Candidate, ...] = ()
-
-
-def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, params: GrooveParams) -> Spectrum:
-    """Spectrum of a window and the peak in it: the largest local maximum of the taxels' summed power.
-
-    Parameters
-    ----------
-    volts : (n, taxels) float64
-        One signal a taxel; finite.
-    rate_hz : float
-    volts_per_step : float
-        Grid of the readings: what a noiseless signal has for noise.
-    params : GrooveParams
-    """
-    n, n_taxels = volts.shape
-    time = np.arange(n) - (n - 1) / 2
-    level = volts.mean(axis=0)
-    trend = time @ (volts - level) / max(float(time @ time), 1.0)
-    phasors = np.fft.rfft(volts - level - np.outer(time, trend), axis=0)
-    frequency_hz = np.arange(len(phasors)) * (rate_hz / n)
-    power = (np.abs(phasors) ** 2).sum(axis=1)
-    in_band = frequency_hz <= min(params.low_pass_hz, _ALIASED * rate_hz)
-    # The median of a gamma distribution of shape m is near 1 - 1 / (3 m) of its mean (Wilson-Hilferty).
-    noise_power = n * volts_per_step**2 / 12 * n_taxels
-    if in_band.sum() > 1:
-        noise_power = max(noise_power, float(np.median(power[1:][in_band[1:]])) / (1 - 1 / (3 * n_taxels)))
-    clear = power > _MIN_PEAK_RATIO * noise_power
-    is_peak = np.zeros(len(power), dtype=np.bool_)
-    is_peak[2:-1] = (power[2:-1] > power[1:-2]) & (power[2:-1] >= power[3:])
-    ripples = np.flatnonzero(is_peak & clear & in_band)
-    peak = int(ripples[np.argmax(power[ripples])]) if len(ripples) else 0
-    status: TextureStatus = "ok"
-    top = int(np.argmax(power[1:])) + 1 if len(power) > 1 else 0
-    if clear[top] and frequency_hz[top] > _ALIASED * rate_hz:
-        status, peak = "aliased", top
-    elif not peak:
-        status = "too-few-periods" if clear[1:_MIN_PERIODS].any() else "low-snr"
-    elif peak < _MIN_PERIODS:
-        status = "too-few-periods"
-    signal_power = 2 * float(power[peak]) / n**2 if peak else 0.0  # sum of amplitude^2 / 2
-    snr_db = 10 * float(np.log10(max(signal_power * n / noise_power, 1e-10))) if peak else 0.0
-    return Spectrum(frequency_hz, 2 * np.abs(phasors) / n, phasors, peak, status, snr_db)
 
 
 def estimate(
@@ -170,7 +96,7 @@ def estimate(
     motion : Motion
     params : GrooveParams
     """
-    seen = spectrum(volts, rate_hz, volts_per_step, params)
+    seen = spectrum(volts, rate_hz, volts_per_step, params.low_pass_hz)
     found = Grooves(seen.status, seen.peak_hz, seen.snr_db)
     if seen.status != "ok":
         return found
@@ -181,15 +107,16 @@ def estimate(
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
     gaps_mm = np.diff(places_mm)
-    noise_s = np.sqrt(2 / (len(volts) * 10 ** (seen.snr_db / 10))) * period_s / (2 * np.pi)
+    phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
+    phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
     if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
         gap_mm = float(gaps_mm[0] - gaps_mm[1])
         delays_s = _into_half(leads_s[:, 0] - leads_s[:, 1], period_s)
-        delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(3) * noise_s))  # of 2 p1 - p0 - p2
+        delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
     else:
         gap_mm = float(gaps_mm[0])
         delays_s = _into_half(leads_s[:, 0], period_s)
-        delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, noise_s))
+        delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
         others = _candidates(float(delays_s.mean()), period_s, gap_mm, motion, params)
         if len(others) != 1:
             return replace(found, status="ambiguous", candidates=others)

@@ -18,19 +18,18 @@ two periods disagree, sample again; else output their mean, and go on while slip
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect import grooves
+from tactiled.detect.column import Column
 from tactiled.detect.grooves import GrooveParams, Grooves, Motion
-from tactiled.detect.quantise import Quantiser
+from tactiled.detect.spectrum import Spectrum
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "wang2019"
 _MIN_WINDOW_SCANS = 8  # a spectrum of fewer has no peaks to find
-_MAX_BAD_PART = 0.01  # held readings that a spectrum does not notice
 
 
 class TextureParams(GrooveParams):
@@ -61,10 +60,7 @@ class PaperTexture:
     def __init__(self, array: Array, params: TextureParams | None = None) -> None:
         self._array = array
         self._params = params or TextureParams()
-        columns = array.columns()
-        self._taxels = columns[min(self._params.column, len(columns) - 1)][:3] if columns else []
-        self._resistors = _resistors(array, self._taxels)
-        self._grid = Quantiser(array)
+        self._column = Column(array, self._params.column, self._params.low_pass_hz)
         self.reset()
 
     def reset(self) -> None:
@@ -156,8 +152,7 @@ class PaperTexture:
             part = block[done : done + n_window - self._n_gathered]
             rows = slice(self._n_gathered, self._n_gathered + len(part))
             self._volts[rows] = part.volts
-            # Too large to be a reading is no reading; NaN compares false.
-            self._good[rows] = part.valid & (np.abs(part.volts) <= self._grid.full_scale_volts)
+            self._good[rows] = self._column.good(part)
             self._late = self._late or bool(part.late.any())
             self._n_gathered += len(part)
             done += len(part)
@@ -172,37 +167,24 @@ class PaperTexture:
             return Grooves("stale")
         if self._speed_mm_s <= 0 or self._slip is None:
             return Grooves("no-slip")
-        if not self._resistors:
+        if not self._column.resistors:
             return Grooves("ambiguous")
-        enough = self._good.mean(axis=0) >= 1 - _MAX_BAD_PART
-        resistors = [channels for channels in self._resistors if enough[channels].all()]
-        if not resistors:
+        strongest = self._column.strongest(self._volts, self._good, rate_hz)
+        if strongest is None:
             return Grooves("saturated")
-        signals = [self._signal(channels) for channels in resistors]
-        step = self._grid.volts_per_step
-        strengths = [_strength(grooves.spectrum(signal, rate_hz, step, self._params)) for signal in signals]
-        best = max(range(len(signals)), key=strengths.__getitem__)
+        channels, volts, _ = strongest
         direction_deg, direction_sd_deg = self._slip.direction_deg, self._slip.direction_sd_deg
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
         return grooves.estimate(
-            signals[best],
+            volts,
             rate_hz,
-            step,
-            self._array.y_mm[self._taxels],
-            channel_offset_s[resistors[best]],
+            self._column.volts_per_step,
+            self._column.y_mm,
+            channel_offset_s[channels],
             Motion(self._speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg),
             self._params,
         )
-
-    def _signal(self, channels: NDArray[np.int64]) -> FloatArray:
-        """Readings (n, taxels) of one resistor of each taxel; the few bad ones are bridged by a line."""
-        scans = np.arange(len(self._volts))
-        columns = []
-        for channel in channels:
-            good = self._good[:, channel]
-            columns.append(np.interp(scans, scans[good], self._volts[good, channel]))
-        return np.stack(columns, axis=1)
 
     def _event(self, time_s: float, window_s: float, found: Grooves) -> TextureEvent:
         return TextureEvent(
@@ -223,19 +205,9 @@ class PaperTexture:
         )
 
 
-def _resistors(array: Array, taxels: list[int]) -> list[NDArray[np.int64]]:
-    """Channels that measure the same thing in each of the taxels: R1 of all, R2 of all, ..."""
-    found: dict[tuple[str, float], list[int]] = {}
-    for taxel in taxels:
-        for channel in np.flatnonzero(array.channel_taxel == taxel).tolist():
-            azimuth_deg = float(np.nan_to_num(array.azimuth_deg[channel]))
-            found.setdefault((array.channel_kind[channel], azimuth_deg), []).append(channel)
-    return [
-        np.array(channels)
-        for channels in found.values()
-        if [int(array.channel_taxel[c]) for c in channels] == taxels
-    ]
-
-
-def _strength(seen: grooves.Spectrum) -> tuple[bool, float]:
-    return seen.status == "ok", float((seen.amplitude_volts[seen.peak] ** 2).sum())
+def window_spectrum(array: Array, block: ScanBlock, params: TextureParams | None = None) -> Spectrum | None:
+    """Spectrum of a whole block as the procedure sees it, for pictures; None where it says "saturated"."""
+    params = params or TextureParams()
+    column = Column(array, params.column, params.low_pass_hz)
+    strongest = column.strongest(block.volts, column.good(block), block.rate_hz)
+    return None if strongest is None else strongest[2]

@@ -6,7 +6,7 @@ from tactiled.array import Array
 from tactiled.detect.contact import ContactState
 from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
 from tactiled.detect.texture_paper import PaperTexture, TextureParams
-from tactiled.events.types import Event
+from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -49,6 +49,11 @@ class Wang2019:
         self._texture.set_speed(speed_mm_s, from_index)
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes: contact and slip in time's order, then texture."""
+        """Events that the item completes, in the order of their evidence, however scans were chunked."""
         events = self._slip.process(item)
-        return events + self._texture.process(item, events)
+        return sorted([*events, *self._texture.process(item, events)], key=_evidence_s)
+
+
+def _evidence_s(event: Event) -> float:
+    """Instant of the scan that completed an event (the sort is stable: slip before texture)."""
+    return event.detected_s if isinstance(event, SlipEvent) else event.time_s
