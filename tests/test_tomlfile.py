@@ -1,0 +1,139 @@
+"""A wrong file is answered with every fault at once, each a line with its place and a hint."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field, ValidationError
+
+from tactiled import tomlfile
+from tactiled.errors import ConfigError, OperatorError
+from tactiled.tomlfile import Params
+
+
+class Disc(Params):
+    kind: Literal["disc"] = "disc"
+    radius_mm: float = Field(gt=0)
+
+
+class Plate(Params):
+    kind: Literal["plate"] = "plate"
+    width_mm: float = Field(gt=0)
+
+
+class Bench(Params):
+    rate_hz: float = Field(gt=0)
+    settle_s: float = 1.0
+    count: int = 3
+    label: str = ""
+    main: Disc | None = None
+    tools: list[Annotated[Disc | Plate, Field(discriminator="kind")]] = []
+
+
+def faults(document: dict[str, object]) -> tuple[str, ...]:
+    with pytest.raises(ConfigError) as caught:
+        tomlfile.parse(document, Bench, "bench.toml")
+    return caught.value.faults
+
+
+def test_a_good_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text('rate_hz = 100\n[main]\nradius_mm = 2\n[[tools]]\nkind = "plate"\nwidth_mm = 1.5\n')
+    bench = tomlfile.load(path, Bench)
+    assert bench == Bench(rate_hz=100.0, main=Disc(radius_mm=2.0), tools=[Plate(width_mm=1.5)])
+
+
+def test_parameters_cannot_be_changed_afterwards() -> None:
+    bench = Bench(rate_hz=1.0)
+    with pytest.raises(ValidationError, match="frozen"):
+        bench.rate_hz = 2.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("document", "fault"),
+    [
+        ({}, "rate_hz: missing"),
+        ({"rate_hz": -1}, "rate_hz: input should be greater than 0 (got -1)"),
+        ({"rate_hz": "fast"}, "rate_hz: input should be a valid number"),
+        ({"rate_hz": float("nan")}, "rate_hz: input should be a finite number (got nan)"),
+        ({"rate_hz": float("inf")}, "rate_hz: input should be a finite number (got inf)"),
+        ({"rate_hz": 1, "count": 2.5}, "count: input should be a valid integer"),
+        (
+            {"rate_hz": 1, "settle_ms": 5},
+            "settle_ms: unknown key; units belong to the name here: use settle_s",
+        ),
+        ({"rate_hz": 1, "settle": 5}, "settle: unknown key; units belong to the name here: use settle_s"),
+        ({"rate_hz": 1, "cuont": 5}, "cuont: unknown key; did you mean count?"),
+        (
+            {"rate_hz": 1, "zzz": 5},
+            "zzz: unknown key; known here: rate_hz, settle_s, count, label, main, tools",
+        ),
+        (
+            {"rate_hz": 1, "main": {"radius_cm": 1, "radius_mm": 1}},
+            "main.radius_cm: unknown key; units belong to the name here: use radius_mm",
+        ),
+        ({"rate_hz": 1, "main": {"radius_mm": 0}}, "main.radius_mm: input should be greater than 0 (got 0)"),
+        ({"rate_hz": 1, "main": 5}, "main: input should be"),
+    ],
+)
+def test_each_fault_has_its_place_and_a_hint(document: dict[str, object], fault: str) -> None:
+    (line,) = faults(document)
+    assert line.startswith(fault)
+
+
+def test_places_inside_lists_and_unions_are_named() -> None:
+    (line,) = faults(
+        {"rate_hz": 1, "tools": [{"kind": "disc", "radius_mm": 1}, {"kind": "plate", "width_mm": -1}]}
+    )
+    assert line.startswith("tools[1].")
+    assert "width_mm: input should be greater than 0 (got -1)" in line
+    (line,) = faults({"rate_hz": 1, "tools": [{"kind": "plate", "width": 1, "width_mm": 1}]})
+    assert "unknown key; units belong to the name here: use width_mm" in line
+    (line,) = faults({"rate_hz": 1, "tools": [{"kind": "ball"}]})
+    assert line.startswith("tools[0]: ")
+    assert "'disc', 'plate'" in line
+
+
+def test_every_fault_is_told_at_once() -> None:
+    lines = faults({"rate_hz": 0, "cuont": 1, "main": {}})
+    assert {line.split(":")[0] for line in lines} == {"rate_hz", "cuont", "main.radius_mm"}
+
+
+def test_one_fault_is_one_line_and_several_are_a_list() -> None:
+    one = ConfigError("a.toml", ["x: missing"])
+    assert str(one) == "a.toml: x: missing"
+    several = ConfigError("a.toml", ["x: missing", "y: missing"])
+    assert str(several) == "a.toml:\n  x: missing\n  y: missing"
+    assert isinstance(one, OperatorError)
+    assert one.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (b"rate_hz = ", "not valid TOML: "),
+        (b"rate_hz = 1\nrate_hz = 2", "not valid TOML: "),
+        (b"\xff\xfe", "cannot be read: "),
+    ],
+)
+def test_what_is_no_toml_is_said(tmp_path: Path, content: bytes, fault: str) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        tomlfile.load(path, Bench)
+    assert caught.value.source == str(path)
+    assert caught.value.faults[0].startswith(fault)
+
+
+def test_a_missing_file_names_its_neighbours(tmp_path: Path) -> None:
+    (tmp_path / "left.toml").write_text("")
+    (tmp_path / "right.toml").write_text("")
+    with pytest.raises(ConfigError, match="no such file; beside it there are: left, right"):
+        tomlfile.load(tmp_path / "lefft.toml", Bench)
+    with pytest.raises(ConfigError, match=r"no such file$"):
+        tomlfile.load(tmp_path / "nowhere" / "x.toml", Bench)
+
+
+def test_a_folder_is_not_a_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read: "):
+        tomlfile.load(tmp_path, Bench)
