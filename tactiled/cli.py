@@ -89,7 +89,69 @@ def listen(endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s:
     """
     from tactiled.client.listen import listen as run_listener
 
-    sys.exit(run_listener(endpoint, topics, count, timeout_s))
+    sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s))
+
+
+@cli.command()
+@click.option("-s", "--scene", default="demo", show_default=True, help="Shipped scene or TOML file.")
+@click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
+@click.option("--tcp", help="Listen here instead (host:port), for socket://host:port.")
+@click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
+@click.option("--board", type=FILE, help="TOML of the board: serial number, rate, crystal, ...")
+@click.option("--faults", type=FILE, help="TOML of what goes wrong on the line.")
+@click.option("--seed", default=0, show_default=True, help="Of the faults.")
+@click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
+def emulate(
+    scene: str,
+    link: Path | None,
+    tcp: str | None,
+    protocol: str,
+    board: Path | None,
+    faults: Path | None,
+    seed: int,
+    scans: bool,
+) -> None:
+    """Be a board: play a scene on a pty or a TCP port, and tell the truth about it on stdout.
+
+    Example: tactiled emulate --scene demo --link /tmp/board
+    """
+    from tactiled import tomlfile
+    from tactiled.emulator.faults import FaultParams
+    from tactiled.emulator.identity import BoardParams
+    from tactiled.emulator.scene import load_scene
+    from tactiled.emulator.shell import run_emulator
+    from tactiled.wire.layout import load_layout
+
+    if (link is None) == (tcp is None):
+        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+    run_emulator(
+        load_scene(scene),
+        load_layout(protocol),
+        link=link,
+        tcp=tcp,
+        board=None if board is None else tomlfile.load(board, BoardParams),
+        faults=None if faults is None else tomlfile.load(faults, FaultParams),
+        seed=seed,
+        report=lambda what: print(json.dumps(what), flush=True),
+        with_scans=scans,
+    )
+
+
+@cli.command()
+@click.argument("name", type=click.Choice(["clock", "paper"]))
+@click.option("--quick", is_flag=True, help="Fewer seeds: a minute at most, coarser numbers.")
+def bench(name: str, quick: bool) -> None:
+    """Measure, and print the table that README shows.
+
+    clock: how true are the instants of scans? paper: the published experiments, ours beside theirs.
+
+    Example: tactiled bench clock
+    """
+    from tactiled.bench.clock import bench_clock
+    from tactiled.bench.paper import bench_paper
+
+    measure = {"clock": bench_clock, "paper": bench_paper}[name]
+    click.echo(measure(lambda words: click.echo(words, err=True), seeds=2 if quick else 10))
 
 
 @cli.command("check-config")
@@ -117,7 +179,7 @@ def check_config(file: Path | None, schema: bool) -> None:
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
 @click.option("--speed", "speed_mm_s", type=float, help="Sliding speed, for texture.")
-@click.option("--setting", help="Named set of detectors (default: the first of `--list-settings`).")
+@click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
 def detect(
     file: Path,

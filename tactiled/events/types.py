@@ -117,6 +117,7 @@ class StatusEvent(Event):
     age_s: float
     """Seconds since the newest scan began; how old everything on the other topics is."""
     clock_sd_s: float
+    """Sigma of the newest scan's instant; 1e9 before any scan."""
     clock_rate_ppm: float
     rate_hz: float
     scans: int

@@ -14,6 +14,9 @@ from tactiled.wire.frames import Hello, Scan
 from tactiled.wire.layout import Layout
 
 
+NO_CLOCK_SD_S = 1e9  # thirty years: before the first scan nobody knows, and messages carry no infinity
+
+
 class SampleParams(Params):
     """How frames become scans."""
 
@@ -60,7 +63,7 @@ class Assembler:
         self._n_corrupt = 0
         self._pending_gap: GapCause | None = None
         self._newest_s = -np.inf
-        self._newest_sd_s = np.inf
+        self._newest_sd_s = NO_CLOCK_SD_S
         self._fit: ClockFit | None = None
         self._counter = ScanCounter(
             self._layout.bits("scan", "sequence") or 16,
@@ -78,7 +81,7 @@ class Assembler:
 
     @property
     def newest(self) -> tuple[float, float]:
-        """Instant of the newest scan and its standard deviation; (-inf, inf) before there is one."""
+        """Instant of the newest scan and its standard deviation; -inf and `NO_CLOCK_SD_S` before any."""
         return self._newest_s, self._newest_sd_s
 
     @property

@@ -1,0 +1,116 @@
+"""``tactiled detect FILE``: the science without the daemon, on recordings and on other people's logs."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, load_array
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.errors import ConfigError, DataError
+from tactiled.events.codec import to_map
+from tactiled.events.types import Event, ScanEvent
+from tactiled.pipeline import Pipeline, PipelineParams, check_hello
+from tactiled.recording.raw import read_raw, read_source
+from tactiled.recording.table import read_table, to_blocks
+from tactiled.tomlfile import parse
+from tactiled.wire.frames import Hello
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class Log:
+    """A file while it is run through the detectors: what was measured, what was found.
+
+    Attributes
+    ----------
+    time_s : list of float
+    volts : list of (channels,) float64
+    """
+
+    array: Array
+    time_s: list[float] = field(default_factory=list)
+    volts: list[FloatArray] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+
+def detect_file(
+    path: Path,
+    array: str | None = None,
+    rate_hz: float | None = None,
+    speed_mm_s: float | None = None,
+    setting: str | None = None,
+    plot: Path | None = None,
+) -> int:
+    """Print every event of a file as a JSON line; returns how many there were.
+
+    Raises
+    ------
+    DataError, ConfigError
+        The file, the array or a parameter is not what it should be.
+    """
+    params = _params(speed_mm_s, setting)
+    if path.suffix == ".mcap":
+        if array is not None or rate_hz is not None:
+            fault = "--array and --rate are for tables; a recording knows its own"
+            raise ConfigError("command line", [fault])
+        log = Log(read_source(path).array)
+        found = _run_recording(path, log, params)
+    elif path.suffix in (".csv", ".npz"):
+        log = Log(load_array(array or "wang2019-3x3"))
+        found = _run_table(path, log, rate_hz, params)
+    else:
+        raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
+    seqs: dict[str, int] = {}
+    for event in found:
+        seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
+        message = to_map(event, seq=seq, board=path.stem, unix_offset_s=0.0)
+        click.echo(json.dumps({"topic": event.topic, **message}, allow_nan=False))
+        log.events.append(event)
+    if plot is not None:
+        from tactiled.bench.pictures import draw_log
+
+        draw_log(plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name)
+    return len(log.events)
+
+
+def _run_recording(path: Path, log: Log, params: DetectParams) -> Iterator[Event]:
+    """Bytes through the very pipeline that runs live."""
+    layout = read_source(path).layout
+    pipeline = Pipeline(layout, log.array, PipelineParams(detect=params))
+    for arrival_s, data in read_raw(path):
+        for output in pipeline.receive_data(data, arrival_s):
+            if isinstance(output, ScanEvent):
+                log.time_s.append(output.time_s)
+                log.volts.append(np.array(output.volts))
+            elif isinstance(output, Event):
+                yield output
+            elif isinstance(output, Hello) and (fault := check_hello(output, layout, log.array)):
+                raise DataError(f"{path}: {fault}")
+    if not log.time_s:
+        raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
+
+
+def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams) -> Iterator[Event]:
+    """Rows of a log as one block between any two holes."""
+    time_s, volts = read_table(path)
+    if volts.shape[1] != log.array.n_channels:
+        raise DataError(
+            f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
+            f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml"
+        )
+    log.time_s, log.volts = time_s.tolist(), list(volts)
+    suite = build_suite(log.array, params)
+    for item in to_blocks(time_s, volts, rate_hz, log.array.full_scale_volts):
+        yield from suite.process(item)
+
+
+def _params(speed_mm_s: float | None, setting: str | None) -> DetectParams:
+    texture = {} if speed_mm_s is None else {"speed_mm_s": abs(speed_mm_s)}
+    named = {} if setting is None else {"setting": setting}
+    return parse({"wang2019": {"texture": texture}, **named}, DetectParams, "command line")
