@@ -1,5 +1,7 @@
 """The board's firmware, sans-I/O: bytes and instants in, frames with the instant they are ready out.
 
+What ``protocols/board.md`` asks of a board:
+
 ::
 
     off --power_up--> boot --50 ms--> idle (hello at once, then each second)
@@ -9,7 +11,8 @@ A layout without commands runs from the end of boot. Rules:
 
 1. A command is answered in any state after boot, also when it changes nothing: start while running and
    stop while idle are ``ok``. A type that the layout does not know is ``unknown_command``.
-2. A command repeated with its token (the answer was lost) is answered the same and not done again.
+2. A command repeated with its token (the answer was lost) is answered the same and not done again; only
+   the hello that `identify` asks for is said again.
 3. ``set_rate`` holds at once, running or idle; a rate whose frames do not fit the line, or that leaves no
    time to sample all channels, is a ``bad_argument``.
 4. The sequence counts every scan instant since power-up, missed ones included; a scan that ``stop``,
@@ -152,6 +155,8 @@ class Board:
         for item in self._decoder.feed(data):
             if isinstance(item, Command):
                 result = self._answers.get(item) or self._obey(item, now_s)
+                if item.name == "identify":
+                    self._say_hello(now_s)
                 self._answers = {item: result}  # only the newest: the host has one command under way
                 if self._layout.has("acknowledge") and result in self._layout.file.results:
                     self._say(Acknowledge(item.token, item.name, result, self._ticks(now_s)), now_s)
@@ -199,17 +204,16 @@ class Board:
             if self._scanning is None:
                 self._start(now_s)
         elif command.name == "stop":
-            self._scanning = None
-            self._next_hello_s = now_s + HELLO_PERIOD_S
+            if self._scanning is not None:
+                self._scanning = None
+                self._next_hello_s = now_s + HELLO_PERIOD_S
         elif command.name == "set_rate":
             if command.rate_hz is None or not self._fits(command.rate_hz):
                 return "bad_argument"
             self._rate_hz = command.rate_hz
             if self._scanning is not None:
                 self._scan_from(now_s)
-        elif command.name == "identify":
-            self._say_hello(now_s)
-        elif command.name != "ping":
+        elif command.name not in ("ping", "identify"):
             return "unknown_command"
         return "ok"
 

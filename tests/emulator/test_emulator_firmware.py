@@ -46,6 +46,7 @@ class Bench:
         self._encoder = Encoder(layout)
         self._decoder = Decoder(layout)
         self.ready_s: list[float] = []
+        self.hello_s: list[float] = []
 
     def until(self, after_s: float) -> list[Frame]:
         """Frames up to `after_s` seconds after power-up."""
@@ -54,6 +55,8 @@ class Bench:
             (frame,) = self._decoder.feed(out.data)
             assert not hasattr(frame, "n_bytes"), "the board sent something corrupt"
             self.ready_s.append(out.ready_s - ORIGIN_S)
+            if isinstance(frame, Hello):
+                self.hello_s.append(self.ready_s[-1])
             frames.append(frame)
         return frames
 
@@ -137,6 +140,23 @@ def test_identify_says_hello_also_while_running() -> None:
     frames = bench.until(1.001)
     assert sorted(kinds(frames)) == ["Acknowledge", "Hello"]
     assert next(f for f in frames if isinstance(f, Hello)).streaming
+
+
+def test_identify_repeated_says_hello_again() -> None:
+    bench = Bench()
+    bench.until(0.5)
+    for _ in range(2):
+        bench.board.receive(Encoder(V1).encode(Command("identify", 5)), ORIGIN_S + 0.6)
+        assert sorted(kinds(bench.until(0.6))) == ["Acknowledge", "Hello"]
+
+
+def test_stop_while_idle_changes_nothing() -> None:
+    bench = Bench()
+    bench.until(0.5)
+    for k in range(30):
+        bench.ask(0.5 + 0.1 * k, "stop", k)
+    bench.until(4.0)
+    assert bench.hello_s == pytest.approx([0.05, 1.05, 2.05, 3.05])
 
 
 def test_a_repeated_token_is_answered_the_same_and_not_done_again() -> None:

@@ -1,0 +1,255 @@
+"""The emulator in real time: pty, TCP, unplugging, signals. No tight timing: the machine may be busy."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactiled.emulator.faults import FaultParams
+from tactiled.emulator.links import PtyLink, TcpLink, make_link
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.shell import Emulator, run_emulator
+from tactiled.errors import ConfigError
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
+from tactiled.wire.layout import Layout, compile_layout, load_layout
+
+V1 = load_layout("board-v1")
+DEMO = load_scene("demo")
+START = Encoder(V1).encode(Command("start", 1))
+PATIENCE_S = 10.0
+
+Reports = list[dict[str, Any]]
+
+
+@contextlib.contextmanager
+def running(link: PtyLink | TcpLink, layout: Layout = V1, **options: Any) -> Iterator[Reports]:
+    """An emulator in a thread; yields what it reports."""
+    reports: Reports = []
+    emulator = Emulator(DEMO, layout, link, report=reports.append, **options)
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        wait_for(lambda: bool(reports), "ready")
+        yield reports
+    finally:
+        emulator.stop()
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"no {what} within {PATIENCE_S} s"
+        time.sleep(0.005)
+
+
+def what(reports: Reports, kind: str) -> Reports:
+    return [report for report in reports if report["what"] == kind]
+
+
+class Host:
+    """The host's end of a port, as a descriptor."""
+
+    def __init__(self, fd: int) -> None:
+        self.fd = fd
+        self._decoder = Decoder(V1)
+
+    def start(self) -> None:
+        """Wait for the hello: a board that boots hears nothing. Then start it."""
+        self.read(lambda items: any(isinstance(item, Hello) for item in items))
+        os.write(self.fd, START)
+
+    def read(self, enough: Callable[[list[Any]], bool]) -> list[Any]:
+        """Frames until there are enough; an empty read ends, as for a port that is gone."""
+        items: list[Any] = []
+        deadline = time.monotonic() + PATIENCE_S
+        while not enough(items):
+            assert select.select([self.fd], [], [], max(0.0, deadline - time.monotonic()))[0], items
+            try:
+                data = os.read(self.fd, 4096)
+            except OSError:
+                data = b""
+            if not data:
+                return items
+            items += self._decoder.feed(data)
+        return items
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Host]:
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        yield Host(fd)
+    finally:
+        os.close(fd)
+
+
+def scans(items: list[Any]) -> list[Scan]:
+    return [item for item in items if isinstance(item, Scan)]
+
+
+def test_a_pty_under_its_link_is_paced_by_the_clock(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    with running(PtyLink(link), with_scans=True) as reports, opened(link) as host:
+        host.start()
+        before_s = time.monotonic()
+        items = host.read(lambda items: len(scans(items)) >= 100)
+        took_s = time.monotonic() - before_s
+    assert isinstance(items[0], Acknowledge)
+    assert [s.sequence for s in scans(items)][:100] == list(range(100))
+    assert 0.9 < took_s < 3.0  # 100 scans at 100 Hz, on whatever machine this is
+    (scene,) = what(reports, "scene")
+    assert abs(scene["t0_s"] - before_s) < 1.0
+    assert scene["slips"][0]["onset_s"] == scene["t0_s"] + 6.0
+    truths = what(reports, "scan")
+    assert truths[0]["began_s"] == pytest.approx(scene["t0_s"])
+    assert [t["sequence"] for t in truths] == list(range(len(truths)))
+    json.dumps(reports)
+    assert not os.path.lexists(link)
+    assert what(reports, "end")[0]["counts"]["frames_damaged"] == 0
+
+
+def test_unplugging_closes_the_port_and_brings_it_back_under_the_same_name(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 0.5}], "unplug_s": 0.5})
+    with running(PtyLink(link), faults=faults) as reports:
+        with opened(link) as host:
+            host.start()
+            first = scans(host.read(lambda _: False))  # until the port is gone
+        wait_for(lambda: bool(what(reports, "unplugged")), "unplugging")
+        wait_for(lambda: bool(what(reports, "plugged")), "replugging")
+        with opened(link) as host:
+            again = scans(host.read(lambda items: len(scans(items)) > 5))
+    assert first
+    assert again[0].sequence > first[-1].sequence + 20  # the board ran on meanwhile
+    assert [report["what"] for report in reports if report["what"] != "scene"] == [
+        "ready", "unplugged", "plugged", "end",
+    ]  # fmt: skip
+    assert not os.path.lexists(link)
+
+
+def test_a_host_that_does_not_read_blocks_nothing(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    # A line this fast is no bottleneck: what does not go out is what the pty does not take.
+    fast = compile_layout(V1.file.model_copy(update={"baud": 100_000_000}))
+    with running(PtyLink(link), layout=fast, with_scans=True) as reports, opened(link) as host:
+        host.start()
+        wait_for(lambda: bool(what(reports, "scene")), "scene")
+        # Each hello is 140 bytes, and nobody reads: far more than any pty holds.
+        identify = b"".join(Encoder(V1).encode(Command("identify", token)) for token in range(200))
+        for _ in range(5):
+            os.write(host.fd, identify)
+        wait_for(lambda: len(what(reports, "scan")) > 100, "scans meanwhile")
+    counts = what(reports, "end")[0]["counts"]
+    assert counts["bytes_in"] > 5 * 200 * 140
+    assert counts["bytes_overflowed"] > 0
+
+
+def test_hosts_come_and_go_on_a_pty(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    with running(PtyLink(link)):
+        with opened(link) as host:
+            host.start()
+            last = scans(host.read(lambda items: len(scans(items)) > 3))[-1]
+        with opened(link) as host:
+            tty.setraw(host.fd)
+            later = scans(host.read(lambda items: len(scans(items)) > 3))[-1]
+    assert later.sequence > last.sequence
+
+
+def test_a_tcp_port_serves_one_host_at_a_time() -> None:
+    with running(TcpLink("127.0.0.1", 0)) as reports:
+        port = int(reports[0]["link"].rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            host = Host(connection.fileno())
+            host.start()
+            assert len(scans(host.read(lambda items: len(scans(items)) >= 5))) >= 5
+            with socket.create_connection(("127.0.0.1", port)) as second:
+                second.settimeout(PATIENCE_S)
+                assert second.recv(10) == b""
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            assert scans(Host(connection.fileno()).read(lambda items: len(scans(items)) > 0))
+
+
+def test_unplugging_a_tcp_port_hangs_up_and_listens_again() -> None:
+    faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 0.4}], "unplug_s": 0.3})
+    with running(TcpLink("127.0.0.1", 0), faults=faults) as reports:
+        port = int(reports[0]["link"].rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            Host(connection.fileno()).read(lambda _: False)
+        wait_for(lambda: bool(what(reports, "plugged")), "replugging")
+        assert what(reports, "plugged")[0]["link"] == reports[0]["link"]
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            host = Host(connection.fileno())
+            host.start()
+            assert scans(host.read(lambda items: len(scans(items)) > 0))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly(tmp_path: Path, number: signal.Signals) -> None:
+    link = tmp_path / "board"
+    program = (
+        "import json, sys; from pathlib import Path\n"
+        "from tactiled.emulator.scene import load_scene\n"
+        "from tactiled.emulator.shell import run_emulator\n"
+        "from tactiled.wire.layout import Layout, compile_layout, load_layout\n"
+        "run_emulator(load_scene('rest'), load_layout('board-v1'), link=Path(sys.argv[1]),\n"
+        "             report=lambda report: print(json.dumps(report), flush=True))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, str(link)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert json.loads(process.stdout.readline())["what"] == "ready"
+    assert link.is_symlink()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert err == ""
+    assert json.loads(out.splitlines()[-1])["what"] == "end"
+    assert not os.path.lexists(link)
+
+
+def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    link.symlink_to(tmp_path / "gone")
+    with running(PtyLink(link)):
+        assert str(link.readlink()).startswith("/dev/")
+    link.write_text("precious")
+    with pytest.raises(ConfigError, match="is no symbolic link"):
+        run_emulator(DEMO, V1, link=link, report=lambda _: None)
+    assert link.read_text() == "precious"
+    with pytest.raises(ConfigError, match="No such file"):
+        run_emulator(DEMO, V1, link=tmp_path / "no" / "folder", report=lambda _: None)
+
+
+@pytest.mark.parametrize("tcp", ["127.0.0.1", "tcp://:99", "tcp://127.0.0.1:http", "tcp://127.0.0.1:70000"])
+def test_addresses_of_another_form_are_refused(tcp: str) -> None:
+    with pytest.raises(ConfigError, match="tcp://HOST:PORT"):
+        make_link(None, tcp)
+
+
+def test_a_link_and_an_address_together_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not both"):
+        make_link(tmp_path / "board", "tcp://127.0.0.1:9999")
+
+
+def test_an_address_in_use_is_refused() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"cannot listen on 127.0.0.1:{port}"):
+            run_emulator(DEMO, V1, tcp=f"tcp://127.0.0.1:{port}", report=lambda _: None)
