@@ -94,10 +94,7 @@ class Connection:
         finally:
             self._port = self._gone = None
             port.detach()
-            if port.is_blocking:
-                await asyncio.to_thread(port.close)
-            else:
-                port.close()
+            await asyncio.to_thread(port.close)
 
     def _leave(self, reason: str) -> None:
         if self._gone is not None and not self._gone.done():

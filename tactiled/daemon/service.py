@@ -92,7 +92,7 @@ class Service:
         self._clock = EpochClock()
         self._publisher = Publisher(params.publish)
         self._notifier = Notifier()
-        self._said = ("", "")
+        self._said = (self._session.state, self._session.reason(0.0))
         self._timer: asyncio.TimerHandle | None = None
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s

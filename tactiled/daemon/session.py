@@ -106,7 +106,7 @@ class Session:
         if (assumed := self._layout.file.assumed_hello) is not None:
             fields = assumed.model_dump() | {"channel_offset_s": tuple(assumed.channel_offset_s)}
             self.hello = Hello(protocol_version=self._layout.file.protocol_version, **fields)
-        self.lost("not opened yet")
+        self.lost("opening the port")
 
     def configure(self, params: SessionParams) -> None:
         """Take new parameters; the board is asked again who it is, and what follows from that is done."""

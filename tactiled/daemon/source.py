@@ -105,7 +105,7 @@ class Port:
         return written == len(data)
 
     def close(self) -> None:
-        """Close the port; may take a moment where it is remote, so run it in a thread there."""
+        """Close the port; `detach` first, then call it in a thread: sockets sleep a moment here."""
         self.detach()
         if self._thread is not None:
             self._thread.join(2 * _POLL_S)
@@ -114,11 +114,6 @@ class Port:
             self._device.reset_output_buffer()
         with contextlib.suppress(serial.SerialException, OSError, termios.error):
             self._device.close()
-
-    @property
-    def is_blocking(self) -> bool:
-        """Whether closing may take seconds (a port that lives in pyserial's own threads)."""
-        return self._fd is None
 
     def _readable(self, fd: int) -> None:
         try:

@@ -1,0 +1,196 @@
+"""The publisher with real sockets: two frames, numbers, binds refused or explained."""
+
+import os
+import socket
+import stat
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+
+from tactiled import tomlfile
+from tactiled.daemon.publisher import Publisher, PublishParams, runtime_directory
+from tactiled.errors import ConfigError, OperatorError
+from tactiled.events.types import ContactEvent, ScanEvent
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def scan(index: int) -> ScanEvent:
+    return ScanEvent(
+        time_s=10.0 + 0.01 * index,
+        index=index,
+        volts=(0.5,) * 36,
+        valid=(True,) * 36,
+        time_sd_s=0.0,
+        age_s=0.001,
+        late=False,
+    )
+
+
+CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
+
+
+@contextmanager
+def subscriber(endpoint: str) -> Iterator["zmq.Socket[Any]"]:
+    with zmq.Context() as context, context.socket(zmq.SUB) as sub:
+        sub.linger = 0
+        sub.rcvtimeo = 5000
+        sub.subscribe("")
+        sub.connect(endpoint)
+        yield sub
+
+
+def until_heard(publisher: Publisher, sub: "zmq.Socket[Any]") -> None:
+    """Wait for the subscription: PUB drops what comes before it."""
+    deadline_s = time.monotonic() + 5
+    while not sub.poll(10):
+        assert time.monotonic() < deadline_s
+        publisher.send(CONTACT, board="warm-up", unix_offset_s=0.0)
+    while sub.poll(50):
+        sub.recv_multipart()
+
+
+@pytest.fixture
+def ipc(tmp_path: Path) -> Iterator[tuple[Publisher, str]]:
+    endpoint = f"ipc://{tmp_path}/e.ipc"
+    publisher = Publisher(PublishParams(endpoints=(endpoint,)))
+    yield publisher, endpoint
+    publisher.close()
+
+
+def test_a_message_is_two_frames_numbered_by_board_and_topic(ipc: tuple[Publisher, str]) -> None:
+    publisher, endpoint = ipc
+    with subscriber(endpoint) as sub:
+        until_heard(publisher, sub)
+        for board in ("TS0001", "TS0001", "TS0002"):
+            publisher.send(scan(0), board=board, unix_offset_s=1000.0)
+            publisher.send(CONTACT, board=board, unix_offset_s=1000.0)
+        got = [sub.recv_multipart() for _ in range(6)]
+    assert [len(parts) for parts in got] == [2] * 6
+    assert [topic.decode() for topic, _ in got[::2]] == ["tactile/TS0001/scan"] * 2 + ["tactile/TS0002/scan"]
+    assert [msgpack.unpackb(payload)["seq"] for _, payload in got] == [0, 0, 1, 1, 0, 0]
+    assert msgpack.unpackb(got[0][1])["timestamp"] == 1010.0
+
+
+def test_a_subscriber_that_sleeps_never_holds_up_the_publisher_or_the_others(
+    ipc: tuple[Publisher, str],
+) -> None:
+    publisher, endpoint = ipc
+    with subscriber(endpoint) as sleeper, subscriber(endpoint) as awake:
+        until_heard(publisher, sleeper)
+        until_heard(publisher, awake)
+        numbers = []
+        for index in range(10_000):  # 80 s of scans, far above what is queued for one
+            publisher.send(scan(index), board="TS0001", unix_offset_s=0.0)
+            if index % 100 == 99:
+                numbers += [msgpack.unpackb(awake.recv_multipart()[1])["seq"] for _ in range(100)]
+        slept = []
+        while sleeper.poll(100):
+            slept.append(msgpack.unpackb(sleeper.recv_multipart()[1])["seq"])
+    assert numbers == list(range(10_000))
+    assert slept[:2000] == list(range(2000))  # the queue that we promise, and then a gap that shows
+    assert slept == sorted(set(slept))
+
+
+def test_queued_events_leave_before_the_socket_closes(tmp_path: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/e.ipc"
+    publisher = Publisher(PublishParams(endpoints=(endpoint,)))
+    with subscriber(endpoint) as sub:
+        until_heard(publisher, sub)
+        for index in range(500):
+            publisher.send(scan(index), board="TS0001", unix_offset_s=0.0)
+        publisher.close()
+        assert [msgpack.unpackb(sub.recv_multipart()[1])["index"] for _ in range(500)] == list(range(500))
+
+
+def test_a_dead_subscriber_does_not_delay_the_end(tmp_path: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/e.ipc"
+    publisher = Publisher(PublishParams(endpoints=(endpoint,)))
+    with subscriber(endpoint) as sleeper:
+        until_heard(publisher, sleeper)
+        for index in range(20_000):
+            publisher.send(scan(index), board="TS0001", unix_offset_s=0.0)
+        publisher.close()  # would hang here for ever without the linger limit
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp://0.0.0.0:9872", "tcp://*:9872", "tcp://[::]:9872", "tcp://192.168.1.5:9872", "tcp://robot:9872",
+     "tcp://eth0:9872"],
+)  # fmt: skip
+def test_what_others_can_reach_is_refused_unless_meant(endpoint: str) -> None:
+    with pytest.raises(ConfigError, match=r"can be reached from other hosts.*allow_plaintext_on_network"):
+        tomlfile.parse({"endpoints": [endpoint]}, PublishParams, "t.toml")
+    tomlfile.parse({"endpoints": [endpoint], "allow_plaintext_on_network": True}, PublishParams, "t.toml")
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:1", "tcp://localhost:1", "tcp://[::1]:1", "ipc:///x"])
+def test_what_only_this_host_can_reach_is_allowed(endpoint: str) -> None:
+    assert PublishParams(endpoints=(endpoint,)).endpoints == (endpoint,)
+
+
+@pytest.mark.parametrize("endpoint", ["9872", "udp://127.0.0.1:1", "inproc://x", "tcp://"])
+def test_what_is_no_endpoint_is_refused(endpoint: str) -> None:
+    with pytest.raises(ConfigError, match="not an endpoint"):
+        tomlfile.parse({"endpoints": [endpoint]}, PublishParams, "t.toml")
+
+
+def test_two_daemons_on_one_tcp_port_get_a_clear_line() -> None:
+    endpoint = f"tcp://127.0.0.1:{free_port()}"
+    first = Publisher(PublishParams(endpoints=(endpoint,)))
+    with pytest.raises(OperatorError, match=r"in use, by another tactiled perhaps .*ss -tlnp.*endpoints"):
+        Publisher(PublishParams(endpoints=(endpoint,)))
+    first.close()
+
+
+def test_two_daemons_on_one_ipc_path_get_a_clear_line_and_a_stale_file_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "e.ipc"
+    params = PublishParams(endpoints=(f"ipc://{path}",))
+    first = Publisher(params)
+    with pytest.raises(OperatorError, match="in use by another tactiled"):
+        Publisher(params)
+    first.close()
+    path.unlink(missing_ok=True)
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(path))  # what a killed daemon leaves
+    Publisher(params).close()
+
+
+def test_what_cannot_be_bound_is_explained(tmp_path: Path) -> None:
+    with pytest.raises(OperatorError, match="cannot be bound"):
+        Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/no/such/folder/e.ipc",)))
+    with pytest.raises(ConfigError, match="107 bytes"):
+        Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/{'x' * 120}",)))
+
+
+def test_the_runtime_directory_is_that_of_systemd_of_the_session_or_our_own(tmp_path: Path) -> None:
+    assert runtime_directory({"RUNTIME_DIRECTORY": "/run/tactiled/a:/run/b"}) == Path("/run/tactiled/a")
+    ours = runtime_directory({"XDG_RUNTIME_DIR": str(tmp_path)})
+    assert ours == tmp_path / "tactiled"
+    assert stat.S_IMODE(ours.stat().st_mode) == 0o700
+    assert runtime_directory({}) == Path(f"/tmp/tactiled-{os.getuid()}")
+
+
+def test_a_runtime_directory_of_someone_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "tactiled").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OperatorError, match="belongs to someone else"):
+        runtime_directory({"XDG_RUNTIME_DIR": str(tmp_path)})
+
+
+def test_the_placeholder_stands_for_the_runtime_directory(tmp_path: Path) -> None:
+    params = PublishParams(endpoints=("ipc://{runtime}/events.ipc",))
+    publisher = Publisher(params, {"RUNTIME_DIRECTORY": str(tmp_path)})
+    assert (tmp_path / "events.ipc").is_socket()
+    publisher.close()

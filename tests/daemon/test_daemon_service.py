@@ -1,0 +1,388 @@
+"""The whole daemon in this process: a board on a real pty, a subscriber on a real socket."""
+
+import asyncio
+import itertools
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+import zmq.asyncio
+from boards import LAYOUT, PtyBoard, SimBoard, descriptors
+
+from tactiled.array import load_array
+from tactiled.daemon import service as service_module
+from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.service import Service, ServiceParams, serve
+from tactiled.daemon.session import SessionParams
+from tactiled.daemon.source import PortParams
+from tactiled.errors import ConfigError
+from tactiled.pipeline import Pipeline
+
+ARRAY = load_array("wang2019-3x3")
+Row = dict[str, Any]
+
+
+class Daemon:
+    """A service with what it published, newest last, by topic."""
+
+    def __init__(self, tmp_path: Path, **session: Any) -> None:
+        self.link = tmp_path / "board"
+        self.endpoint = f"ipc://{tmp_path}/events.ipc"
+        self.params = ServiceParams(
+            port=PortParams(url=str(self.link)),
+            session=SessionParams(**session),
+            publish=PublishParams(endpoints=(self.endpoint,)),
+        )
+        self.pipeline = Pipeline(LAYOUT, ARRAY)
+        self.heard: dict[str, list[Row]] = {}
+        self._changed = asyncio.Event()
+
+    def rows(self, topic: str) -> list[Row]:
+        return self.heard.get(topic, [])
+
+    @property
+    def status(self) -> Row:
+        return self.rows("status")[-1]
+
+    async def listen(self) -> None:
+        context = zmq.asyncio.Context()
+        sub = context.socket(zmq.SUB)
+        sub.subscribe("")
+        sub.connect(self.endpoint)
+        try:
+            while True:
+                topic, payload = await sub.recv_multipart()
+                self.heard.setdefault(topic.decode().rsplit("/", 1)[-1], []).append(msgpack.unpackb(payload))
+                self._changed.set()
+        finally:
+            sub.close(0)
+            context.term()
+
+    async def until(self, condition: Callable[[], bool], what: str) -> None:
+        try:
+            async with asyncio.timeout(8):
+                while not condition():
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            raise AssertionError(f"never: {what}; last status {self.rows('status')[-1:]}") from None
+
+    async def until_state(self, state: str, words: str = "") -> None:
+        await self.until(
+            lambda: (
+                bool(self.rows("status")) and self.status["state"] == state and words in self.status["reason"]
+            ),
+            f"{state} {words}",
+        )
+
+    async def until_scans(self, n: int = 3) -> None:
+        goal = len(self.rows("scan")) + n
+        await self.until(lambda: len(self.rows("scan")) >= goal, f"{n} scans")
+
+
+def play(daemon: Daemon, story: Callable[[Service], Awaitable[None]]) -> None:
+    """Run the service beside a story; nothing may be left over."""
+
+    async def main() -> None:
+        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY)
+        listening = asyncio.create_task(daemon.listen())
+        serving = asyncio.create_task(service.run())
+        try:
+            await asyncio.sleep(0)
+            telling = asyncio.ensure_future(story(service))
+            await asyncio.wait([telling, serving], return_when=asyncio.FIRST_COMPLETED)
+            if serving.done() and not telling.done():
+                telling.cancel()
+                await serving
+            await telling
+        finally:
+            service.stop()
+            await serving
+            await asyncio.sleep(0.05)
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    before = descriptors()
+    threads = set(threading.enumerate())
+    asyncio.run(main())
+    assert descriptors() == before
+    assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]
+
+
+def test_scans_status_and_info_of_a_board(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+        await daemon.until_scans(20)
+        await daemon.until(lambda: bool(daemon.rows("info")), "info")
+
+    with PtyBoard(daemon.link) as board:
+        play(daemon, story)
+        assert not board.sim.streaming  # told to stop when we left
+    scans = daemon.rows("scan")
+    assert [b["index"] - a["index"] for a, b in itertools.pairwise(scans)] == [1] * (len(scans) - 1)
+    assert scans[-1]["volts"] == [pytest.approx(1000 * 3.0 / 4096)] * 36
+    assert abs(scans[-1]["timestamp"] - time.time()) < 8
+    running = [row for row in daemon.rows("status") if row["state"] == "running"]
+    assert running[-1]["valid"]
+    assert running[-1]["age_s"] < 0.1
+    assert running[-1]["board"] == "TS0001"
+    last = daemon.status
+    assert (last["state"], last["valid"], last["reason"]) == ("no-device", False, "tactiled is stopping")
+    assert last["bytes_in"] == last["bytes_framed"] + last["bytes_discarded"] + last["bytes_pending"]
+    assert daemon.rows("info")[0]["board_serial"] == "TS0001"
+    assert len(daemon.rows("info")[0]["channel_names"]) == 36
+
+
+def test_unplug_and_replug_restore_rate_and_start(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path, rate_hz=200.0)
+
+    async def story(_: Service) -> None:
+        with PtyBoard(daemon.link) as board:
+            await daemon.until_state("running")
+            assert board.sim.rate_hz == 200.0
+            for turn in range(3):
+                await asyncio.to_thread(board.unplug)
+                await daemon.until_state("no-device")
+                assert not daemon.status["valid"]
+                board.sim.reboot()
+                await asyncio.to_thread(board.plug)
+                await daemon.until_state("running")
+                await daemon.until_scans()
+                assert (board.sim.rate_hz, board.sim.streaming) == (200.0, True)
+                assert daemon.status["connects"] == turn + 2
+
+    play(daemon, story)
+
+
+def test_a_missing_port_is_said_and_retried(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("no-device", "no such port")
+        await asyncio.sleep(0.2)
+        assert daemon.status["board"] == ""
+        assert daemon.status["age_s"] > 0.1
+        with PtyBoard(daemon.link):
+            await daemon.until_state("running")
+
+    play(daemon, story)
+
+
+def test_a_board_that_falls_silent_is_stalled_at_once_and_armed_again(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        with PtyBoard(daemon.link) as board:
+            await daemon.until_state("running")
+            await daemon.until_scans()
+            board.sim.streaming = False  # as after a reboot that nobody was told of
+            await daemon.until_state("stalled")
+            await daemon.until_state("running")
+            await daemon.until_scans()
+
+    play(daemon, story)
+    stalled = next(row for row in daemon.rows("status") if row["state"] == "stalled")
+    assert not stalled["valid"]
+    assert stalled["age_s"] >= 0.05
+
+
+def test_a_wrong_board_is_a_fault_and_its_scans_are_not_published(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path, board_serial="TS0001")
+    wrong = SimBoard(serial="TS0002")
+    wrong.streaming = True
+
+    async def story(_: Service) -> None:
+        with PtyBoard(daemon.link, wrong):
+            await daemon.until_state("fault", "board TS0002 is plugged in, board TS0001 is configured")
+            await asyncio.sleep(0.1)
+        assert daemon.rows("scan") == []
+        assert daemon.rows("info") == []
+        with PtyBoard(daemon.link):
+            await daemon.until_state("running")
+            await daemon.until_scans()
+
+    play(daemon, story)
+    assert {c.name for c in wrong.commands} == {"identify"}
+    assert {row["board"] for row in daemon.rows("status")} <= {"TS0001"}
+
+
+def test_noise_is_named_as_such(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    class Noisy(PtyBoard):
+        def _send(self, master: int, _: object) -> None:
+            os.write(master, b"\x55\xaa\x13" * 3)
+
+    sim = SimBoard()
+    sim.streaming = True
+
+    async def story(_: Service) -> None:
+        with Noisy(daemon.link, sim):
+            await daemon.until_state("syncing", "bytes arrive but no frame passes")
+
+    play(daemon, story)
+    assert "115200 configured" in next(r["reason"] for r in daemon.rows("status") if "frame" in r["reason"])
+
+
+def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(tmp_path)
+
+    def broken(_data: bytes, _now_s: float) -> list[Any]:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(daemon.pipeline, "receive_data", broken)
+
+    async def main() -> None:
+        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY)
+        with PtyBoard(daemon.link), pytest.raises(ZeroDivisionError, match="a bug"):
+            await service.run()
+
+    asyncio.run(asyncio.wait_for(main(), 8))
+
+
+def test_the_watchdog_is_fed_while_all_is_well_and_not_while_the_data_path_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(tmp_path)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+
+        def messages() -> list[str]:
+            got = []
+            while True:
+                try:
+                    got.append(manager.recv(4096).decode())
+                except BlockingIOError:
+                    return got
+
+        hung: list[list[str]] = []
+        real = daemon.pipeline.receive_data
+
+        def hang(data: bytes, now_s: float) -> list[Any]:
+            if not hung:
+                messages()
+                time.sleep(0.5)
+                hung.append(messages())
+            return list(real(data, now_s))
+
+        async def story(_: Service) -> None:
+            await asyncio.sleep(0.3)  # no board at all: the daemon is well nevertheless
+            got = messages()
+            assert got[0] == "READY=1"
+            assert got.count("WATCHDOG=1") >= 2
+            monkeypatch.setattr(daemon.pipeline, "receive_data", hang)
+            with PtyBoard(daemon.link):
+                await daemon.until_state("running")
+                messages()
+                await asyncio.sleep(0.3)
+                assert messages().count("WATCHDOG=1") >= 2
+
+        play(daemon, story)
+        assert hung == [[]]
+        assert messages()[-1].startswith("STATUS=") or messages() == []
+
+
+def test_reload_takes_what_it_can_and_says_what_it_cannot(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    daemon = Daemon(tmp_path)
+    other = tmp_path / "other"
+    new = [daemon.params]
+
+    def read_again() -> ServiceParams:
+        if not new:
+            raise ConfigError("t.toml", ["session.rate_hz: input should be greater than 0"])
+        return new[0]
+
+    async def main() -> None:
+        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, read_again)
+        listening = asyncio.create_task(daemon.listen())
+        serving = asyncio.create_task(service.run())
+        with PtyBoard(daemon.link) as board, PtyBoard(other, SimBoard(serial="TS0002")) as second:
+            await daemon.until_state("running")
+            new[0] = daemon.params.model_copy(update={"session": SessionParams(rate_hz=50.0)})
+            service.reload()
+            await daemon.until(lambda: board.sim.rate_hz == 50.0 and board.sim.streaming, "the new rate")
+            new.clear()
+            service.reload()
+            assert "configuration not reloaded" in caplog.text
+            new.append(
+                ServiceParams(
+                    port=PortParams(url=str(other)),
+                    publish=PublishParams(endpoints=("ipc:///elsewhere",)),
+                )
+            )
+            service.reload()
+            assert "restart tactiled" in caplog.text
+            await daemon.until(lambda: daemon.status["board"] == "TS0002", "the other port")
+            await daemon.until_state("running")
+            assert second.sim.streaming
+        service.stop()
+        await serving
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
+
+    with caplog.at_level(logging.INFO, "tactiled"):
+        asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_end_it_well(tmp_path: Path, number: signal.Signals) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def main() -> None:
+        with PtyBoard(daemon.link) as board:
+            serving = asyncio.create_task(serve(daemon.params, daemon.pipeline, LAYOUT, ARRAY))
+            while not board.sim.streaming:
+                await asyncio.sleep(0.01)
+            os.kill(os.getpid(), signal.SIGHUP)  # without a file to read again: noted, survived
+            await asyncio.sleep(0.05)
+            assert not serving.done()
+            os.kill(os.getpid(), number)
+            await asyncio.wait_for(serving, 5)
+            assert not board.sim.streaming
+
+    asyncio.run(main())
+
+
+def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service_module, "CLOCK_PERIOD_S", 0.1)
+    daemon = Daemon(tmp_path)
+
+    async def story(service: Service) -> None:
+        await daemon.until(lambda: bool(daemon.rows("status")), "a status")
+        real = time.time
+        monkeypatch.setattr(service._clock, "_wall", lambda: real() + 3600.0)
+        await daemon.until(lambda: daemon.status["timestamp"] > real() + 3590.0, "the new time")
+
+    play(daemon, story)
+
+
+def test_an_idle_daemon_does_not_spin(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until(lambda: len(daemon.rows("status")) >= 15, "15 statuses")
+
+    started = time.process_time()
+    play(daemon, story)
+    assert 14 <= len(daemon.rows("status")) <= 40
+    assert time.process_time() - started < 1.0 or sys.gettrace() is not None
