@@ -22,7 +22,7 @@ from tactiled.daemon.publisher import Publisher, PublishParams
 from tactiled.daemon.session import Session, SessionParams
 from tactiled.daemon.source import PortParams, check_url
 from tactiled.errors import TactiledError
-from tactiled.events.types import Event, ScanEvent
+from tactiled.events.types import BoardState, Event, ScanEvent
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
@@ -92,7 +92,7 @@ class Service:
         self._clock = EpochClock()
         self._publisher = Publisher(params.publish)
         self._notifier = Notifier()
-        self._said = (self._session.state, self._session.reason(0.0))
+        self._said: tuple[BoardState, str] = (self._session.state, self._session.reason(0.0))
         self._timer: asyncio.TimerHandle | None = None
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
@@ -212,7 +212,7 @@ class Service:
             if not self._end.done():
                 self._end.set_exception(error)
 
-    def _announce(self, state: str, reason: str, now_s: float) -> None:
+    def _announce(self, state: BoardState, reason: str, now_s: float) -> None:
         new_state = state != self._said[0]
         self._said = (state, reason)
         hello = self._session.hello

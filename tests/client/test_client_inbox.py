@@ -1,0 +1,278 @@
+"""What the inbox makes of messages and of silence, in simulated time."""
+
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.client import Fresh, Item, Lost, Malformed, Message, Restarted, Stale
+from tactiled.client.inbox import Inbox
+
+UNIX_S = 1.7e9  # offset of the wall clock to the monotonic one, here
+
+
+class Daemon:
+    """Messages of a daemon, as it would send them, and the inbox that reads them."""
+
+    def __init__(self, topics: tuple[str, ...] = (), board: str | None = None) -> None:
+        self.now_s = 1000.0
+        self.inbox = Inbox(topics, board, 0.5, self.now_s)
+        self.board = "TS0001"
+        self.restart()
+
+    def restart(self) -> None:
+        self.started_s = self.now_s
+        self.seq: dict[str, int] = {}
+
+    def make(self, topic: str, **fields: Any) -> list[bytes]:
+        seq = self.seq.get(topic, 0)
+        self.seq[topic] = seq + 1
+        message = {"v": 1, "timestamp": self.now_s + UNIX_S, "seq": seq, "board": self.board, **fields}
+        return [f"tactile/{self.board or '-'}/{topic}".encode(), msgpack.packb(message)]
+
+    def make_status(self, **fields: Any) -> list[bytes]:
+        known = {"state": "running", "valid": True, "reason": "", "age_s": 0.01}
+        return self.make("status", **known | {"uptime_s": self.now_s - self.started_s} | fields)
+
+    def read(self, parts: list[bytes]) -> list[Item]:
+        return self.inbox.receive(parts, self.now_s, self.now_s + UNIX_S)
+
+    def status(self, **fields: Any) -> list[Item]:
+        return self.read(self.make_status(**fields))
+
+    def wait(self, duration_s: float) -> list[Item]:
+        self.now_s += duration_s
+        return self.inbox.tick(self.now_s)
+
+    @property
+    def fresh(self) -> bool:
+        return self.inbox.is_fresh(self.now_s)
+
+
+def kinds(items: list[Item]) -> list[str]:
+    return [type(item).__name__ for item in items]
+
+
+def test_a_message_carries_what_was_sent() -> None:
+    daemon = Daemon()
+    (message,) = daemon.read(daemon.make("slip", state="onset"))
+    assert isinstance(message, Message)
+    assert (message.topic, message.board, message.seq) == ("slip", "TS0001", 0)
+    assert message.timestamp == 1000.0 + UNIX_S
+    assert message.data["state"] == "onset"
+
+
+def test_nothing_is_fresh_before_a_valid_status() -> None:
+    daemon = Daemon()
+    assert not daemon.fresh
+    assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
+    assert not daemon.fresh
+    assert kinds(daemon.status()) == ["Fresh", "Message"]
+    assert daemon.fresh
+    assert kinds(daemon.status()) == ["Message"]
+
+
+def test_silence_is_told_once_and_ends_with_a_status() -> None:
+    daemon = Daemon(topics=("slip",))
+    assert daemon.status() == [Fresh()]
+    assert daemon.wait(0.4) == []
+    assert daemon.inbox.deadline_s == pytest.approx(1000.5)
+    (stale,) = daemon.wait(0.1)
+    assert isinstance(stale, Stale)
+    assert stale.silent_s == pytest.approx(0.5)
+    assert daemon.inbox.deadline_s == math.inf
+    assert daemon.wait(10.0) == []
+    assert daemon.status() == [Fresh()]
+
+
+def test_a_client_that_hears_nothing_from_the_start_is_told_so() -> None:
+    daemon = Daemon()
+    assert kinds(daemon.wait(0.5)) == ["Stale"]
+
+
+@pytest.mark.parametrize("state", ["no-device", "syncing", "stalled", "fault"])
+def test_a_board_that_does_not_run_is_stale_with_its_reason(state: str) -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.status()
+    (stale,) = daemon.status(state=state, valid=False, reason="unplugged", age_s=3.0)
+    assert stale == Stale(f"{state}: unplugged", 3.0)
+    assert not daemon.fresh
+    assert daemon.status(state=state, valid=False, reason="unplugged") == []
+
+
+def test_after_a_sleep_the_backlog_is_stale_before_its_first_message() -> None:
+    daemon = Daemon(topics=("slip", "scan"))
+    daemon.status()
+    queued = [daemon.make("slip", state="onset")]
+    for _ in range(600):
+        daemon.now_s += 0.1
+        queued += [daemon.make("scan"), daemon.make_status()]
+    assert not daemon.fresh  # asked before anything was read
+    items = [item for parts in queued for item in daemon.read(parts)]
+    assert kinds(items[:2]) == ["Stale", "Message"]
+    fresh_at = kinds(items).index("Fresh")
+    behind = [item for item in items[:fresh_at] if isinstance(item, Message)]
+    assert all(daemon.now_s + UNIX_S - m.timestamp > 0.4 for m in behind)
+    assert kinds(items).count("Lost") == 0
+
+
+@given(lost=st.lists(st.integers(0, 5), min_size=1, max_size=30))
+def test_every_missing_number_is_counted(lost: list[int]) -> None:
+    daemon = Daemon(topics=("scan",))
+    daemon.read(daemon.make("scan"))
+    told = 0
+    for n in lost:
+        for _ in range(n):
+            daemon.make("scan")
+        items = daemon.read(daemon.make("scan"))
+        told += sum(item.count for item in items if isinstance(item, Lost))
+    assert told == daemon.inbox.lost == sum(lost)
+
+
+def test_joining_late_is_no_loss() -> None:
+    daemon = Daemon()
+    for _ in range(50):
+        daemon.make("scan")
+    assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
+
+
+def test_a_restart_is_told_by_numbers_that_begin_again() -> None:
+    daemon = Daemon(topics=("scan",))
+    for _ in range(5):
+        daemon.read(daemon.make("scan"))
+    daemon.restart()
+    assert kinds(daemon.read(daemon.make("scan"))) == ["Restarted", "Message"]
+    assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
+    assert daemon.inbox.lost == 0
+
+
+def test_a_restart_is_told_by_the_uptime_where_numbers_have_overtaken() -> None:
+    daemon = Daemon(topics=("slip",))
+    for _ in range(5):
+        daemon.now_s += 0.1
+        daemon.status()
+    daemon.now_s += 20.0
+    daemon.restart()
+    for _ in range(300):  # not heard: our connection came back late
+        daemon.now_s += 0.1
+        daemon.make_status()
+    items = daemon.status()
+    assert kinds(items) == ["Stale", "Restarted", "Fresh"]
+    assert daemon.inbox.lost == 0
+
+
+def test_a_step_of_the_wall_clock_is_no_restart() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.status()
+    daemon.now_s += 0.1
+    assert daemon.status(timestamp=daemon.now_s + UNIX_S + 3600.0) == []
+    assert daemon.fresh
+
+
+def test_boards_and_topics_are_chosen() -> None:
+    daemon = Daemon(topics=("slip",), board="TS0001")
+    assert kinds(daemon.read(daemon.make("slip"))) == ["Message"]
+    assert daemon.read(daemon.make("scan")) == []
+    daemon.board = "TS0002"
+    assert daemon.read(daemon.make("slip")) == []
+    daemon.board = ""  # a daemon that has not met its board yet
+    assert kinds(daemon.status(state="no-device", valid=False, reason="no such port")) == ["Stale"]
+
+
+GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001"}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [],
+        [b"tactile/b/slip"],
+        [b"tactile/b/slip", b"\x80", b"1721.5"],
+        [b"\xff\xfe", msgpack.packb(GOOD)],
+        [b"tactile/slip", msgpack.packb(GOOD)],
+        [b"tactile/b/slip", b""],
+        [b"tactile/b/slip", b"\xc1"],
+        [b"tactile/b/slip", b"\x91" * 100_000],
+        [b"tactile/b/slip", b"\xdf\xff\xff\xff\xff"],
+        [b"tactile/b/slip", msgpack.packb([1, 2])],
+        [b"tactile/b/slip", msgpack.packb({**GOOD, 1: 2})],
+        [b"tactile/b/slip", msgpack.packb({b"v": 1})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"v": 2})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"v": [1]})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": -1})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": 1.0})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": True})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": math.nan})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": "now"})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"board": None})],
+        [b"tactile/b/slip", msgpack.packb(GOOD) + b"\0"],
+    ],
+)  # fmt: skip
+def test_what_is_no_message_of_ours_is_reported(parts: list[bytes]) -> None:
+    inbox = Inbox((), None, 0.5, 0.0)
+    (item,) = inbox.receive(parts, 0.1, 1.0)
+    assert isinstance(item, Malformed)
+    assert inbox.malformed == 1
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text() | st.integers(0, 9), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+KEYS = ["v", "seq", "timestamp", "board", "valid", "uptime_s", "age_s", "state", "reason"]
+
+
+@given(
+    messages=st.lists(
+        st.tuples(
+            st.sampled_from([b"tactile/TS0001/status", b"tactile/TS0001/slip"]) | st.binary(max_size=30),
+            st.binary(max_size=60)
+            | st.dictionaries(st.sampled_from(KEYS), plain).map(lambda extra: msgpack.packb(GOOD | extra)),
+        ),
+        max_size=12,
+    )
+)
+def test_a_hostile_publisher_never_raises(messages: list[tuple[bytes, bytes]]) -> None:
+    inbox = Inbox((), None, 0.5, 0.0)
+    now_s = 0.0
+    for parts in messages:
+        now_s += 0.2
+        for item in inbox.receive(list(parts), now_s, 1.0 + now_s) + inbox.tick(now_s):
+            assert isinstance(item, Item)
+        assert inbox.is_fresh(now_s) in (True, False)
+
+
+def test_endless_new_boards_do_not_fill_the_memory() -> None:
+    daemon = Daemon()
+    for number in range(3000):
+        daemon.board = f"b{number}"
+        daemon.seq = {}
+        daemon.read(daemon.make_status())
+    assert daemon.inbox.malformed == 3000 - 1024
+
+
+def test_the_age_of_a_message_grows_while_it_is_held() -> None:
+    daemon = Daemon()
+    (message,) = daemon.inbox.receive(daemon.make("slip"), daemon.now_s, daemon.now_s + UNIX_S + 0.25)
+    assert isinstance(message, Message)
+    first = message.age_s
+    assert message.age_s >= first
+
+
+def test_restart_forgets_only_that_board() -> None:
+    daemon = Daemon()
+    daemon.read(daemon.make("scan"))
+    daemon.board = "TS0002"
+    daemon.seq = {}
+    for _ in range(3):
+        daemon.read(daemon.make("scan"))
+    daemon.seq = {}
+    assert Restarted("TS0002") in daemon.read(daemon.make("scan"))
+    daemon.board, daemon.seq = "TS0001", {"scan": 4}
+    assert Lost("scan", "TS0001", 3) in daemon.read(daemon.make("scan"))

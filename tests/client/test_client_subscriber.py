@@ -1,0 +1,260 @@
+"""Both kinds of subscription, and `listen`, against real sockets."""
+
+import asyncio
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+
+from tactiled.client import (
+    Client,
+    Fresh,
+    Item,
+    Lost,
+    Malformed,
+    Message,
+    Restarted,
+    Stale,
+    Subscription,
+    subscribe,
+)
+from tactiled.client.listen import listen
+from tactiled.errors import ConfigError
+
+
+class Publisher:
+    """A publisher in a thread: status at 20 Hz and a slip with each, until told otherwise."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.extra: list[list[bytes]] = []
+        self.silent = False
+        self.skip = 0
+        self._endpoint = endpoint
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        started_s, seq = time.monotonic(), 0
+        with zmq.Context() as context, context.socket(zmq.PUB) as pub:
+            pub.linger = 0
+            pub.bind(self._endpoint)
+            while not self._stop.wait(0.05):
+                if self.silent:
+                    continue
+                seq += self.skip
+                self.skip = 0
+                head = {"v": 1, "timestamp": time.time(), "seq": seq, "board": "TS0001"}
+                status = {"valid": True, "uptime_s": time.monotonic() - started_s, "age_s": 0.0}
+                pub.send_multipart([b"tactile/TS0001/status", msgpack.packb(head | status)])
+                pub.send_multipart([b"tactile/TS0001/slip", msgpack.packb(head | {"state": "onset"})])
+                while self.extra:
+                    pub.send_multipart(self.extra.pop())
+                seq += 1
+
+
+@pytest.fixture
+def endpoint(tmp_path: Path) -> str:
+    return f"ipc://{tmp_path}/e.ipc"
+
+
+@pytest.fixture
+def publisher(endpoint: str) -> Iterator[Publisher]:
+    running = Publisher(endpoint)
+    yield running
+    running.close()
+
+
+@contextmanager
+def limit(seconds: int = 10) -> Iterator[None]:
+    """Blocking reads have no timeout of their own: break them off."""
+
+    def out_of_time(*_: object) -> None:
+        raise AssertionError("it never came")
+
+    before = signal.signal(signal.SIGALRM, out_of_time)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+async def collect(client: Client, enough: Callable[[Item], bool]) -> list[Item]:
+    items: list[Item] = []
+    async with asyncio.timeout(10):
+        async for item in client:
+            items.append(item)
+            if enough(item):
+                break
+    return items
+
+
+def test_asyncio_client_from_fresh_over_loss_and_silence_to_restart(endpoint: str) -> None:
+    async def scenario() -> None:
+        publisher = Publisher(endpoint)
+        try:
+            async with Client(endpoint, topics=("slip",)) as client:
+                items = await collect(client, lambda item: isinstance(item, Message))
+                assert Fresh() in items or client.fresh
+                await collect(client, lambda _: client.fresh)
+                publisher.skip = 7
+                lost = (await collect(client, lambda item: isinstance(item, Lost)))[-1]
+                assert lost == Lost("status", "TS0001", 7)
+                publisher.silent = True
+                stale = (await collect(client, lambda item: isinstance(item, Stale)))[-1]
+                assert isinstance(stale, Stale)
+                assert not client.fresh
+                await asyncio.to_thread(publisher.close)
+                publisher = Publisher(endpoint)
+                items = await collect(client, lambda item: isinstance(item, Fresh))
+                assert Restarted("TS0001") in items
+                assert client.fresh
+        finally:
+            await asyncio.to_thread(publisher.close)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.usefixtures("publisher")
+def test_a_cancelled_wait_loses_nothing(endpoint: str) -> None:
+    async def scenario() -> None:
+        async with Client(endpoint, topics=("slip",)) as client:
+            seen: list[int] = []
+            while len(seen) < 10:
+                try:
+                    async with asyncio.timeout(0.013):
+                        item = await anext(client)
+                except TimeoutError:
+                    continue
+                if isinstance(item, Message):
+                    seen.append(item.seq)
+            assert seen == list(range(seen[0], seen[0] + 10))
+            assert client.lost == 0
+
+    asyncio.run(asyncio.wait_for(scenario(), 10))
+
+
+@pytest.mark.usefixtures("publisher")
+def test_blocking_iterator(endpoint: str) -> None:
+    with limit(), closing(subscribe(endpoint, topics=("slip",), board="TS0001")) as items:  # type: ignore[type-var]
+        messages = [item for item, _ in zip(items, range(12), strict=False) if isinstance(item, Message)]
+    assert len(messages) >= 8
+    assert {m.topic for m in messages} == {"slip"}
+    assert 0.0 <= messages[0].age_s < 10.0
+
+
+def test_a_wait_of_limited_length(endpoint: str) -> None:
+    with limit(), Subscription(endpoint, stale_after_s=0.1) as subscription:
+        began_s = time.monotonic()
+        assert isinstance(subscription.next_item(began_s + 5), Stale)
+        assert subscription.next_item(time.monotonic() + 0.05) is None
+        assert time.monotonic() - began_s >= 0.15
+
+
+def test_a_hostile_message_is_an_item_like_any_other(endpoint: str, publisher: Publisher) -> None:
+    with limit(), Subscription(endpoint, topics=("slip",)) as subscription:
+        while not isinstance(subscription.next_item(), Message):
+            pass
+        publisher.extra.append([b"tactile/TS0001/slip", b"\xc1\xff"])
+        while not isinstance(subscription.next_item(), Malformed):
+            pass
+        while not isinstance(subscription.next_item(), Message):
+            pass
+        assert subscription.malformed == 1
+
+
+@pytest.mark.parametrize("endpoint", ["9872", "tcp://127.0.0.1", "warp://x", ""])
+def test_what_is_no_endpoint_is_a_config_error(endpoint: str) -> None:
+    async def enter() -> None:
+        async with Client(endpoint):
+            pass
+
+    with pytest.raises(ConfigError, match=r"endpoint: .*it should look like tcp://127\.0\.0\.1:9872"):
+        Subscription(endpoint)
+    with pytest.raises(ConfigError, match="it should look like"):
+        asyncio.run(enter())
+
+
+@pytest.mark.usefixtures("publisher")
+def test_listen_prints_json_lines_until_it_has_its_count(endpoint: str) -> None:
+    out, err = io.StringIO(), io.StringIO()
+    with limit():
+        assert listen(endpoint, ("slip",), count=3, timeout_s=8, out=out, err=err) == 0
+    rows = [json.loads(line) for line in out.getvalue().splitlines()]
+    assert [row["topic"] for row in rows] == ["slip"] * 3
+    assert rows[0]["state"] == "onset"
+
+
+@pytest.mark.usefixtures("publisher")
+def test_listen_ends_when_the_time_is_up(endpoint: str) -> None:
+    out, err = io.StringIO(), io.StringIO()
+    with limit():
+        assert listen(endpoint, ("texture",), timeout_s=0.7, out=out, err=err) == 1
+        assert listen(endpoint, ("slip",), timeout_s=0.7, out=out, err=err) == 0
+        assert listen(endpoint, ("slip",), count=10_000, timeout_s=0.3, out=out, err=err) == 1
+    assert "0 messages in 0.7 s" in err.getvalue()
+    assert "fresh" in err.getvalue()
+
+
+def test_listen_says_what_json_cannot(endpoint: str, publisher: Publisher) -> None:
+    head: dict[str, Any] = {
+        "v": 1,
+        "timestamp": 1.0,
+        "seq": 0,
+        "board": "x",
+        "raw": b"\0",
+        "nan": float("nan"),
+    }
+    publisher.extra.append([b"tactile/x/slip", msgpack.packb(head)])
+    out, err = io.StringIO(), io.StringIO()
+    with limit():
+        publisher.extra.extend([[b"tactile/x/slip", msgpack.packb(head)]] * 3)
+        while "holds what JSON cannot say" not in err.getvalue():
+            listen(endpoint, ("slip",), timeout_s=0.3, out=out, err=err)
+            publisher.extra.extend([[b"tactile/x/slip", msgpack.packb(head)]] * 3)
+
+
+@pytest.mark.usefixtures("publisher")
+def test_listen_takes_a_reader_that_has_had_enough(endpoint: str) -> None:
+    code = f"import sys; from tactiled.client.listen import listen; sys.exit(listen({endpoint!r}, ('slip',)))"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        assert json.loads(child.stdout.readline())["topic"] == "slip"
+        child.stdout.close()
+        words = child.stderr.read()
+        assert child.wait(10) == 0
+    assert "Traceback" not in words
+    assert "Exception" not in words
+
+
+def test_the_client_is_light() -> None:
+    code = (
+        "import sys, tactiled.client, tactiled.client.listen;"
+        "print([m for m in ('numpy', 'scipy', 'pywt', 'pydantic', 'serial') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ}
+    )
+    assert done.stdout.strip() == "[]"
