@@ -21,14 +21,13 @@ A layout without commands runs from the end of boot. Rules:
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.emulator.crystal import Crystal
 from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.scanning import Scanning, ScanSource
+from tactiled.emulator.scanning import Scanning, ScanSource, ScanTruth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan
@@ -42,32 +41,11 @@ _LINE_SHARE = 0.95
 _SLOWEST_HZ = 0.1  # slower, and the host's stall watch has no meaning
 
 
-@dataclass(frozen=True, slots=True)
-class ScanTruth:
-    """What really happened at one scan instant.
-
-    Attributes
-    ----------
-    index : scan instants since the first power-up, this one not included; never wraps nor restarts
-    sequence : as on the wire
-    boot : boot count as in the hello
-    began_s : true instant, on the host's clock
-    sent : False where the board missed the instant (overrun)
-    """
-
-    index: int
-    sequence: int
-    boot: int
-    began_s: float
-    sent: bool
-
-
 class Outgoing(NamedTuple):
     """A frame and the true instant at which the board can begin to send it."""
 
     ready_s: float
     data: bytes
-    is_scan: bool
 
 
 class Board:
@@ -273,4 +251,4 @@ class Board:
         return self._crystal.ticks(self._crystal.board_s(now_s))
 
     def _say(self, frame: Frame, ready_s: float) -> None:
-        self._out.append(Outgoing(ready_s, self._encoder.encode(frame), isinstance(frame, Scan)))
+        self._out.append(Outgoing(ready_s, self._encoder.encode(frame)))

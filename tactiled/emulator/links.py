@@ -11,6 +11,7 @@ from typing import Protocol
 from tactiled.errors import ConfigError
 
 _READ_BYTES = 4096
+_MOST_BYTES = 65536  # taken at once from a host that never stops writing
 
 
 class Link(Protocol):
@@ -150,17 +151,21 @@ class TcpLink:
         return [s.fileno() for s in (self._listener, self._client) if s is not None]
 
     def read(self) -> bytes:
+        data = self._receive()  # first, so that a host that has left makes room for the one that knocks
         self._accept()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(_READ_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._hang_up()
+        return data
+
+    def _receive(self) -> bytes:
+        data = b""
+        with contextlib.suppress(BlockingIOError):
+            while self._client is not None and len(data) < _MOST_BYTES:
+                try:
+                    chunk = self._client.recv(_READ_BYTES)
+                except ConnectionError:
+                    chunk = b""
+                data += chunk
+                if not chunk:
+                    self._hang_up()
         return data
 
     def write(self, data: bytes) -> int:

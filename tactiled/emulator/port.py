@@ -6,9 +6,10 @@
 from collections.abc import Callable
 
 from tactiled.emulator.faults import FaultCounts, FaultKind, FaultParams, FaultPlan
-from tactiled.emulator.firmware import Board, ScanTruth
+from tactiled.emulator.firmware import Board
 from tactiled.emulator.identity import BoardParams, identity, worn_array
 from tactiled.emulator.line import Arrival, Line
+from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.sensor import Sensor
 from tactiled.wire.layout import Layout

@@ -1,5 +1,6 @@
 """A stretch of evenly timed scans, each channel sampled at its own instant."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,26 @@ class ScanSource(Protocol):
     def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class ScanTruth:
+    """What really happened at one scan instant.
+
+    Attributes
+    ----------
+    index : scan instants since the first power-up, this one not included; never wraps nor restarts
+    sequence : as on the wire
+    boot : boot count as in the hello
+    began_s : true instant, on the host's clock
+    sent : False where the board missed the instant (overrun)
+    """
+
+    index: int
+    sequence: int
+    boot: int
+    began_s: float
+    sent: bool
 
 
 class Scanning:

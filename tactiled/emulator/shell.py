@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from tactiled.emulator.faults import FaultParams
-from tactiled.emulator.firmware import ScanTruth
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import Link, make_link
 from tactiled.emulator.port import Port
+from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.truth import Truth
 from tactiled.wire.layout import Layout

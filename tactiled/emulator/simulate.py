@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from tactiled.emulator.faults import FaultCounts, FaultParams
-from tactiled.emulator.firmware import ScanTruth
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.port import Port
+from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.truth import Truth
 from tactiled.errors import ContractError
