@@ -18,6 +18,7 @@ them the shape of an acknowledge, so 7e-7 a damaged frame. That is a twentieth o
 through at the frame's own place (2^-16 = 1.5e-5 of the frames damaged beyond what it surely detects).
 """
 
+from collections import defaultdict
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -78,9 +79,14 @@ class CobsFramer:
     def __init__(self, layout: Layout, direction: Direction) -> None:
         self._checker = _Checker(layout, direction)
         self._tail = layout.checksum.n_bytes
-        self._guarded_bytes = {n + self._tail for n in self._checker.body_bytes.values()}
-        # Stuffing adds one byte, and at most one more for each full run of 254.
-        self._longest = max(n + 1 + (n - 1) // 254 for n in self._guarded_bytes)
+        # What may follow a first byte (None: any). A search that asks this first is a hundred times cheaper
+        # in the worst noise, a line stuck at 0x01.
+        self._sizes: defaultdict[int | None, set[int]] = defaultdict(set)
+        for type_, n in self._checker.body_bytes.items():
+            start = type_.to_bytes(layout.type_bytes, layout.byte_order)
+            self._sizes[start[0] if start else None].add(n + self._tail)
+        # Stuffing adds one byte, and at most one more for each full run of 254. 1 where nothing can come.
+        self._longest = max((n + 1 + (n - 1) // 254 for s in self._sizes.values() for n in s), default=1)
         # Two frames with a broken delimiter between them still fit; what is longer is cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
@@ -162,12 +168,16 @@ class CobsFramer:
 
     def _frame_at(self, chunk: bytes, start: int) -> tuple[bytes | None, int]:
         """Body of the good frame that begins at `start`, or None, and where to search on."""
+        first = 0 if chunk[start] == 1 else chunk[min(start + 1, len(chunk) - 1)]
+        sizes = self._sizes.get(None) or self._sizes.get(first)
+        if sizes is None:
+            return None, start + 1
         for end, n_bytes in cobs.prefixes(chunk, start):
-            if n_bytes in self._guarded_bytes:
+            if n_bytes in sizes:
                 guarded = cobs.decode(chunk[start:end])
                 if guarded is not None and self._checker.fault(guarded) is None:
                     return guarded[: -self._tail], end
-            if end - start >= self._longest:
+            if n_bytes >= max(sizes):
                 break
         return None, start + 1
 

@@ -64,11 +64,12 @@ def test_every_layout_round_trips_in_any_split(data: st.DataObject) -> None:
 
 @given(data=st.data())
 @settings(deadline=None)
-def test_any_bytes_on_any_layout(data: st.DataObject) -> None:
+def test_any_bytes_on_any_layout_either_way(data: st.DataObject) -> None:
     layout = data.draw(layouts())
-    stream = data.draw(streams(layout))
+    stream = data.draw(st.one_of(streams(layout), st.binary(max_size=200).map(lambda b: b"\x02" * 90 + b)))
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=5))
-    assert decode(layout, stream, cuts)[0] == decode(layout, stream)[0]
+    for direction in DIRECTIONS:  # also one in which the layout has no message
+        assert decode(layout, stream, cuts, direction)[0] == decode(layout, stream, [], direction)[0]
 
 
 def damage(draw: st.DrawFn, frame: bytes) -> bytes:
