@@ -11,7 +11,7 @@ senses. Online:
   part: there the load must be steady now, and nothing more is asked.
 * Direction: change of the summed pair responses (R1 - R3, R2 - R4) since before the kink.
 * Onset: see `kink`. The delay of detection behind the onset is that of the filter: at level 3 and 100 Hz
-  some 0.10 to 0.17 s whatever the slope, since the filter is all but blind to a kink's first scans.
+  0.10 to 0.17 s, or 0.03 to 0.07 s for a strong kink, since it is all but blind to a kink's first scans.
 * End: contact is lost; or nothing crosses for `quiet_s` after an opposite kink that took `relaxed_part` of
   the response away, or once the response is back at what it was before the slip. A stop that leaves the
   shear as it was cannot be seen before the lift. Without shear channels a slip ends when nothing crosses
@@ -100,6 +100,7 @@ class _Slide:
     reference: float  # that response before the slip
     trace_s: float  # when the slip ended, should it turn out that it has
     before_kink: float = 0.0  # largest response, above the reference, before the opposite kinks of this burst
+    kinking_back: bool = False
 
 
 class WaveletSlip:
@@ -273,12 +274,14 @@ class WaveletSlip:
             slide.trace_s = look.time_s
             return
         if self._quiet >= self._quiet_scans:
-            slide.before_kink = 0.0  # a new burst of crossings
-        if slide.weights @ look.coefficients < 0:
+            slide.before_kink, slide.kinking_back = 0.0, False  # a new burst of crossings
+        kinks_back = bool(slide.weights @ look.coefficients < 0)
+        if kinks_back:
             before = self._response_before(look, slide.weights) - slide.reference
-            if slide.before_kink == 0:
-                slide.trace_s = look.time_s - self._kink.middle_scans / self._rate_hz
             slide.before_kink = max(slide.before_kink, before)
+            if not slide.kinking_back:
+                slide.trace_s = look.time_s - self._kink.middle_scans / self._rate_hz
+        slide.kinking_back = kinks_back
 
     def _gave_back(self, slide: _Slide, look: _Look) -> bool:
         if not self._has_shear:

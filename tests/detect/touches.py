@@ -24,6 +24,7 @@ class Touch:
     stop_s: float = 8.0
     lift_s: float = 10.0
     end_s: float = 11.0
+    more_s: float = 99.0  # when the load grows by half, within a second
     level: float = 1.2  # of the pressure response
     shear: float = 0.6  # by which an opposed channel moves when sliding fully
     shear_takes_s: float = 0.1  # time constant in which it does
@@ -39,6 +40,7 @@ class Touch:
         offsets = np.zeros(array.n_channels) if offsets_s is None else offsets_s
         t = np.arange(round(self.end_s * rate_hz))[:, np.newaxis] / rate_hz + offsets
         pressed = self.level * np.clip((t - self.press_s) / self.press_takes_s, 0, 1) * (t < self.lift_s)
+        pressed = pressed * (1 + 0.5 * np.clip(t - self.more_s, 0, 1))
         slid = np.clip(t - self.slide_s, 0, self.stop_s - self.slide_s)
         stopped = np.clip(t - self.stop_s, 0, None)
         state = 1 - np.exp(-slid / self.shear_takes_s)
