@@ -1,0 +1,140 @@
+"""Real processes: `tactiled run` between an emulated board on a pty and `tactiled listen`."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.system
+PATIENCE_S = 20.0
+
+
+class Setup:
+    """Configuration and endpoints of one daemon, and the processes around it."""
+
+    def __init__(self, tmp_path: Path, session: str = "") -> None:
+        self.link = tmp_path / "board"
+        self.endpoint = f"ipc://{tmp_path}/events.ipc"
+        self.config = tmp_path / "tactiled.toml"
+        self.config.write_text(
+            f'[port]\nurl = "{self.link}"\n[publish]\nendpoints = ["{self.endpoint}"]\n[session]\n{session}\n'
+        )
+        self.notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.notify.bind(str(tmp_path / "notify"))
+        self.notify.settimeout(PATIENCE_S)
+        self.environ = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"}
+        self.environ.pop("WATCHDOG_PID", None)
+
+    def told(self, text: str) -> None:
+        """Wait until the service manager was told so."""
+        until_s = time.monotonic() + PATIENCE_S
+        while text not in (message := self.notify.recv(4096).decode()):
+            assert time.monotonic() < until_s, f"systemd was never told {text}, last {message}"
+
+    @contextmanager
+    def process(self, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+        command = [sys.executable, "-m", "tactiled", *arguments]
+        with subprocess.Popen(
+            command, env=self.environ, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as child:
+            try:
+                yield child
+            finally:
+                if child.poll() is None:
+                    child.kill()
+
+    def run(self) -> AbstractContextManager["subprocess.Popen[str]"]:
+        return self.process("run", "--config", str(self.config))
+
+    def emulate(self) -> AbstractContextManager["subprocess.Popen[str]"]:
+        return self.process("emulate", "--scene", "rest", "--link", str(self.link))
+
+    def listen(self, *arguments: str) -> list[dict[str, object]]:
+        done = subprocess.run(
+            [sys.executable, "-m", "tactiled", "listen", self.endpoint, "--timeout", "10", *arguments],
+            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+@pytest.fixture
+def setup(tmp_path: Path) -> Iterator[Setup]:
+    made = Setup(tmp_path)
+    yield made
+    made.notify.close()
+
+
+def end(child: "subprocess.Popen[str]", number: signal.Signals = signal.SIGTERM) -> str:
+    """Signal the process; it must end well, without a traceback; gives what it said."""
+    child.send_signal(number)
+    _, words = child.communicate(timeout=PATIENCE_S)
+    assert child.returncode == 0, words
+    assert "Traceback" not in words
+    return words
+
+
+def test_from_the_board_to_json_lines_and_back_after_an_unplug(setup: Setup) -> None:
+    with setup.run() as daemon:
+        setup.told("READY=1")
+        setup.told("no such port")
+        with setup.emulate():
+            setup.told("running: 100 Hz")
+            scans = setup.listen("--topic", "scan", "--count", "20")
+            assert [row["topic"] for row in scans] == ["scan"] * 20
+            assert len(scans[0]["volts"]) == 36  # type: ignore[arg-type]
+        setup.told("no-device")
+        (status,) = setup.listen("--topic", "status", "--count", "1")
+        assert (status["state"], status["valid"]) == ("no-device", False)
+        setup.link.unlink(missing_ok=True)
+        with setup.emulate():
+            setup.told("running: 100 Hz")
+            setup.listen("--topic", "scan", "--count", "5")
+            words = end(daemon)
+        setup.told("STOPPING=1")
+    assert "running: 100 Hz" in words
+
+
+def test_the_watchdog_is_fed_with_and_without_a_board(setup: Setup) -> None:
+    with setup.run() as daemon:
+        setup.told("WATCHDOG=1")
+        setup.told("no such port")
+        setup.told("WATCHDOG=1")
+        with setup.emulate():
+            setup.told("running")
+            setup.told("WATCHDOG=1")
+            end(daemon, signal.SIGINT)
+
+
+def test_reload_from_the_file(setup: Setup) -> None:
+    with setup.run() as daemon, setup.emulate():
+        setup.told("running: 100 Hz")
+        setup.config.write_text(setup.config.read_text() + "rate_hz = 50.0\n")
+        daemon.send_signal(signal.SIGHUP)
+        setup.told("RELOADING=1")
+        setup.told("READY=1")
+        setup.told("running: 50 Hz")
+        setup.config.write_text(setup.config.read_text() + "rate_hz = nonsense\n")
+        daemon.send_signal(signal.SIGHUP)
+        setup.told("RELOADING=1")
+        setup.told("READY=1")
+        assert "configuration not reloaded, the old one stays" in end(daemon)
+
+
+def test_a_second_daemon_is_refused_in_one_line(setup: Setup) -> None:
+    with setup.run() as first:
+        setup.told("READY=1")
+        with setup.run() as second:
+            _, words = second.communicate(timeout=PATIENCE_S)
+        assert second.returncode == 2
+        assert len(words.splitlines()) == 1
+        assert "in use by another tactiled" in words
+        end(first)
