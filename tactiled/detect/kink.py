@@ -3,8 +3,8 @@
 A response that rises with slope s from t0 on has risen by ``s tau`` after tau scans and leaves the
 coefficient ``s K(tau)``, K being the filter's answer to a unit kink (`wavelet.kink_response`). Their ratio
 ``tau / K(tau)`` knows nothing of s. K swings to ever larger lobes of alternating sign and peaks in the last
-one; a kink is first noticed on the growing side of the last lobe or, when it is strong, of the negative one
-before it. On each of these sides the ratio falls steadily towards zero, so ratio and sign give tau.
+one; a kink is first noticed on the growing side of the last lobe or, the stronger it is, of a lobe before.
+On each of these sides the ratio falls steadily towards zero, so its size and sign give tau.
 
 This is our reading of a delay to correct for: the paper states no onset instant.
 """
@@ -16,6 +16,9 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.wavelet import kink_response, taps
 from tactiled.events.types import UNKNOWN_SD_DEG
+
+# Least answer to a unit kink that is looked for: 2 mV need a kink of 200 V a scan there.
+_FAINTEST_GAIN = 1e-5
 
 
 class Delay(NamedTuple):
@@ -65,13 +68,15 @@ class KinkFit:
         response = kink_response(level)
         self.longest_scans = int(np.argmax(response))
         self.n_before = max(2, len(taps(level)) // 4)
-        lobe = _growing_side(response, self.longest_scans)
-        self._main = _Side(response, *lobe)
-        self.middle_scans = self._main.middle_scans
-        self._early = self._main
-        if lobe[0] > 2:  # level 1 has no negative lobe
-            early_peak = int(np.argmin(response[: lobe[0]]))
-            self._early = _Side(response, *_growing_side(-response, early_peak))
+        self.n_before = max(2, len(taps(level)) // 4)
+        self._sides = [_Side(response, self.longest_scans)]
+        while (first := self._sides[-1].first) > 2:
+            # The lobe before has the other sign; stronger kinks than it answers to there are none.
+            earlier = response[:first] * -self._sides[-1].sign
+            if earlier.max() < _FAINTEST_GAIN:
+                break
+            self._sides.append(_Side(response, int(np.argmax(earlier))))
+        self.middle_scans = self._sides[0].middle_scans
 
     def fit(self, window: FloatArray, coefficient: float) -> Delay:
         """Delay of the newest scan behind the kink.
@@ -92,14 +97,16 @@ class KinkFit:
         """
         before = window[: self.n_before]
         rise = float(window[-1] - before.mean())
-        side = self._main if rise * coefficient > 0 else self._early
-        widest = side.range_scans / np.sqrt(12)
-        if rise == 0 or coefficient == 0:
-            delay, from_noise = side.middle_scans, widest
-        else:
-            ratio = abs(rise / coefficient)
+        side = self._sides[0]
+        from_noise = widest = side.range_scans / np.sqrt(12)
+        delay = side.middle_scans
+        if rise != 0 and coefficient != 0:
+            ratio = rise / coefficient
+            same_sign = [s for s in self._sides if s.sign * ratio > 0] or [side]
+            side = min(same_sign, key=lambda s: s.misfit(abs(ratio)))
+            delay = side.delay(abs(ratio))
+            widest = side.range_scans / np.sqrt(12)
             relative_noise = _noise(before) * np.hypot(1 / rise, 1 / coefficient)
-            delay = side.delay(ratio)
             from_noise = min(widest, relative_noise / side.relative_slope(delay))
         return Delay(delay, float(np.sqrt(from_noise**2 + 1 / 12 + (side.range_scans / 4) ** 2)))
 
@@ -138,27 +145,38 @@ def _noise(responses: FloatArray) -> float:
     return float(np.diff(responses, axis=0).std() / np.sqrt(2))
 
 
-def _growing_side(response: FloatArray, peak: int) -> tuple[int, int]:
-    """First and last scan of the run up to a peak in which the response is positive and grows."""
-    first = peak
-    while first > 1 and 0 < response[first - 1] < response[first]:
-        first -= 1
-    return first, peak
-
-
 class _Side:
-    """The growing side of one lobe: delay as a function of the ratio of rise to coefficient."""
+    """The growing side of one lobe: delay as a function of the size of rise over coefficient.
 
-    def __init__(self, response: FloatArray, first: int, last: int) -> None:
-        delays = np.arange(first, last + 1, dtype=np.float64)
+    Attributes
+    ----------
+    sign : float
+        Of the lobe.
+    first : int
+        Scan at which it begins to grow.
+    """
+
+    def __init__(self, response: FloatArray, peak: int) -> None:
+        self.sign = float(np.sign(response[peak]))
+        size = response * self.sign
+        first = peak
+        while first > 1 and 0 < size[first - 1] < size[first]:
+            first -= 1
+        delays = np.arange(first, peak + 1, dtype=np.float64)
         # Logarithms: the ratio spans decades, and is nearer to a straight line in them.
-        self._log_ratios = np.log(delays / np.abs(response[first : last + 1]))[::-1]
+        self._log_ratios = np.log(delays / size[first : peak + 1])[::-1]
         self._delays = delays[::-1]
-        self.range_scans = float(last - first)
-        self.middle_scans = (first + last) / 2
+        self.first = first
+        self.range_scans = float(peak - first)
+        self.middle_scans = (first + peak) / 2
 
     def delay(self, ratio: float) -> float:
         return float(np.interp(np.log(ratio), self._log_ratios, self._delays))
+
+    def misfit(self, ratio: float) -> float:
+        """How far a ratio lies outside those of this side."""
+        log_ratio = np.log(ratio)
+        return float(max(self._log_ratios[0] - log_ratio, log_ratio - self._log_ratios[-1], 0.0))
 
     def relative_slope(self, delay: float) -> float:
         """By how much the logarithm of the ratio falls from scan to scan around a delay."""

@@ -70,7 +70,9 @@ def test_answers_an_impulse_as_pywt_does(level: int) -> None:
 @pytest.mark.parametrize("level", LEVELS)
 def test_is_the_same_bits_as_scipy_and_as_integer_arithmetic(level: int) -> None:
     grid = 8.0 / 2**23
-    steps = np.random.default_rng(level).integers(-(2**23), 2**23, size=(700, PAIR.n_channels))
+    steps = (
+        np.random.default_rng(level).integers(-(2**23), 2**23, size=(700, PAIR.n_channels)).astype(np.float64)
+    )
     ours = coefficients(PAIR, regular_block(steps * grid, 100.0), BankParams(levels=(level,))).volts[:, 0]
     after = slice(border_scans(level), None)
     assert np.array_equal(ours[after], lfilter(taps(level), [1.0], steps * grid, axis=0)[after])
@@ -144,7 +146,8 @@ def test_a_bad_reading_is_held_at_the_last_good_one() -> None:
     held[200:230, 1] = volts[199, 1]
     volts[200:230, 1] = np.nan
     assert np.array_equal(
-        coefficients(PAIR, regular_block(volts, 100.0)).volts, coefficients(PAIR, regular_block(held, 100.0)).volts
+        coefficients(PAIR, regular_block(volts, 100.0)).volts,
+        coefficients(PAIR, regular_block(held, 100.0)).volts,
     )
 
 

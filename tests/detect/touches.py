@@ -1,5 +1,6 @@
 """Touches with known truth, from a few lines of arithmetic: no emulator, no detector code."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -91,7 +92,7 @@ def splits(n: int) -> st.SearchStrategy[list[int]]:
 
 def pieces(block: ScanBlock, cuts: Sequence[int]) -> list[ScanBlock]:
     bounds = [0, *cuts, len(block)]
-    return [block[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [block[a:b] for a, b in itertools.pairwise(bounds)]
 
 
 def run(detector: Detector, blocks: Sequence[ScanBlock]) -> list[Event]:

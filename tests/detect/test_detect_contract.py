@@ -1,0 +1,149 @@
+"""What every detector promises (tactiled/detect/base.py), on several arrays and rates."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import Touch, pieces, run, splits
+
+from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
+from tactiled.detect.base import Detector
+from tactiled.detect.contact import ContactGate
+from tactiled.detect.slip_wavelet import WaveletSlip
+from tactiled.detect.texture_paper import TextureParams
+from tactiled.detect.wang2019 import Wang2019, Wang2019Params
+from tactiled.events.types import Event
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+TEXTURE = TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=4.0)
+DETECTORS: dict[str, Callable[[Array], Detector]] = {
+    "contact": ContactGate,
+    "slip": WaveletSlip,
+    "wang2019": lambda array: Wang2019(array, Wang2019Params(texture=TEXTURE)),
+}
+ONE_TAXEL = build(
+    ArrayFile(
+        name="one",
+        grids=[Grid(x_mm=[0.0], y_mm=[0.0])],
+        taxel_channels=[
+            TaxelChannel(name=f"R{k}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)
+        ],
+    )
+)
+CASES = [
+    (load_array("wang2019-3x3"), 100.0),
+    (load_array("normal-4x4"), 35.7),
+    (load_array("xyz-two-pads-4x4"), 60.0),
+    (ONE_TAXEL, 100.0),
+]
+GAP = Gap(5, "missing", 5000)
+
+every_detector = pytest.mark.parametrize("make", DETECTORS.values(), ids=DETECTORS.keys())
+every_array = pytest.mark.parametrize(("array", "rate_hz"), CASES, ids=[array.name for array, _ in CASES])
+
+
+def sliding(array: Array, rate_hz: float) -> ScanBlock:
+    """A slide over grooves in which channels drop out now and then, and some scans are late."""
+    touch = Touch(grooves=(2.0, 20.0), speed_mm_s=4.0, ripple=0.1)
+    block = touch.block(array, rate_hz, np.linspace(0, 0.5 / rate_hz, array.n_channels))
+    rng = np.random.default_rng(5)
+    volts = block.volts.copy()
+    volts[rng.random(volts.shape) < 2e-4] = np.nan
+    late = np.zeros(len(block), dtype=np.bool_)
+    late[-20:] = True
+    valid = (rng.random(volts.shape) > 2e-4) & np.isfinite(volts)
+    return dataclasses.replace(block, volts=volts, valid=valid, late=late)
+
+
+def assert_finite(events: list[Event]) -> None:
+    for event in events:
+        for field in dataclasses.fields(event):
+            value = getattr(event, field.name)
+            assert value is not None
+            if isinstance(value, float):
+                assert math.isfinite(value), f"{field.name} of {event}"
+
+
+@every_detector
+@every_array
+def test_has_something_to_say(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
+    events = make(array).process(sliding(array, rate_hz))
+    assert len(events) >= 3
+    assert_finite(events)
+
+
+@every_detector
+@every_array
+def test_any_chunking_gives_the_same_events(
+    make: Callable[[Array], Detector], array: Array, rate_hz: float
+) -> None:
+    block = sliding(array, rate_hz)
+    whole = make(array).process(block)
+
+    @given(splits(len(block)))
+    @settings(max_examples=8, deadline=None)
+    def same(cuts: list[int]) -> None:
+        assert run(make(array), pieces(block, cuts)) == whole
+
+    same()
+
+
+@every_detector
+@every_array
+def test_reset_equals_new(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
+    block = sliding(array, rate_hz)
+    detector = make(array)
+    detector.process(block[: len(block) * 2 // 3])
+    detector.reset()
+    assert detector.process(block) == make(array).process(block)
+
+
+@every_detector
+@every_array
+def test_after_a_gap_it_is_as_new(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
+    block = sliding(array, rate_hz)
+    for cut in (1, len(block) // 2, len(block) * 2 // 3):
+        detector = make(array)
+        before = detector.process(block[:cut])
+        at_gap = detector.process(GAP)
+        assert not any(getattr(event, "valid", False) for event in at_gap)
+        # What was begun is ended: whoever follows the events is not left with a contact or slip for ever.
+        for topic, rest_state in (("contact", "none"), ("slip", "end")):
+            states = [getattr(e, "state", "") for e in [*before, *at_gap] if e.topic == topic]
+            assert states == [] or states[-1] == rest_state
+        assert detector.process(GAP) == []
+        assert detector.process(block) == make(array).process(block)
+
+
+@every_detector
+@every_array
+@pytest.mark.parametrize("value", [0.0, 1.2, 3.0, -5.0, 1e308, np.nan, np.inf, -np.inf])
+def test_constants_of_any_kind_are_survived(
+    make: Callable[[Array], Detector], array: Array, rate_hz: float, value: float
+) -> None:
+    block = regular_block(np.full((700, array.n_channels), value), rate_hz)
+    events = make(array).process(block)
+    assert_finite(events)
+    assert not any(event.topic in ("slip", "texture") for event in events)
+
+
+@every_detector
+@every_array
+def test_steps_noise_and_dropouts_of_any_size_are_survived(
+    make: Callable[[Array], Detector], array: Array, rate_hz: float
+) -> None:
+    @given(st.integers(0, 10**6), st.sampled_from([1e-6, 1e-3, 0.1, 10.0, 1e300]), st.floats(0, 1))
+    @settings(max_examples=15, deadline=None)
+    def survives(seed: int, size: float, dropped: float) -> None:
+        rng = np.random.default_rng(seed)
+        volts = 1.0 + size * np.sign(rng.normal(size=(400, array.n_channels))).cumsum(axis=0)
+        volts[rng.random(volts.shape) < dropped / 5] = np.nan
+        assert_finite(
+            make(array).process(regular_block(volts, rate_hz, valid=rng.random(volts.shape) > dropped / 5))
+        )
+
+    survives()
