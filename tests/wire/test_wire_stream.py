@@ -8,7 +8,7 @@ from wire_strategies import BOARD_V1, DIRECTIONS, LEGACY_9, decode, frames, layo
 
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Scan
-from tactiled.wire.layout import Layout
+from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import Direction
 
 SHIPPED = [
@@ -124,6 +124,25 @@ def test_a_damaged_frame_costs_itself_only_on_any_layout(data: st.DataObject) ->
     parts[victim] = data.draw(st.composite(damage)(parts[victim]))
     stream = b"".join(parts) + b"\0" * 1200
     without(decode(layout, stream)[0], sent[:victim] + sent[victim + 1 :])
+
+
+def with_sync(sync_hex: str) -> Layout:
+    """legacy-9 with another sync word; one that repeats itself can begin inside a false one."""
+    framing = LEGACY_9.file.framing.model_copy(update={"sync_hex": sync_hex})
+    return compile_layout(LEGACY_9.file.model_copy(update={"framing": framing}))
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [BOARD_V1, LEGACY_9, with_sync("A5"), with_sync("A5A5"), with_sync("A55AA5")],
+    ids=["board-v1", "legacy-9", "one-byte", "repeating", "overlapping"],
+)
+def test_a_frame_cut_anywhere_costs_itself_only(layout: Layout) -> None:
+    first, second, third = scans(layout, 3)
+    encode = Encoder(layout).encode
+    for cut in range(len(encode(second))):
+        stream = encode(first) + encode(second)[:cut] + encode(third) + b"\0" * 100
+        without(decode(layout, stream)[0], [first, third])
 
 
 @pytest.mark.parametrize("layout", [BOARD_V1, LEGACY_9], ids=["board-v1", "legacy-9"])
