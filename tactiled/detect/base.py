@@ -1,4 +1,4 @@
-"""What every detector promises; `tests/detect/test_contract.py` holds each of them to it.
+"""What every detector promises; `tests/detect/test_detect_contract.py` holds each of them to it.
 
 1. ``process`` takes blocks and gaps in order and returns the events that they complete.
 2. Any chunking of the same scans gives bit-identical events.

@@ -30,6 +30,7 @@ _MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say 
 _MAX_CANDIDATES = 8
 # A sine between two bins, d of a bin from the nearest, k, leaks its mirror image at -f into that bin: d / 2k
 # of it, at a phase that differs from taxel to taxel. Over d in +-1/2 and all phases: 0.102 / k radians rms.
+# The largest there is, all three taxels against each other, is four times the sigma that comes of it.
 _IMAGE_RAD = 0.102
 _EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
 

@@ -68,7 +68,6 @@ class KinkFit:
         response = kink_response(level)
         self.longest_scans = int(np.argmax(response))
         self.n_before = max(2, len(taps(level)) // 4)
-        self.n_before = max(2, len(taps(level)) // 4)
         self._sides = [_Side(response, self.longest_scans)]
         while (first := self._sides[-1].first) > 2:
             # The lobe before has the other sign; stronger kinks than it answers to there are none.

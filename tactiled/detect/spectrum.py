@@ -61,7 +61,7 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     n, n_taxels = volts.shape
     time = np.arange(n) - (n - 1) / 2
     level = volts.mean(axis=0)
-    trend = time @ (volts - level) / max(float(time @ time), 1.0)
+    trend = time @ (volts - level) / (float(time @ time) or 1.0)  # one scan has no trend
     phasors = np.fft.rfft(volts - level - np.outer(time, trend), axis=0)
     frequency_hz = np.arange(len(phasors)) * (rate_hz / n)
     power = (np.abs(phasors) ** 2).sum(axis=1)

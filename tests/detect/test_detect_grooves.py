@@ -1,0 +1,226 @@
+"""The published equations on sines of known period and angle, and their refusals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import detrend, periodogram
+
+from tactiled.array import FloatArray
+from tactiled.detect.grooves import GrooveParams, Grooves, Motion, estimate
+from tactiled.detect.spectrum import spectrum
+
+STEP = 8.0 / 2**23
+COLUMN_MM = np.array([0.0, 3.5, 7.3])
+EQUAL_MM = np.array([0.0, 4.0, 8.0])
+
+
+@dataclass(frozen=True)
+class Sines:
+    """What taxels of a column see of grooves; the geometry of DESIGN's "Geometry and signs"."""
+
+    period_mm: float = 1.2
+    angle_deg: float = 0.0
+    direction_deg: float = 0.0
+    speed_mm_s: float = 1.0
+    places_mm: tuple[float, ...] = (0.0, 3.5, 7.3)
+    offsets_s: tuple[float, ...] = (0.0, 0.0, 0.0)
+    snr_db: float = 20.0
+    window_s: float = 10.0
+    rate_hz: float = 100.0
+    seed: int = 0
+
+    def volts(self) -> FloatArray:
+        rng = np.random.default_rng(self.seed)
+        t = np.arange(round(self.window_s * self.rate_hz))[:, np.newaxis] / self.rate_hz + np.array(
+            self.offsets_s
+        )
+        a, theta = np.radians(self.angle_deg), np.radians(self.direction_deg)
+        x = self.speed_mm_s * t * np.cos(theta) + rng.uniform(0, 5)
+        y = self.speed_mm_s * t * np.sin(theta) + np.array(self.places_mm)
+        wave = 0.05 * np.cos(2 * np.pi * (x * np.cos(a) + y * np.sin(a)) / self.period_mm)
+        noise = 0.05 / np.sqrt(2) * 10 ** (-self.snr_db / 20) * rng.normal(size=wave.shape)
+        volts: FloatArray = 1.0 + 0.002 * t + wave + noise
+        return volts
+
+    def estimate(self, params: GrooveParams | None = None, direction_sd_deg: float = 0.0) -> Grooves:
+        return estimate(
+            self.volts(),
+            self.rate_hz,
+            STEP,
+            np.array(self.places_mm),
+            np.array(self.offsets_s),
+            Motion(self.speed_mm_s, 0.0, self.direction_deg, direction_sd_deg),
+            params or GrooveParams(),
+        )
+
+
+def answers(sines: list[Sines]) -> list[tuple[Sines, Grooves]]:
+    return [(s, found) for s in sines if (found := s.estimate()).status == "ok"]
+
+
+@pytest.mark.parametrize(
+    ("period_mm", "angle_deg"),
+    [
+        (0.9, 0.0),
+        (1.2, 0.0),
+        (1.5, 0.0),
+        (1.2, 15.0),
+        (1.2, 30.0),
+        (1.2, 45.0),
+        (1.2, 60.0),
+        (1.2, -30.0),
+        (1.2, -60.0),
+    ],
+)
+def test_table_of_the_paper_within_the_stated_resolution(period_mm: float, angle_deg: float) -> None:
+    found = answers([Sines(period_mm, angle_deg, seed=seed) for seed in range(20)])
+    assert found, "twenty windows, and not one agreement"
+    for _, grooves in found:
+        assert abs(grooves.period_mm - period_mm) <= 3 * grooves.period_sd_mm
+        assert abs(grooves.angle_deg - angle_deg) <= 3 * grooves.angle_sd_deg
+        # Table 2: up to 9.2 % in period; 23.3 % of 15 degrees in angle.
+        assert abs(grooves.period_mm - period_mm) <= 0.092 * period_mm
+        assert abs(grooves.angle_deg - angle_deg) <= 3.5
+        assert abs(grooves.frequency_hz - np.cos(np.radians(angle_deg)) / period_mm) <= 0.1
+
+
+@given(
+    period_mm=st.floats(0.8, 2.5),
+    angle_deg=st.floats(-60, 60),
+    direction_deg=st.sampled_from([0.0, 180.0, 25.0, -25.0, 155.0, -160.0]),
+    speed_mm_s=st.sampled_from([1.0, 3.0]),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=150, deadline=None)
+def test_any_motion_any_angle_within_four_sigma(
+    period_mm: float, angle_deg: float, direction_deg: float, speed_mm_s: float, seed: int
+) -> None:
+    sines = Sines(period_mm, angle_deg, direction_deg, speed_mm_s, seed=seed)
+    grooves = sines.estimate()
+    true_hz = speed_mm_s * abs(np.cos(np.radians(direction_deg - angle_deg))) / period_mm
+    if true_hz < 0.35:
+        return  # three periods or less: whatever it says is said in its own test
+    assert grooves.status in ("ok", "ambiguous")
+    if grooves.status == "ok":
+        assert abs(grooves.angle_deg - angle_deg) <= 4 * grooves.angle_sd_deg
+        assert abs(grooves.period_mm - period_mm) <= 4 * grooves.period_sd_mm
+
+
+def test_sigmas_cover() -> None:
+    rng = np.random.default_rng(2)
+    sines = [
+        Sines(rng.uniform(0.9, 1.6), rng.uniform(-60, 60), 0.0, 1.0, seed=seed, snr_db=rng.uniform(10, 30))
+        for seed in range(300)
+    ]
+    found = answers(sines)
+    angle = np.array([(g.angle_deg - s.angle_deg) / g.angle_sd_deg for s, g in found])
+    period = np.array([(g.period_mm - s.period_mm) / g.period_sd_mm for s, g in found])
+    assert len(found) > 100
+    # Grid errors are uniform, not normal: coverage is asked of their rms, to neither side by more than half.
+    assert 0.5 < np.sqrt((angle**2).mean()) < 1.5
+    assert 0.5 < np.sqrt((period**2).mean()) < 1.5
+
+
+def test_scan_skew_is_taken_off() -> None:
+    skewed = Sines(1.2, 10.0, speed_mm_s=4.0, offsets_s=(0.0, 0.003, 0.009), snr_db=40.0, rate_hz=1000.0)
+    found = skewed.estimate()
+    assert found.status == "ok"
+    assert abs(found.angle_deg - 10.0) <= 3 * found.angle_sd_deg
+    ignored = estimate(
+        skewed.volts(),
+        1000.0,
+        STEP,
+        COLUMN_MM,
+        np.zeros(3),
+        Motion(4.0, 0.0, 0.0, 0.0),
+        GrooveParams(agreement_mm=1.0),
+    )
+    assert abs(ignored.angle_deg - 10.0) > 3 * ignored.angle_sd_deg
+
+
+def test_equal_gaps_answer_when_one_reading_fits_and_list_the_readings_when_not() -> None:
+    coarse = Sines(20.0, 20.0, speed_mm_s=10.0, places_mm=tuple(EQUAL_MM), snr_db=30.0).estimate()
+    assert coarse.status == "ok"
+    assert abs(coarse.angle_deg - 20.0) <= 3 * coarse.angle_sd_deg
+    assert abs(coarse.period_mm - 20.0) <= 3 * coarse.period_sd_mm
+    fine = Sines(1.2, 20.0, places_mm=tuple(EQUAL_MM), snr_db=30.0).estimate()
+    assert fine.status == "ambiguous"
+    assert len(fine.candidates) > 1
+    nearest = min(fine.candidates, key=lambda c: abs(c.angle_deg - 20.0))
+    assert abs(nearest.angle_deg - 20.0) < 2.0
+    assert nearest.period_mm == pytest.approx(1.2, rel=0.1)
+
+
+def test_two_taxels_are_one_gap() -> None:
+    found = Sines(
+        20.0, -15.0, speed_mm_s=10.0, places_mm=(0.0, 4.0), offsets_s=(0.0, 0.0), snr_db=30.0
+    ).estimate()
+    assert found.status == "ok"
+    assert abs(found.angle_deg + 15.0) <= 3 * found.angle_sd_deg
+
+
+@pytest.mark.parametrize(
+    ("sines", "status"),
+    [
+        (Sines(snr_db=-40.0), "low-snr"),
+        (Sines(period_mm=6.0), "too-few-periods"),
+        (Sines(period_mm=12.0), "too-few-periods"),
+        (Sines(period_mm=1.2, speed_mm_s=56.0), "aliased"),
+        (Sines(period_mm=1.2, speed_mm_s=60.0), "aliased"),
+        (Sines(period_mm=1.2, speed_mm_s=30.0), "low-snr"),  # 25 Hz, above the low-pass
+        (Sines(direction_deg=90.0, angle_deg=45.0), "ambiguous"),
+    ],
+)
+def test_refusals(sines: Sines, status: str) -> None:
+    found = sines.estimate()
+    assert found.status == status
+    assert (found.period_mm, found.period_sd_mm, found.angle_deg, found.angle_sd_deg) == (0, 0, 0, 0)
+
+
+def test_unknown_direction_is_ambiguous() -> None:
+    assert Sines().estimate(direction_sd_deg=180.0).status == "ambiguous"
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 8, 50, 1000])
+@pytest.mark.parametrize("kind", ["zeros", "constant", "ramp", "lsb", "impulse", "nyquist"])
+def test_anything_finite_gives_something_finite(n: int, kind: str) -> None:
+    k = np.arange(n)[:, np.newaxis] + np.zeros(3)
+    volts = {
+        "zeros": 0.0 * k,
+        "constant": 0 * k + 3.0,
+        "ramp": 0.001 * k,
+        "lsb": np.floor(k / 7) % 2 * 3.0 / 4096 + 3.0,
+        "impulse": (k == n // 2) * 1.0,
+        "nyquist": np.cos(np.pi * k),
+    }[kind]
+    found = estimate(volts, 100.0, STEP, COLUMN_MM, np.zeros(3), Motion(1.0, 0.0, 0.0, 0.0), GrooveParams())
+    numbers = [
+        found.frequency_hz,
+        found.snr_db,
+        found.period_mm,
+        found.period_sd_mm,
+        found.angle_deg,
+        found.angle_sd_deg,
+    ]
+    assert np.isfinite(numbers).all()
+    if kind in ("zeros", "constant", "ramp"):
+        assert found.status == "low-snr"
+
+
+def test_spectrum_is_that_of_scipy() -> None:
+    volts = Sines(snr_db=10.0).volts()
+    frequency_hz, density = periodogram(detrend(volts, axis=0), 100.0, detrend=False, axis=0)
+    ours = spectrum(volts, 100.0, STEP, 20.0)
+    assert ours.frequency_hz == pytest.approx(frequency_hz)
+    # One-sided density is amplitude^2 / 2 over the width of a bin.
+    assert ours.amplitude_volts[1:-1] ** 2 / 2 * 10 == pytest.approx(density[1:-1], rel=1e-6, abs=1e-15)
+    assert ours.peak_hz == frequency_hz[density.sum(axis=1).argmax()]
+
+
+def test_stated_snr_is_that_of_the_signal() -> None:
+    on_grid = [Sines(1.25, 0.0, snr_db=6.0, seed=seed) for seed in range(10)]
+    stated = [spectrum(s.volts(), 100.0, STEP, 20.0).snr_db for s in on_grid]
+    assert np.mean(stated) == pytest.approx(6.0, abs=0.7)
