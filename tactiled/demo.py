@@ -58,6 +58,7 @@ class Seen:
     time_s: list[float] = field(default_factory=list)
     volts: list[list[float]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    channel_offset_s: list[float] | None = None
 
     @property
     def done(self) -> bool:
@@ -172,6 +173,8 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: Seen) -> None:
         seen.time_s.append(time_s)
         seen.volts.append(message["volts"])
         return
+    if topic == "info":
+        seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)
     t0_s = seen.scene.get("t0_s", time_s)
     if topic == "contact":
@@ -214,11 +217,17 @@ def _draw(picture: Path, seen: Seen) -> None:
                 frequency_hz=SPEED_MM_S * abs(math.cos(turn)) / surface["period_mm"],
                 label=f"truth: D = {surface['period_mm']:.3f} mm, angle {surface['angle_deg']:.1f}°",
             )
-    params = DetectParams()
     draw_log(
-        picture, load_array("wang2019-3x3"), np.array(seen.time_s), np.array(seen.volts), seen.events, params,
-        "tactiled demo", truth,
-    )  # fmt: skip
+        picture,
+        load_array("wang2019-3x3"),
+        np.array(seen.time_s),
+        np.array(seen.volts),
+        seen.events,
+        DetectParams(),
+        "tactiled demo",
+        channel_offset_s=None if seen.channel_offset_s is None else np.array(seen.channel_offset_s),
+        truth=truth,
+    )
 
 
 @contextlib.contextmanager

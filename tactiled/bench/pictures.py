@@ -41,6 +41,8 @@ def draw_log(
     events: Sequence[Event],
     params: DetectParams,
     title: str,
+    *,
+    channel_offset_s: FloatArray | None = None,
     truth: Truth | None = None,
 ) -> None:
     """Voltages of a taxel, its wavelet coefficients, and the spectrum of the last texture estimate.
@@ -53,26 +55,34 @@ def draw_log(
     volts : (n, channels) float64
     events : sequence of Event
         Found in this log, with times on the same clock.
+    channel_offset_s : (channels,) float64, optional
+        How long after the scan began each channel was sampled.
     truth : Truth, optional
     """
     truth = truth or Truth()
-    textures = [e for e in events if isinstance(e, TextureEvent) and e.status == "ok"]
-    figure = Figure(figsize=(11, 9.2 if textures else 6.4), layout="constrained")
-    axes = figure.subplots(3 if textures else 2, 1)
+    if channel_offset_s is None:
+        channel_offset_s = np.zeros(array.n_channels)
     origin_s = float(time_s[0])
     onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
+    textures = [e for e in events if isinstance(e, TextureEvent) and e.status == "ok"]
     taxel = _liveliest(array, volts)
     channels = np.flatnonzero(array.channel_taxel == taxel)
-    _draw_volts(axes[0], array, channels, time_s - origin_s, volts)
-    _draw_coefficients(axes[1], array, channels, time_s, volts, params)
-    for axis in axes[:2]:
-        _mark_onsets(axis, onsets, truth, origin_s)
-        axis.set_xlim(0, float(time_s[-1]) - origin_s)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
-    axes[0].set_title(f"{title}: taxel {taxel} of {array.name}")
-    axes[1].set_xlabel("time (s)")
+    last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
+    rows = ["vv", "cc"] + ["".join((last_row * 2)[:2])] * bool(last_row)
+    figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
+    axes = figure.subplot_mosaic("\n".join(rows))
+    figure.suptitle(f"{title}: taxel {taxel} of {array.name}")
+    _draw_volts(axes["v"], array, channels, time_s - origin_s, volts)
+    _draw_coefficients(axes["c"], array, channels, time_s, volts, params)
+    for name in "vc":
+        _mark_onsets(axes[name], onsets, truth, origin_s)
+        axes[name].set_xlim(0, float(time_s[-1]) - origin_s)
+        axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+        axes[name].set_xlabel("time (s)")
+    if onsets:
+        _draw_onset(axes["o"], channels, time_s, volts, channel_offset_s, onsets, truth)
     if textures:
-        _draw_spectrum(axes[2], array, channels, time_s, volts, textures[-1], params, truth)
+        _draw_spectrum(axes["s"], array, channels, time_s, volts, textures[-1], params, truth)
     figure.savefig(path, dpi=110)
 
 
@@ -115,7 +125,9 @@ def _draw_coefficients(
     for sign in (-1, 1):
         label = f"threshold {slip.threshold_volts * 1e3:g} mV" if sign > 0 else None
         axis.axhline(sign * slip.threshold_volts * 1e3, color=QUIET, ls="--", lw=1, label=label)
-    axis.set_ylim(-1.15e3 * largest, 1.15e3 * largest)
+    # Linear up to the threshold, logarithmic beyond: kinks of slip are a hundred times larger.
+    axis.set_yscale("symlog", linthresh=slip.threshold_volts * 1e3)
+    axis.set_ylim(-1.5e3 * largest, 1.5e3 * largest)
 
 
 def _mark_onsets(axis: Axes, onsets: Sequence[SlipEvent], truth: Truth, origin_s: float) -> None:
@@ -127,6 +139,35 @@ def _mark_onsets(axis: Axes, onsets: Sequence[SlipEvent], truth: Truth, origin_s
         axis.axvline(event.onset_s - origin_s, color=FOUND, lw=1.2, label=label)
         label = "said at" if not number else None
         axis.axvline(event.detected_s - origin_s, color=FOUND, lw=0.9, ls=":", label=label)
+
+
+def _draw_onset(
+    axis: Axes,
+    channels: NDArray[np.int64],
+    time_s: FloatArray,
+    volts: FloatArray,
+    channel_offset_s: FloatArray,
+    onsets: Sequence[SlipEvent],
+    truth: Truth,
+) -> None:
+    """The first onset from near: milliseconds and millivolts since just before it."""
+    onset_s = truth.onsets_s[0] if truth.onsets_s else onsets[0].onset_s
+    near = (time_s > onset_s - 0.1) & (time_s < onset_s + 0.25)
+    for color, channel in zip(CHANNELS, channels, strict=False):
+        change = volts[near, channel] - volts[near, channel][0]
+        sampled_s = time_s[near] + channel_offset_s[channel]
+        axis.plot(1e3 * (sampled_s - onset_s), 1e3 * change, ".-", color=color, lw=0.9, ms=4)
+    if truth.onsets_s:
+        axis.axvline(0, color=TRUE, lw=2.5, alpha=0.6)
+    first = onsets[0]
+    begins, sd = 1e3 * (first.onset_s - onset_s), 1e3 * first.onset_sd_s
+    axis.axvline(begins, color=FOUND, lw=1.2)
+    axis.axvspan(begins - sd, begins + sd, color=FOUND, alpha=0.12, lw=0, label="estimate ± sigma")
+    axis.axvline(1e3 * (first.detected_s - onset_s), color=FOUND, lw=0.9, ls=":")
+    axis.set_xlabel("time since the true onset (ms)" if truth.onsets_s else "time since the onset (ms)")
+    axis.set_ylabel("change (mV)")
+    axis.set_title("the first slip", fontsize=10)
+    axis.legend(frameon=False, fontsize=9, loc="upper left")
 
 
 def _draw_spectrum(
@@ -165,4 +206,5 @@ def _draw_spectrum(
     axis.set_xlim(0, max(4 * event.frequency_hz, 1.0))
     axis.set_xlabel("frequency (Hz)")
     axis.set_ylabel("amplitude (mV)")
-    axis.legend(frameon=False, fontsize=9)
+    axis.set_title("the grooves", fontsize=10)
+    axis.legend(frameon=False, fontsize=9, loc="upper right")

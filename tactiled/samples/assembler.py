@@ -13,7 +13,6 @@ from tactiled.tomlfile import Params
 from tactiled.wire.frames import Hello, Scan
 from tactiled.wire.layout import Layout
 
-
 NO_CLOCK_SD_S = 1e9  # thirty years: before the first scan nobody knows, and messages carry no infinity
 
 

@@ -1,0 +1,122 @@
+"""tactiled.toml: every option explained, every fault told at once with its place."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from tactiled import resources
+from tactiled.config import Config, load_config
+from tactiled.errors import ConfigError
+
+SHIPPED = resources.shipped("config", "tactiled.toml")
+
+
+def options(model: type[BaseModel], place: tuple[str, ...] = ()) -> Iterator[tuple[str, str, object]]:
+    """Table, key and default of every option."""
+    for name, field in model.model_fields.items():
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from options(inner, (*place, name))
+        else:
+            yield ".".join(place), name, field.default
+
+
+def documented(text: str) -> dict[tuple[str, str], str]:
+    """Every key of the file by table, commented out or not."""
+    found: dict[tuple[str, str], str] = {}
+    table = ""
+    for line in text.splitlines():
+        if match := re.fullmatch(r"\[([\w.]+)\]", line):
+            table = match[1]
+        elif match := re.fullmatch(r"(?:# )?(\w+) = (.+)", line):
+            found[table, match[1]] = match[2]
+    return found
+
+
+def test_every_option_stands_in_the_file_with_its_default() -> None:
+    found = documented(SHIPPED.read_text())
+    known = {(table, key): default for table, key, default in options(Config)}
+    assert set(found) == set(known)
+    for place, default in known.items():
+        if place != ("port", "url") and default is not None:
+            value = tuple(default) if isinstance(default, tuple) else default
+            shown = found[place].replace("true", "True").replace("false", "False")
+            assert eval(shown) == (list(value) if isinstance(value, tuple) else value), place
+
+
+def test_the_shipped_file_loads_and_so_does_all_that_it_shows(tmp_path: Path) -> None:
+    assert load_config(SHIPPED).config.port.url.startswith("/dev/serial/by-id/")
+    everything = tmp_path / "all.toml"
+    everything.write_text(re.sub(r"(?m)^# (\w+ = )", r"\1", SHIPPED.read_text()))
+    config = load_config(everything).config
+    assert config.session.board_serial == "TS0001"
+
+
+def test_all_faults_at_once_with_place_and_hint(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        """
+[port]
+uri = "/dev/ttyUSB0"
+[samples]
+late_after_ms = 100
+[samples.clock]
+bucket_s = -1
+[detect.wang2019.slip]
+treshold_volts = 0.002
+[publish]
+endpoints = ["tcp://0.0.0.0:9872"]
+[nonsense]
+"""
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}:")
+    for says in (
+        "port.url: missing",
+        "port.uri: unknown key; did you mean url?",
+        "samples.late_after_ms: unknown key; units belong to the name here: use late_after_s",
+        "samples.clock.bucket_s: input should be greater than 0 (got -1)",
+        "detect.wang2019.slip.treshold_volts: unknown key; did you mean threshold_volts?",
+        "tcp://0.0.0.0:9872 can be reached from other hosts",
+        "nonsense: unknown key",
+    ):
+        assert says in text, text
+
+
+def test_faults_of_the_files_it_names_are_told_together(tmp_path: Path) -> None:
+    array = tmp_path / "array.toml"
+    array.write_text('name = "x"\n[[grids]]\nx_mm = [1.0, 0.0]\ny_mm = [0.0]\n')
+    path = tmp_path / "t.toml"
+    path.write_text(f'[port]\nurl = "/dev/null"\n[board]\nprotocol = "bord-v1"\narray = "{array}"\n')
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert "board.protocol" in str(caught.value)
+    assert "board-v1" in str(caught.value)
+    assert "x_mm must grow" in str(caught.value)
+
+
+def test_an_array_of_other_size_than_the_scan_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text('[port]\nurl = "/dev/null"\n[board]\narray = "normal-4x4"\n')
+    with pytest.raises(
+        ConfigError, match=r"normal-4x4 has 16 taxels and 16 channels, but a scan of tactiled-board has 36"
+    ):
+        load_config(path)
+
+
+def test_a_missing_or_broken_file_says_so(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such file"):
+        load_config(tmp_path / "none.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[port\n")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_config(broken)
+
+
+def test_the_port_of_the_command_line_wins() -> None:
+    assert load_config(SHIPPED, "/dev/ttyACM7").config.port.url == "/dev/ttyACM7"

@@ -1,0 +1,238 @@
+"""Bytes to events: the laws of the whole path, on bytes that the emulator sends."""
+
+import dataclasses
+import functools
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import load_array
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.texture_paper import TextureParams
+from tactiled.detect.wang2019 import Wang2019Params
+from tactiled.emulator.faults import FaultAt, FaultParams
+from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.simulate import Simulation
+from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent, TextureEvent
+from tactiled.pipeline import Pipeline, PipelineParams, check_hello
+from tactiled.samples.assembler import SampleParams
+from tactiled.tomlfile import parse
+from tactiled.wire.frames import Acknowledge, Hello
+from tactiled.wire.layout import load_layout
+
+LAYOUT = load_layout("board-v1")
+ARRAY = load_array("wang2019-3x3")
+# Short windows: the laws do not depend on their length, and a test should not wait for ten seconds.
+TEXTURE = TextureParams(speed_mm_s=4.0, window_s=3.0, settle_s=0.5)
+PARAMS = PipelineParams(detect=DetectParams(wang2019=Wang2019Params(texture=TEXTURE)))
+
+
+@functools.cache
+def scene() -> Scene:
+    document = {
+        "name": "short",
+        "surface": {"kind": "grooves", "period_mm": 1.2, "angle_deg": 20.0},
+        "phases": [
+            {"kind": "rest", "duration_s": 0.3},
+            {"kind": "press", "duration_s": 1.0, "force_n": 20.0},
+            {"kind": "hold", "duration_s": 1.2},
+            {"kind": "slide", "duration_s": 5.0, "speed_mm_s": 4.0},
+            {"kind": "lift", "duration_s": 0.5},
+        ],
+    }
+    return parse(document, Scene, "test")
+
+
+@functools.cache
+def stream(faults: FaultParams | None = None) -> tuple[tuple[float, bytes], ...]:
+    return tuple(Simulation(scene(), LAYOUT, faults=faults, seed=3))
+
+
+def pipeline() -> Pipeline:
+    return Pipeline(LAYOUT, ARRAY, PARAMS)
+
+
+def outputs(reads: tuple[tuple[float, bytes], ...], params: PipelineParams = PARAMS) -> list[object]:
+    target = Pipeline(LAYOUT, ARRAY, params)
+    return [out for now_s, data in reads for out in target.receive_data(data, now_s)]
+
+
+def test_a_press_a_slip_and_a_texture_come_out() -> None:
+    out = outputs(stream())
+    assert isinstance(out[0], Hello)
+    states = [e.state for e in out if isinstance(e, ContactEvent)]
+    assert states[:3] == ["loading", "holding", "sliding"]
+    assert states[-1] == "none"
+    assert [e.state for e in out if isinstance(e, SlipEvent)] == ["onset", "end"]
+    texture = next(e for e in out if isinstance(e, TextureEvent) and e.status in ("ok", "ambiguous"))
+    assert texture.frequency_hz == pytest.approx(4.0 * np.cos(np.radians(20)) / 1.2, abs=1 / 3.0)
+    assert any(isinstance(e, Acknowledge) and e.result == "ok" for e in out)
+
+
+@settings(max_examples=8, deadline=None)
+@given(cuts=st.lists(st.integers(1, 400), min_size=1, max_size=40))
+def test_any_split_of_the_bytes_gives_bit_identical_output(cuts: list[int]) -> None:
+    """A part that completes no frame may come at any time; what completes one keeps its arrival."""
+    whole = outputs(stream())
+    sizes = itertools.cycle(cuts)
+    parts: list[tuple[float, bytes]] = []
+    for now_s, data in stream():
+        while data:
+            size = next(sizes)
+            parts.append((now_s, data[:size]))
+            data = data[size:]
+    assert outputs(tuple(parts)) == whole
+
+
+def test_events_do_not_depend_on_how_many_scans_come_at_once() -> None:
+    """Fifty scans in one read, or all: the same events at the same scans (stamps differ, scans do not)."""
+
+    # Scans that wait for others are late; whether they count must not differ here.
+    patient = PARAMS.model_copy(update={"samples": SampleParams(late_after_s=1e6)})
+
+    def facts(reads: tuple[tuple[float, bytes], ...]) -> list[tuple[object, ...]]:
+        out = outputs(reads, patient)
+        stamps = [e.time_s for e in out if isinstance(e, ScanEvent)]
+
+        def at(time_s: float) -> int:
+            return int(np.argmin(np.abs(np.array(stamps) - time_s)))
+
+        found: list[tuple[object, ...]] = []
+        for e in out:
+            if isinstance(e, SlipEvent):
+                found.append((e.state, e.direction_deg, e.statistic, e.taxels, at(e.detected_s)))
+            elif isinstance(e, ContactEvent):
+                found.append((e.state, e.taxels, at(e.time_s)))
+            elif isinstance(e, TextureEvent):
+                found.append((e.status, e.period_mm, e.angle_deg, e.frequency_hz, e.snr_db))
+        return found
+
+    single = stream()
+    assert facts(single) == facts(_merged(single, 50)) == facts(_merged(single, 700))
+
+
+def _merged(reads: tuple[tuple[float, bytes], ...], n: int) -> tuple[tuple[float, bytes], ...]:
+    return tuple(
+        (reads[min(k + n, len(reads)) - 1][0], b"".join(data for _, data in reads[k : k + n]))
+        for k in range(0, len(reads), n)
+    )
+
+
+def test_reset_equals_new() -> None:
+    used = pipeline()
+    for now_s, data in stream()[:400]:
+        used.receive_data(data, now_s)
+    used.reset()
+    again = [out for now_s, data in stream() for out in used.receive_data(data, now_s)]
+    assert again == outputs(stream())
+
+
+FAULTY = FaultParams(
+    flip_per_byte=2e-4,
+    drop_per_byte=1e-4,
+    cut_per_frame=0.01,
+    duplicate_per_frame=0.02,
+    burst_per_s=0.2,
+    at=[FaultAt(kind="stall", at_s=3.0), FaultAt(kind="reboot", at_s=5.0), FaultAt(kind="overrun", at_s=2.0)],
+)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_scan_the_board_took_is_accounted_for(seed: int) -> None:
+    target = pipeline()
+    simulation = Simulation(scene(), LAYOUT, faults=FAULTY, seed=seed)
+    events: list[Event] = []
+    for now_s, data in simulation:
+        events += [out for out in target.receive_data(data, now_s) if isinstance(out, Event)]
+    health = target.health()
+    assert health.bytes_in == health.bytes_framed + health.bytes_discarded + health.bytes_pending
+    assert health.scans == sum(isinstance(e, ScanEvent) for e in events)
+    # Scans before the first that arrived, and after the last, of each boot cannot be seen to be missing.
+    by_boot: dict[int, int] = {}
+    for scan in simulation.scans:
+        by_boot[scan.boot] = by_boot.get(scan.boot, 0) + 1
+    total = sum(by_boot.values())
+    known = health.scans + health.scans_missing
+    assert total - 30 * len(by_boot) <= known <= total
+    assert health.scans_duplicate > 0
+    assert health.frames_corrupt > 0
+
+
+def test_delivered_counts_are_what_the_board_measured() -> None:
+    """Damage never turns into other voltages: each delivered scan is one that a clean line delivers."""
+    clean = {e.volts for e in outputs(stream()) if isinstance(e, ScanEvent)}
+    faults = FaultParams(flip_per_byte=5e-4, drop_per_byte=5e-4, duplicate_per_frame=0.05)
+    target = pipeline()
+    got = [
+        out.volts
+        for now_s, data in Simulation(scene(), LAYOUT, faults=faults, seed=1)
+        for out in target.receive_data(data, now_s)
+        if isinstance(out, ScanEvent)
+    ]
+    assert len(got) > 300
+    assert set(got) <= clean
+
+
+def test_backlog_behind_a_stall_raises_no_fresh_slip() -> None:
+    """The slip happens inside a stall of 0.5 s: it is said, and marked as not fresh."""
+    onset_s = 2.55  # after power-up: boot, rest, press, hold
+    faults = FaultParams(at=[FaultAt(kind="stall", at_s=onset_s - 0.02)])
+    target = pipeline()
+    slips = [
+        out
+        for now_s, data in Simulation(scene(), LAYOUT, faults=faults)
+        for out in target.receive_data(data, now_s)
+        if isinstance(out, SlipEvent) and out.state == "onset"
+    ]
+    assert [slip.valid for slip in slips] == [False]
+
+
+def test_a_wrong_board_is_told_and_its_scans_are_not() -> None:
+    board = BoardParams(array_id="other-array")
+    out: list[object] = []
+    target = pipeline()
+    for now_s, data in Simulation(scene(), LAYOUT, board=board, duration_s=1.0):
+        out += target.receive_data(data, now_s)
+    assert [type(o) for o in out if isinstance(o, Event)] == []
+    hello = next(o for o in out if isinstance(o, Hello))
+    reason = check_hello(hello, LAYOUT, ARRAY)
+    assert reason is not None
+    assert "other-array" in reason
+    assert "board.array" in reason
+    newer = dataclasses.replace(hello, protocol_version=2, array_id=ARRAY.name)
+    assert "protocol version 2" in str(check_hello(newer, LAYOUT, ARRAY))
+
+
+def test_disconnecting_forgets_half_frames_and_says_a_gap() -> None:
+    target = pipeline()
+    reads = stream()
+    for now_s, data in reads[:200]:
+        target.receive_data(data, now_s)
+    target.receive_data(reads[200][1][:30], reads[200][0])
+    target.disconnected()
+    health = target.health()
+    assert health.bytes_pending == 0
+    assert health.bytes_in == health.bytes_framed + health.bytes_discarded
+    assert target.hello is None
+
+
+def test_another_layout_needs_no_code() -> None:
+    """Big-endian, sync word, CRC-32, nine channels, no hello and no commands."""
+    layout = load_layout("legacy-9")
+    rest = load_scene("rest").with_changes(array="normal-3x3")
+    target = Pipeline(layout, load_array("normal-3x3"))
+    simulation = Simulation(rest, layout, duration_s=30.0)
+    scans = [
+        out
+        for now_s, data in simulation
+        for out in target.receive_data(data, now_s)
+        if isinstance(out, ScanEvent)
+    ]
+    assert len(scans) == pytest.approx(len(simulation.scans), abs=2)
+    assert len(scans) > 1400
+    assert target.health().scans_missing == 0
+    assert len(scans[0].volts) == 9
