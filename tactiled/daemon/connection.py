@@ -11,7 +11,7 @@ logger = logging.getLogger(__name__)
 
 QUICK_TRIES = 20  # for the second in which a twitched cable comes back ...
 QUICK_S = 0.05
-SLOWEST_S = 1.0  # ... then rarer and rarer, but a replugged board never waits longer than this
+SLOWEST_S = 0.5  # ... then rarer, but so that a board is back, settings and all, within 1 s of its node
 _SLOWER = 1.5
 _SETTLED_S = 1.0  # a port that stayed open for so long earned quick tries again when it goes
 

@@ -218,7 +218,8 @@ class Service:
         hello = self._session.hello
         board = f"board {hello.board_serial}" if hello is not None else "board"
         text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
-        logger.log(logging.INFO if state in ("running", "syncing") else logging.WARNING, "%s", text)
+        expected = state in ("running", "syncing") or self._end.done()
+        logger.log(logging.INFO if expected else logging.WARNING, "%s", text)
         self._notifier.status(text)
         if new_state:
             self._publish_status(now_s)  # a controller learns of a stall now, not at the next tick

@@ -392,6 +392,11 @@ class AnyHistory(RuleBasedStateMachine):
         self.bench.board.streaming = False
 
     @precondition(lambda self: self.plugged)
+    @rule()
+    def unasked_hello(self) -> None:
+        self.bench.exchange(self.bench.hear([self.bench.board.hello()]))
+
+    @precondition(lambda self: self.plugged)
     @rule(token=st.integers(0, 3), name=st.sampled_from(["start", "stop", "identify", "0x99"]))
     def stray_answer(self, token: int, name: str) -> None:
         self.bench.exchange(self.bench.hear([Acknowledge(token, name, "ok")]))
