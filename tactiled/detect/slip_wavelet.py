@@ -28,12 +28,7 @@ a hold at 100 Hz with the 12-bit ADC: 4 alarms in 20 h at 0.3 mV rms, 20 a minut
 something always crosses, and a slip once raised does not end before the lift.
 """
 
-import dataclasses
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
@@ -46,8 +41,9 @@ from tactiled.detect.contact import (
     lost_contact_event,
 )
 from tactiled.detect.kink import KinkFit
-from tactiled.detect.pairs import PairResponse, whole_weights
+from tactiled.detect.pairs import PairResponse
 from tactiled.detect.quantise import Quantiser
+from tactiled.detect.slide import Look, MotionResponse, Slide
 from tactiled.detect.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
 from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -79,30 +75,6 @@ def level_at(rate_hz: float, params: SlipParams) -> int:
     return params.level or int(np.clip(round(3 + np.log2(rate_hz / 100.0)), 1, MAX_LEVEL))
 
 
-class _Look(NamedTuple):
-    """What the rule looks at in one scan."""
-
-    time_s: float
-    time_sd_s: float
-    late: bool
-    coefficients: FloatArray  # (channels,)
-    analysed: NDArray[np.bool_]  # (channels,): usable, on a taxel in contact
-    crossing: NDArray[np.bool_]  # (channels,)
-    steps: FloatArray  # (taps, channels): the held readings behind the coefficients
-
-
-@dataclass
-class _Slide:
-    """A slip that is going on."""
-
-    onset: SlipEvent
-    weights: FloatArray  # (channels,): readings, in steps, to the response along the motion
-    reference: float  # that response before the slip
-    trace_s: float  # when the slip ended, should it turn out that it has
-    before_kink: float = 0.0  # largest response, above the reference, before the opposite kinks of this burst
-    kinking_back: bool = False
-
-
 class WaveletSlip:
     """Contact and slip events by the published rule.
 
@@ -123,7 +95,7 @@ class WaveletSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
-        self._slide: _Slide | None = None
+        self._slide: Slide | None = None
         self._quiet = 0  # scans since the newest crossing
 
     def _start(self, rate_hz: float) -> None:
@@ -161,7 +133,7 @@ class WaveletSlip:
     def _forget(self) -> list[Event]:
         events: list[Event] = []
         if self._slide is not None:
-            events.append(_ended(self._slide.onset, self._last_time_s, self._last_time_s, valid=False))
+            events.append(self._slide.ended(self._last_time_s, self._last_time_s, valid=False))
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
         self.reset()
@@ -182,7 +154,7 @@ class WaveletSlip:
             if change is not None:
                 events.append(contact_event(block, scan, pressure, change))
             if crosses[scan] or self._slide is not None:
-                look = _Look(
+                look = Look(
                     float(block.time_s[scan]),
                     float(block.time_sd_s[scan]),
                     bool(block.late[scan]),
@@ -199,17 +171,17 @@ class WaveletSlip:
             self._quiet = 0 if crosses[scan] else self._quiet + 1
         return events
 
-    def _look(self, look: _Look, crosses: bool) -> SlipEvent | None:
+    def _look(self, look: Look, crosses: bool) -> SlipEvent | None:
         """Onset or end that this scan brings."""
         if self._slide is None:
             return self._onset(look)
         if self._tracker.state == "none":
-            return _ended(self._slide.onset, look.time_s, look.time_s, valid=not look.late)
+            return self._slide.ended(look.time_s, look.time_s, valid=not look.late)
         if crosses:
-            self._follow_kinks(self._slide, look)
+            self._slide.cross(look, is_first=self._quiet >= self._quiet_scans)
             return None
-        if self._quiet + 1 >= self._quiet_scans and self._gave_back(self._slide, look):
-            return _ended(self._slide.onset, self._slide.trace_s, look.time_s, valid=not look.late)
+        if self._quiet + 1 >= self._quiet_scans and self._slide.gave_back(look, self._params.relaxed_part):
+            return self._slide.ended(self._slide.trace_s, look.time_s, valid=not look.late)
         return None
 
     def _follow(self, slip: SlipEvent) -> Transition | None:
@@ -219,7 +191,7 @@ class WaveletSlip:
         self._slide = None
         return self._tracker.end_sliding() if self._tracker.state == "sliding" else None
 
-    def _onset(self, look: _Look) -> SlipEvent | None:
+    def _onset(self, look: Look) -> SlipEvent | None:
         """The second peak, if this crossing is that."""
         # Slip itself may disturb the pressure: with shear to tell it by, the load need only have been steady
         # up to the kink, which lies no further back than the filter's peak delay.
@@ -238,7 +210,7 @@ class WaveletSlip:
             return None
         return self._begin(look, self._pairs.motion_weights(taxels), opposed / (opposed + common))
 
-    def _begin(self, look: _Look, weights: FloatArray, confidence: float) -> SlipEvent:
+    def _begin(self, look: Look, weights: FloatArray, confidence: float) -> SlipEvent:
         """Onset event, and the slide that it begins; `weights` (axes, channels) make the motion response."""
         onset = self._kink.onset(
             look.steps @ weights.T * self._quantiser.volts_per_step, weights @ look.coefficients
@@ -260,36 +232,6 @@ class WaveletSlip:
             valid=not look.late,
             detected_s=look.time_s,
         )
-        motion = whole_weights(onset.along @ weights)
-        self._slide = _Slide(event, motion, self._response_before(look, motion), trace_s=look.time_s)
+        response = MotionResponse(onset.along @ weights, look, self._kink)
+        self._slide = Slide(event, response if self._has_shear else None, look.time_s, self._rate_hz)
         return event
-
-    def _response_before(self, look: _Look, motion: FloatArray) -> float:
-        """Response along the motion, in steps, before any kink that the filter now answers to."""
-        return float((look.steps[: self._kink.n_before] @ motion).mean())
-
-    def _follow_kinks(self, slide: _Slide, look: _Look) -> None:
-        """Remember how large the response was before it kinked back."""
-        if not self._has_shear:
-            slide.trace_s = look.time_s
-            return
-        if self._quiet >= self._quiet_scans:
-            slide.before_kink, slide.kinking_back = 0.0, False  # a new burst of crossings
-        kinks_back = bool(slide.weights @ look.coefficients < 0)
-        if kinks_back:
-            before = self._response_before(look, slide.weights) - slide.reference
-            slide.before_kink = max(slide.before_kink, before)
-            if not slide.kinking_back:
-                slide.trace_s = look.time_s - self._kink.middle_scans / self._rate_hz
-        slide.kinking_back = kinks_back
-
-    def _gave_back(self, slide: _Slide, look: _Look) -> bool:
-        if not self._has_shear:
-            return True
-        left = float(look.steps[-1] @ slide.weights) - slide.reference
-        return left < (1 - self._params.relaxed_part) * slide.before_kink
-
-
-def _ended(onset: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
-    """End of the slip that began with `onset`, whose estimates it repeats."""
-    return dataclasses.replace(onset, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)
