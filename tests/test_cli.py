@@ -1,0 +1,100 @@
+"""The command line: exit codes, one clear line for each fault, machine output apart from words."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def tactiled(
+    *arguments: str, cwd: Path | None = None, path: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the program; `path` puts another copy of the package first."""
+    environ = {"PATH": "/usr/bin:/bin", **({"PYTHONPATH": str(path)} if path else {})}
+    return subprocess.run(
+        [sys.executable, "-m", "tactiled", *arguments],
+        capture_output=True, text=True, cwd=cwd, env=environ, timeout=60, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", ["demo", "run", "emulate", "listen", "detect", "bench", "check-config"])
+def test_help_of_each_verb_has_an_example(verb: str) -> None:
+    done = tactiled(verb, "--help")
+    assert done.returncode == 0
+    assert f"Example: tactiled {verb}" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run"], "--config FILE, or --port PORT"),
+        (["run", "--config", "none.toml"], "none.toml: no such file"),
+        (["emulate"], "either --link NAME or --tcp"),
+        (["emulate", "--scene", "none", "--link", "x"], "demo"),
+        (["emulate", "--scene", "bad.toml", "--link", "x"], "period_mm"),
+        (["emulate", "--protocol", "none", "--link", "x"], "board-v1"),
+        (["listen", "nonsense"], "nonsense"),
+        (["detect", "none.csv"], "none.csv"),
+        (["check-config"], "FILE"),
+        (["bench", "none"], "none"),
+        (["frobnicate"], "frobnicate"),
+    ],
+)
+def test_usage_and_configuration_faults_end_in_2_with_one_clear_line(
+    arguments: list[str], says: str, tmp_path: Path
+) -> None:
+    (tmp_path / "bad.toml").write_text(
+        'name = "bad"\nsurface = { kind = "grooves", period_mm = -1.2 }\n'
+        '[[phases]]\nkind = "rest"\nduration_s = 1.0\n'
+    )
+    done = tactiled(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 100}," + ",".join(["0"] * 36) + "\n" for k in range(50))
+    (tmp_path / "log.csv").write_text("time_s," + ",".join(f"c{k}" for k in range(36)) + "\n" + rows)
+    shell = f"{sys.executable} -m tactiled check-config --schema | head -c 10"
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", shell], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_the_schema_is_for_editors() -> None:
+    schema = json.loads(tactiled("check-config", "--schema").stdout)
+    assert "port" in schema["properties"]
+
+
+def test_the_wheel_carries_all_that_the_program_needs(tmp_path: Path) -> None:
+    """Installed from a wheel, away from the checkout, protocols, config and scenes are still there."""
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True, timeout=120)
+    (wheel,) = tmp_path.glob("tactiled-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    done = tactiled("check-config", "--schema", cwd=elsewhere, path=tmp_path / "site")
+    assert done.returncode == 0, done.stderr
+    script = (
+        "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
+        "from tactiled.emulator.scene import load_scene; load_scene('demo');"
+        "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
+        "print(r.shipped('systemd', 'tactiled@.service').exists());"
+        "print(r.shipped('protocols', 'board.md').exists())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=elsewhere, check=True,
+        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tmp_path / "site")},
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [str(tmp_path / "site" / "tactiled" / "__init__.py"), "True", "True"]

@@ -1,0 +1,151 @@
+"""`tactiled detect FILE` as its users run it: their own array, their own log."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tactiled.array import Array, load_array
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.simulate import Simulation
+from tactiled.errors import ConfigError, DataError
+from tactiled.events.types import Event, SlipEvent
+from tactiled.offline import detect_file
+from tactiled.pipeline import Pipeline
+from tactiled.recording.raw import RawWriter, load_source
+from tactiled.wire.layout import load_layout
+
+Floats = NDArray[np.float64]
+ONSET_S = 6.0
+
+
+def press_and_slide(
+    array: Array, rate_hz: float, direction_deg: float, scale: float = 1.0
+) -> tuple[Floats, Floats]:
+    """A log with known truth, made here: pressure up to 1.5 s, slide from `ONSET_S` on."""
+    rng = np.random.default_rng(5)
+    time_s = 100.0 + np.arange(int(10 * rate_hz)) / rate_hz
+    t = time_s - 100.0
+    load = np.clip((t - 0.5) / 1.0, 0, 1)
+    slide = np.where(t > ONSET_S, 1 - np.exp(-(t - ONSET_S) / 0.15), 0.0)
+    theta = np.radians(direction_deg)
+    shear = array.shear_weights()
+    pattern_x, pattern_y = np.sign(shear).sum(axis=1)
+    normal = (array.normal_weights() != 0).any(axis=0).astype(float)
+    volts = np.outer(load * 1.2, normal)
+    volts += 0.4 * np.outer(slide, np.cos(theta) * pattern_x + np.sin(theta) * pattern_y)
+    if not array.has_shear:  # friction tilts the pad: pressure moves to the trailing taxels
+        along = np.cos(theta) * array.x_mm + np.sin(theta) * array.y_mm
+        volts -= 0.3 * np.outer(slide, (along - along.mean())[array.channel_taxel] / np.ptp(along))
+    volts += rng.normal(0, 3e-4, volts.shape)
+    return time_s, np.asarray(scale * volts, dtype=np.float64)
+
+
+def write_csv(path: Path, time_s: Floats, volts: Floats) -> None:
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time_s", *[f"c{k}" for k in range(volts.shape[1])]])
+        writer.writerows([t, *row] for t, row in zip(time_s.tolist(), volts.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_hz", "has_direction"),
+    [("wang2019-3x3", 100.0, True), ("normal-4x4", 35.7, False), ("xyz-two-pads-4x4", 60.0, True)],
+)
+def test_a_log_of_any_array_gives_its_slip(
+    name: str, rate_hz: float, has_direction: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s, volts = press_and_slide(load_array(name), rate_hz, direction_deg=130.0)
+    write_csv(tmp_path / "log.csv", time_s, volts)
+    picture = tmp_path / "log.png"
+    found = detect_file(tmp_path / "log.csv", array=name, plot=picture)
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert len(events) == found
+    onsets = [e for e in events if e["topic"] == "slip" and e["state"] == "onset"]
+    assert len(onsets) == 1
+    assert onsets[0]["onset"] == pytest.approx(100.0 + ONSET_S, abs=max(3 * onsets[0]["onset_sd_s"], 0.05))
+    if has_direction:
+        assert onsets[0]["direction_deg"] == pytest.approx(130.0, abs=3.0)
+    else:
+        assert onsets[0]["direction_sd_deg"] == 180.0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_array_file_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two taxels listed one by one, z before x, x turned round: geometry is data."""
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        """
+name = "mine"
+[[taxels]]
+x_mm = 0.0
+y_mm = 0.0
+[[taxels]]
+x_mm = 4.0
+y_mm = 1.0
+"""
+        + "".join(
+            f'[[channels]]\nname = "{kind}"\nkind = "{kind}"\ntaxel = {taxel}\nsign = {sign}\n'
+            for taxel in (0, 1)
+            for kind, sign in (("normal", 1), ("shear_x", -1), ("shear_y", 1))
+        )
+    )
+    time_s, volts = press_and_slide(load_array(str(file)), 100.0, direction_deg=-45.0)
+    np.savez(tmp_path / "log.npz", time_s=time_s, volts=volts)
+    detect_file(tmp_path / "log.npz", array=str(file))
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    (onset,) = [e for e in events if e["topic"] == "slip" and e["state"] == "onset"]
+    assert onset["direction_deg"] == pytest.approx(-45.0, abs=3.0)
+
+
+def test_a_recording_gives_the_events_that_were_live(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = load_source("board-v1", "wang2019-3x3")
+    live = Pipeline(load_layout("board-v1"), load_array("wang2019-3x3"))
+    slips: list[float] = []
+    with RawWriter(tmp_path / "demo.mcap", source, unix_offset_s=1.7e9) as writer:
+        for now_s, data in Simulation(load_scene("demo"), live.layout, duration_s=9.0):
+            writer.write(data, now_s)
+            for out in live.receive_data(data, now_s):
+                if isinstance(out, Event) and isinstance(out, SlipEvent):
+                    slips.append(out.onset_s)
+    detect_file(tmp_path / "demo.mcap")
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [e["onset"] for e in events if e["topic"] == "slip"] == slips
+    assert len(slips) == 1
+
+
+def test_nan_readings_never_leave(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
+    volts[::3, 5] = np.nan
+    volts[:, 8] = np.nan
+    write_csv(tmp_path / "holes.csv", time_s, volts)
+    detect_file(tmp_path / "holes.csv", plot=tmp_path / "holes.png")
+    text = capsys.readouterr().out
+    assert "NaN" not in text
+    assert '"onset"' in text
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "says"),
+    [
+        (("log.txt",), DataError, "what is it"),
+        (("log.csv", "normal-4x4"), DataError, "36 channels, but array normal-4x4 has 16"),
+        (("log.csv", "no-such-array"), ConfigError, "no-such-array"),
+        (("log.csv", None, None, None, "fastest"), ConfigError, "setting"),
+        (("none.mcap",), DataError, "No such file"),
+        (("log.mcap", "normal-4x4"), ConfigError, "a recording knows its own"),
+    ],
+)
+def test_what_cannot_be_run_says_why(
+    call: tuple[str, ...], error: type[Exception], says: str, tmp_path: Path
+) -> None:
+    time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
+    write_csv(tmp_path / "log.csv", time_s[:100], volts[:100])
+    (tmp_path / "log.txt").write_text("")
+    with pytest.raises(error, match=says):
+        detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
