@@ -94,7 +94,8 @@ class Connection:
         finally:
             self._port = self._gone = None
             port.detach()
-            await asyncio.to_thread(port.close)
+            # Shielded: cancelled before its thread began, the closing would never be done.
+            await asyncio.shield(asyncio.get_running_loop().run_in_executor(None, port.close))
 
     def _leave(self, reason: str) -> None:
         if self._gone is not None and not self._gone.done():
