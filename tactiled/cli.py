@@ -4,11 +4,12 @@ Exit codes: 0 good, 1 the operation failed, 2 usage or configuration. Heavy room
 command that needs them, so that ``--help`` and ``listen`` start at once.
 """
 
+import contextlib
 import json
 import os
 import sys
+import time
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -44,44 +45,54 @@ def demo(out: Path) -> None:
 @cli.command()
 @click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
 @click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
+@click.option("--record", "recording", type=FILE, help="Also record the bytes of the line here (.mcap).")
 @click.option("-v", "--verbose", is_flag=True, help="Log what usually does not matter.")
-def run(config: Path | None, port: str | None, verbose: bool) -> None:
+def run(config: Path | None, port: str | None, recording: Path | None, verbose: bool) -> None:
     """Read the board and publish events until stopped.
 
     Example: tactiled run --config /etc/tactiled/left.toml
     """
-    from tactiled.config import default_config, load_config
+    from tactiled.config import Setup, default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.service import ServiceParams, run_service
+    from tactiled.recording.raw import RawWriter, load_source
 
     if config is None and port is None:
         raise click.UsageError("say --config FILE, or --port PORT to run with defaults")
 
-    def load() -> Any:
-        return load_config(config, port) if config is not None else default_config(port or "")
+    def load() -> Setup:
+        return default_config(port or "") if config is None else load_config(config, port)
 
     def again() -> ServiceParams:
-        params: ServiceParams = load().config.service
-        return params
+        return load().config.service
 
     set_up(10 if verbose else 20)
     setup = load()
-    sys.exit(
-        run_service(
+    board = setup.config.board
+    with contextlib.ExitStack() as stack:
+        tap = None
+        if recording is not None:
+            offset_s = time.time() - time.monotonic()
+            writer = RawWriter(recording, load_source(board.protocol, board.array), offset_s)
+            tap = stack.enter_context(writer).write
+        code = run_service(
             setup.config.service,
             setup.make_pipeline(),
             setup.layout,
             setup.array,
-            again if config is not None else None,
+            None if config is None else again,
+            tap,
         )
-    )
+    sys.exit(code)
 
 
 @cli.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, info.")
 @click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many messages.")
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0), help="Fail after so many silent seconds.")
+@click.option(
+    "--timeout", "timeout_s", type=click.FloatRange(0), help="Stop after so many seconds; 1 if nothing came."
+)
 def listen(endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None) -> None:
     """Print what a daemon publishes, one JSON line a message.
 

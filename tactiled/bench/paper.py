@@ -17,7 +17,7 @@ from tactiled.detect.suite import DetectParams
 from tactiled.detect.texture_paper import TextureParams
 from tactiled.detect.wang2019 import Wang2019Params
 from tactiled.detect.wavelet import BankParams, SwtBank, border_scans
-from tactiled.emulator.scene import Scene, Slide, paper_scenes
+from tactiled.emulator.scene import Grooves, Scene, Slide, paper_scenes
 from tactiled.emulator.simulate import Simulation
 from tactiled.emulator.truth import Truth
 from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent
@@ -50,7 +50,10 @@ class Run:
 
 
 def play(scene: Scene, seed: int) -> Run:
-    """Run a scene, with its own seed for noise and taxels, from volts to events."""
+    """Run a scene from volts to events, with its own noise and taxels, and the plate put down anywhere."""
+    if isinstance(scene.surface, Grooves):
+        offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
+        scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})
     slides = [phase for phase in scene.phases if isinstance(phase, Slide)]
     texture = TextureParams(speed_mm_s=slides[0].speed_mm_s)
     params = PipelineParams(detect=DetectParams(wang2019=Wang2019Params(texture=texture)))

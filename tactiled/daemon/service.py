@@ -46,6 +46,7 @@ class ServiceParams(Params):
 
 
 Reload = Callable[[], ServiceParams]
+Tap = Callable[[bytes, float], None]
 
 
 class Service:
@@ -60,6 +61,8 @@ class Service:
     array : Array
     reload : callable, optional
         Reads the configuration again (SIGHUP) and gives what it says now.
+    tap : callable, optional
+        Gets every read of the port with its arrival time, before anything else does: a recorder.
 
     Raises
     ------
@@ -74,6 +77,7 @@ class Service:
         layout: Layout,
         array: Array,
         reload: Reload | None = None,
+        tap: Tap | None = None,
     ) -> None:
         check_url(params.port.url)
         self._params = params
@@ -81,6 +85,7 @@ class Service:
         self._layout = layout
         self._array = array
         self._reload = reload
+        self._tap = tap
         self._encoder = Encoder(layout)
         self._line = LineWatch(layout.name, self._baud)
         self._session = Session(
@@ -162,6 +167,8 @@ class Service:
         commands: list[Command] = []
         scanned = False
         self._line.received(now_s)
+        if self._tap is not None:
+            self._tap(data, now_s)
         for item in self._pipeline.receive_data(data, now_s):
             if isinstance(item, Event):
                 if session.accepted:
@@ -278,10 +285,15 @@ class Service:
 
 
 async def serve(
-    params: ServiceParams, pipeline: Pipeline, layout: Layout, array: Array, reload: Reload | None = None
+    params: ServiceParams,
+    pipeline: Pipeline,
+    layout: Layout,
+    array: Array,
+    reload: Reload | None = None,
+    tap: Tap | None = None,
 ) -> None:
     """Run the daemon until SIGTERM or SIGINT; SIGHUP reloads."""
-    service = Service(params, pipeline, layout, array, reload)
+    service = Service(params, pipeline, layout, array, reload, tap)
     loop = asyncio.get_running_loop()
     handlers = {signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload}
     for number, handler in handlers.items():
@@ -294,7 +306,12 @@ async def serve(
 
 
 def run_service(
-    params: ServiceParams, pipeline: Pipeline, layout: Layout, array: Array, reload: Reload | None = None
+    params: ServiceParams,
+    pipeline: Pipeline,
+    layout: Layout,
+    array: Array,
+    reload: Reload | None = None,
+    tap: Tap | None = None,
 ) -> int:
     """Run the daemon; 0 after a wanted end.
 
@@ -303,5 +320,5 @@ def run_service(
     OperatorError
         Something that must be mended first (an endpoint in use, a URL that is none).
     """
-    asyncio.run(serve(params, pipeline, layout, array, reload))
+    asyncio.run(serve(params, pipeline, layout, array, reload, tap))
     return 0

@@ -22,6 +22,7 @@ class Look(NamedTuple):
     analysed: NDArray[np.bool_]  # (channels,): usable, on a taxel in contact
     crossing: NDArray[np.bool_]  # (channels,)
     steps: FloatArray  # (taps, channels): the held readings behind the coefficients
+    channel_offset_s: FloatArray  # (channels,): how long after `time_s` each channel was sampled
 
 
 class MotionResponse:
@@ -34,10 +35,16 @@ class MotionResponse:
     look : Look
         The scan that raised the slip.
     kink : KinkFit
+
+    Attributes
+    ----------
+    skew_s : float
+        How long after the scan began its channels were sampled, on the average of their weights.
     """
 
     def __init__(self, weights: FloatArray, look: Look, kink: KinkFit) -> None:
         self._weights = whole_weights(weights)
+        self.skew_s = float(np.average(look.channel_offset_s, weights=np.abs(weights)))
         self._n_before = kink.n_before
         self.kink_delay_scans = kink.middle_scans
         self._reference = 0.0
@@ -95,7 +102,8 @@ class Slide:
         if kinks_back:
             self._before_kinks = max(self._before_kinks, self._response.before_kink(look))
             if not self._kinking_back:
-                self.trace_s = look.time_s - self._response.kink_delay_scans / self._rate_hz
+                delay_s = self._response.kink_delay_scans / self._rate_hz
+                self.trace_s = look.time_s + self._response.skew_s - delay_s
         self._kinking_back = kinks_back
 
     def gave_back(self, look: Look, relaxed_part: float) -> bool:

@@ -162,6 +162,7 @@ class WaveletSlip:
                     analysed[scan],
                     crossing[scan],
                     steps[scan : scan + self._border + 1],
+                    block.channel_offset_s,
                 )
                 slip = self._look(look, crosses[scan])
                 if slip is not None:
@@ -215,7 +216,8 @@ class WaveletSlip:
         onset = self._kink.onset(
             look.steps @ weights.T * self._quantiser.volts_per_step, weights @ look.coefficients
         )
-        onset_s = look.time_s - onset.delay.scans / self._rate_hz
+        response = MotionResponse(onset.along @ weights, look, self._kink)
+        onset_s = look.time_s + response.skew_s - onset.delay.scans / self._rate_hz
         event = SlipEvent(
             time_s=onset_s,
             state="onset",
@@ -232,6 +234,5 @@ class WaveletSlip:
             valid=not look.late,
             detected_s=look.time_s,
         )
-        response = MotionResponse(onset.along @ weights, look, self._kink)
         self._slide = Slide(event, response if self._has_shear else None, look.time_s, self._rate_hz)
         return event

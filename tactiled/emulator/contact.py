@@ -103,7 +103,8 @@ class SignalContact:
 def groove_phase(grooves: Grooves, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
     """Phase, in radians, of the groove pattern at places in the surface's frame; a ridge is at 0."""
     angle = np.deg2rad(grooves.angle_deg)
-    return np.asarray(2 * np.pi * (x_mm * np.cos(angle) + y_mm * np.sin(angle)) / grooves.period_mm)
+    along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
+    return np.asarray(2 * np.pi * along_mm / grooves.period_mm)
 
 
 def groove_ripple(grooves: Grooves, phase: FloatArray) -> FloatArray:

@@ -39,6 +39,10 @@ class Grooves(Plate):
     kind: Literal["grooves"]
     period_mm: float = Field(gt=0.01, le=100, description="from ridge to ridge, along the groove normal")
     angle_deg: float = Field(default=0.0, gt=-90, le=90, description="0: grooves parallel to y")
+    offset_mm: float = Field(
+        default=0.0,
+        description="place of a ridge, along the groove normal from the array's origin, at the start",
+    )
     # Wang 2019, figure of the angle study: total force on one unit ripples by 0.08 N (peak to trough) at
     # 0 degrees under 15 N / 9 a unit, that is +-2.4 %; divided by the aperture's 0.58 at 1.2 mm.
     ripple: float = Field(

@@ -138,3 +138,19 @@ def test_a_second_daemon_is_refused_in_one_line(setup: Setup) -> None:
         assert len(words.splitlines()) == 1
         assert "in use by another tactiled" in words
         end(first)
+
+
+def test_a_recording_of_the_run_finds_the_slip_again(setup: Setup, tmp_path: Path) -> None:
+    """Bytes recorded beside the live service give the live events when they are run again."""
+    recording = tmp_path / "run.mcap"
+    with (
+        setup.process("run", "--config", str(setup.config), "--record", str(recording)) as daemon,
+        setup.process("emulate", "--scene", "demo", "--link", str(setup.link)),
+    ):
+        slips = setup.listen("--topic", "slip", "--count", "1")
+        daemon.send_signal(signal.SIGTERM)
+        assert daemon.wait(PATIENCE_S) == 0
+    with setup.process("detect", str(recording)) as again:
+        out, _ = again.communicate(timeout=PATIENCE_S)
+    onset = next(e for e in map(json.loads, out.splitlines()) if e["topic"] == "slip")
+    assert [onset["direction_deg"], onset["statistic"]] == [slips[0]["direction_deg"], slips[0]["statistic"]]
