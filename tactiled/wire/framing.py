@@ -127,7 +127,13 @@ class CobsFramer:
             self.bytes_discarded += len(chunk) + 1
             yield Corrupt(fault, len(chunk) + 1, guarded[: -self._tail])
             return
-        bodies, framed, _ = self._salvage(chunk)
+        # First the frame that the delimiter closed: one before it that lost its last byte could pass for
+        # whole with this one's first.
+        start, closed = self._frame_before_end(chunk)
+        bodies, framed, _ = self._salvage(chunk[:start])
+        if closed is not None:
+            bodies.append(closed)
+            framed += len(chunk) - start
         lost = len(chunk) + 1 - framed
         self.bytes_framed += framed
         self.bytes_discarded += lost
@@ -166,6 +172,14 @@ class CobsFramer:
             start = end
         return bodies, framed, last
 
+    def _frame_before_end(self, chunk: bytes) -> tuple[int, bytes | None]:
+        """Where the good frame begins that ends with the chunk, and its body; None where none does."""
+        for start in range(max(len(chunk) - self._longest, 0), len(chunk)):
+            body, end = self._frame_at(chunk, start)
+            if body is not None and end == len(chunk):
+                return start, body
+        return len(chunk), None
+
     def _frame_at(self, chunk: bytes, start: int) -> tuple[bytes | None, int]:
         """Body of the good frame that begins at `start`, or None, and where to search on."""
         first = 0 if chunk[start] == 1 else chunk[min(start + 1, len(chunk) - 1)]
@@ -193,11 +207,15 @@ class SyncFramer:
         self._tail = layout.checksum.n_bytes
         self._lengths = set(self._checker.body_bytes.values())
         self._buffer = bytearray()
+        # A frame that lost its last byte passes for whole with the first byte of the next one's sync word,
+        # one time in 256. So an end that could begin a sync word is looked at again: these bytes, counted
+        # as framed, still stand at the front of the buffer.
+        self._lent = 0
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
     def bytes_pending(self) -> int:
-        return len(self._buffer)
+        return len(self._buffer) - self._lent
 
     def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
         """Bodies and corruptions that `data` completes, in order."""
@@ -209,7 +227,7 @@ class SyncFramer:
                 return
             length = int.from_bytes(buffer[len(self._sync) : self._header], self._order)
             if length not in self._lengths:
-                yield self._reject("length")
+                yield from self._reject("length")
                 continue
             size = self._header + length + self._tail
             if len(buffer) < size:
@@ -217,27 +235,42 @@ class SyncFramer:
             guarded = bytes(buffer[self._header : size])
             fault = self._checker.fault(guarded)
             if fault is None:
-                del buffer[:size]
-                self.bytes_framed += size
+                self.bytes_framed += self._drop(size)
+                self._lend(guarded)
                 yield guarded[: -self._tail]
             else:
-                yield self._reject(fault)
+                yield from self._reject(fault)
 
     def _seek_sync(self) -> bool:
         """Drop what cannot begin a frame; True when the buffer begins with the sync word."""
         at = self._buffer.find(self._sync)
-        if at < 0:  # keep the longest end that may grow into the sync word
-            keep = max(k for k in range(len(self._sync)) if self._buffer.endswith(self._sync[:k]))
-            at = len(self._buffer) - keep
-        del self._buffer[:at]
-        self.bytes_discarded += at
+        if at < 0:
+            at = len(self._buffer) - self._sync_begun(self._buffer)
+        self.bytes_discarded += self._drop(at)
         return self._buffer.startswith(self._sync)
 
-    def _reject(self, fault: str) -> Corrupt:
+    def _sync_begun(self, data: bytes | bytearray) -> int:
+        """Length of the longest end of `data` that may grow into the sync word."""
+        return max(k for k in range(len(self._sync)) if data.endswith(self._sync[:k]))
+
+    def _lend(self, guarded: bytes) -> None:
+        """Put back the end of a good frame if it may begin the next."""
+        self._lent = 1 if guarded[-1:] == self._sync else self._sync_begun(guarded)
+        self._buffer[:0] = guarded[len(guarded) - self._lent :]
+
+    def _drop(self, n: int) -> int:
+        """Take `n` bytes off the front; how many of them were not counted before."""
+        del self._buffer[:n]
+        lent = min(n, self._lent)
+        self._lent -= lent
+        return n - lent
+
+    def _reject(self, fault: str) -> Iterator[Corrupt]:
         """Give up one byte only: the frame that was damaged may hide a good one."""
-        del self._buffer[:1]
-        self.bytes_discarded += 1
-        return Corrupt(fault, 1)
+        given_up = self._drop(1)
+        self.bytes_discarded += given_up
+        if given_up:
+            yield Corrupt(fault, given_up)
 
 
 def make_framer(layout: Layout, direction: Direction) -> Framer:

@@ -205,3 +205,23 @@ def test_an_intact_stranger_is_named_to_each_end() -> None:
     assert decode(BOARD_V1, stranger)[0] == [Corrupt("type", 7, b"\x7f\x05\x00")]
     refusal = Acknowledge(5, "0x7f", "unknown_command", 0)
     assert decode(BOARD_V1, Encoder(BOARD_V1).encode(refusal))[0] == [refusal]
+
+
+@pytest.mark.parametrize(
+    "layout", [BOARD_V1, LEGACY_9, with_sync("A5")], ids=["board-v1", "legacy-9", "one-byte"]
+)
+def test_a_frame_that_lost_its_last_byte_does_not_take_the_next_ones_first(layout: Layout) -> None:
+    """The byte that is missing is, one time in 256, the very byte that follows."""
+    encode = Encoder(layout).encode
+    second = scans(layout, 1)[0]
+    after = encode(second)
+    cut = 2 if layout is BOARD_V1 else 1  # the delimiter goes too
+    hits = 0
+    for first in (scan for seed in range(15) for scan in scans(layout, 200, seed + 1)):
+        whole = encode(first)
+        if whole[-cut] == after[0]:
+            hits += 1
+            items, decoder = decode(layout, whole[:-cut] + after)
+            assert items[-1] == second
+            assert decoder.bytes_in == decoder.bytes_framed + decoder.bytes_discarded + decoder.bytes_pending
+    assert hits > 2
