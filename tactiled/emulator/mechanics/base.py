@@ -1,0 +1,92 @@
+"""What every physical contact model (rung) takes and gives: the seam of the ladder.
+
+A rung steps through time: friction remembers. `step` is called on a fixed grid of instants, so that how a
+caller chunks time changes nothing; `stepper` makes such a rung answer at any instant.
+
+Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is where
+that origin is over the surface (taxel place plus travel of the skin). Forces are those on the skin.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Held = Literal["force", "displacement"]
+
+# Bits of `TaxelForces.warnings`: the number is still the best the rung has.
+UNSTABLE_MATERIAL = 1  # strain beyond the stable range of a material: the safe continuation was used
+NOT_CONVERGED = 2  # the solver stopped at its iteration limit
+BOTTOMED = 4  # pressed deeper than the bump is high: the load curve is extrapolated
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the bump is on.
+
+    Attributes
+    ----------
+    friction : float
+        Coulomb coefficient.
+    period_mm, angle_deg, depth_mm : float
+        Grooves; ``depth_mm = 0`` is a flat plate. Height above the valleys is
+        ``depth (1 + cos(2 pi s / period)) / 2`` with s along the groove normal (cos angle, sin angle).
+    """
+
+    friction: float
+    period_mm: float = 1.0
+    angle_deg: float = 0.0
+    depth_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TaxelForces:
+    """What the skin feels at one instant, for t taxels.
+
+    Attributes
+    ----------
+    normal_n : (t,) float64
+        Total normal force, 0 or more.
+    tangential_n : (t, 2) float64
+        Friction force on the skin.
+    side_n : (t, a) float64
+        Normal force on the read-out area at each asked azimuth, 0 or more (a contact sensor cannot pull).
+    slipping : (t,) float64
+        Share of the contact area that slips, 0 to 1; 0 without contact.
+    indentation_mm : (t,) float64
+        Approach since first touch of a flat plate.
+    warnings : (t,) int64
+        Bits named above.
+    """
+
+    normal_n: FloatArray
+    tangential_n: FloatArray
+    side_n: FloatArray
+    slipping: FloatArray
+    indentation_mm: FloatArray
+    warnings: NDArray[np.int64]
+
+
+class Rung(Protocol):
+    """A contact model. Built with ``(surface, azimuth_deg: (a,), n_taxels)`` and parameters of its own."""
+
+    def reset(self) -> None:
+        """No contact, no history."""
+        ...
+
+    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """Advance to the next instant.
+
+        Parameters
+        ----------
+        held : {"force", "displacement"}
+            What is imposed along z.
+        value : (t,) float64
+            Normal force, N, or indentation, mm (negative: no touch), at the end of the step.
+        base_mm : (t, 2) float64
+            Place over the surface at the end of the step.
+        dt_s : float
+        """
+        ...
