@@ -3,8 +3,8 @@
 A rung steps through time: friction remembers. `step` is called on a fixed grid of instants, so that how a
 caller chunks time changes nothing; `stepper` makes such a rung answer at any instant.
 
-Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is where
-that origin is over the surface (taxel place plus travel of the skin). Forces are those on the skin.
+Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is
+where that origin is over the surface (taxel place plus travel of the skin). Forces are those on the skin.
 """
 
 from dataclasses import dataclass
