@@ -5,13 +5,15 @@ in any chunking and possibly twice, and must answer the same each time. Add a ru
 `forces`, an entry in `RUNGS` and its name in `Scene.contact`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
+from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.scene import Grooves
 
@@ -47,6 +49,17 @@ class ContactModel(Protocol):
             the taxel for ``shear_x`` and ``shear_y``.
         """
         ...
+
+
+def make_contact(motion: Motion, array: Array) -> ContactModel:
+    """Contact model that the scene asks for.
+
+    Raises
+    ------
+    ConfigError
+        The rung cannot play this scene; says why.
+    """
+    return SignalContact(motion, array)
 
 
 class SignalContact:
@@ -124,4 +137,24 @@ def _shares(rng: np.random.Generator, group: NDArray[np.int64]) -> FloatArray:
     return np.asarray(raw / totals[group])
 
 
-RUNGS: dict[str, Callable[[Motion, Array], ContactModel]] = {"signal": SignalContact}
+@dataclass(frozen=True)
+class RungEntry:
+    """A physical rung as scenes choose it.
+
+    Attributes
+    ----------
+    build : callable
+        ``(surface, azimuth_deg: (a,), n_taxels) -> Rung``; raises `ConfigError` naming what it cannot do.
+    provides : dict
+        Need (see `scene.Need`) to measured relative error; the rung module's ``PROVIDES``.
+    step_s : float
+        Step of its time grid.
+    """
+
+    build: Callable[[Surface, FloatArray, int], Rung]
+    provides: Mapping[str, float]
+    step_s: float
+
+
+RUNGS: dict[str, RungEntry] = {}
+"""Physical rungs, cheapest first. ``signal`` is none of them: it prescribes."""

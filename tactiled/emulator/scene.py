@@ -127,6 +127,23 @@ class Slide(Still):
 
 Phase = Annotated[Rest | Press | Hold | Slide | Lift, Field(discriminator="kind")]
 
+# Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
+Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]
+# What a scene can ask of its contact model. A rung says in its `PROVIDES` how wrong it is about each, as a
+# part of the quantity's own size (direction: of 90 degrees; phase: of a turn; slip instants: of the travel
+# from first shear to gross slip); what it does not name it does not model.
+Need = Literal[
+    "direction",  # of slip
+    "gross-slip",  # instant at which everything slips
+    "incipient-slip",  # slip spreading over the patch before
+    "absolute-force",  # normal force against indentation
+    "left-right",  # split between opposite read-out areas
+    "tangential-force",  # friction force, also at the knee
+    "groove-ripple",  # amplitude
+    "groove-phase",
+    "transients",  # changes of load, speed and direction while in contact
+]
+
 
 class Scene(Params):
     """Schema of ``config/scenes/*.toml``, and the scene itself."""
@@ -134,7 +151,12 @@ class Scene(Params):
     name: str = Field(min_length=1)
     description: str = ""
     array: str = Field(default="wang2019-3x3", description="name or file of the array that is worn")
-    contact: Literal["signal"] = Field(default="signal", description="contact model: a rung of the ladder")
+    contact: Contact = Field(default="signal", description="contact model: a rung of the ladder, or auto")
+    held: Literal["force", "displacement"] = Field(
+        default="force", description="what stays while sliding: the load, or the indentation that it makes"
+    )
+    needs: list[Need] = Field(default=[], description="what auto must find a rung for")
+    tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
     seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
     surface: Surface = Flat()
     electronics: ElectronicsParams = ElectronicsParams()

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.emulator import electronics
-from tactiled.emulator.contact import RUNGS
+from tactiled.emulator.contact import make_contact
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.noise import ScanNoise
 from tactiled.emulator.scene import Scene
@@ -37,7 +37,7 @@ class Sensor:
             raise ConfigError(f"scene {scene.name}", [fault])
         self._params = params
         self._motion = Motion(scene)
-        self._contact = RUNGS[scene.contact](self._motion, array)
+        self._contact = make_contact(self._motion, array)
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         kinds = np.array(array.channel_kind)
