@@ -3,9 +3,10 @@
 Energy (Yeoh 1993, Rubber Chem. Technol. 66:754): W(I1) = C1 (I1 - 3) + C2 (I1 - 3)^2 + C3 (I1 - 3)^3.
 Uniaxial, incompressible: I1 = l^2 + 2 / l, nominal stress 2 (l - l^-2) W'(I1).
 
-With C3 < 0 that energy softens without end, so beyond the strain where W'' reaches zero W' is held constant (a
-neo-Hookean solid of the stiffness reached there): the least change that keeps the stress rising with stretch and
-finite elements elliptic. Whoever asks for a stress gets the flag that says so.
+With C3 < 0 that energy softens without end and loses ellipticity (`stability`). So such a material is continued
+beyond the strain where W'' turns negative with W' held constant: a neo-Hookean solid of the stiffness reached
+there. Stress and tangent stay continuous, stress rises with stretch for ever, and finite elements stay
+elliptic. Whoever asks for a stress is told where the continuation answered.
 """
 
 from dataclasses import dataclass
@@ -13,10 +14,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactiled.emulator.mechanics.stability import any_state_limit
+from tactiled.errors import ContractError
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SOURCE = "Wang, Chen, Mei, Micromachines 2019, 10(9), 579, table 1 (least squares on compression curves)"
+
+
+@dataclass(frozen=True, eq=False)
+class Uniaxial:
+    """Answer to a uniaxial stretch, arrays of its shape.
+
+    Attributes
+    ----------
+    stress_mpa : float64
+        Nominal stress (force over undeformed area), negative in compression.
+    tangent_mpa : float64
+        Its derivative by the stretch.
+    continued : bool
+        The safe continuation answered: outside the range for which the constants mean anything.
+    """
+
+    stress_mpa: FloatArray
+    tangent_mpa: FloatArray
+    continued: BoolArray
 
 
 @dataclass(frozen=True)
@@ -28,7 +51,7 @@ class Yeoh:
     c1_mpa, c2_mpa, c3_mpa : float
         Yeoh constants; c1 > 0.
     poisson : float
-        At small strain; gives the bulk modulus only.
+        At small strain, below 0.5; gives the bulk modulus only.
     """
 
     name: str
@@ -50,34 +73,85 @@ class Yeoh:
 
     @property
     def excess_limit(self) -> float:
-        """I1 - 3 where W'' = 0 and the continuation begins; infinite if that is never."""
-        roots = np.roots([6 * self.c3_mpa, 2 * self.c2_mpa]) if self.c3_mpa else np.empty(0)
-        if self.c3_mpa >= 0 or not roots.size:
+        """I1 - 3 where the continuation begins; infinite if the energy is elliptic everywhere."""
+        if np.isinf(any_state_limit(self.c1_mpa, self.c2_mpa, self.c3_mpa)):
             return float("inf")
-        return max(float(roots[0]), 0.0)
+        # Where W'' = 0 after hardening; a rubber that softens from the start and is lost is neo-Hookean throughout.
+        return -self.c2_mpa / (3 * self.c3_mpa) if self.c3_mpa < 0 < self.c2_mpa else 0.0
 
     def energy(self, excess: ArrayLike) -> FloatArray:
         """W, MPa, at I1 - 3, with the continuation."""
         x = np.asarray(excess, dtype=np.float64)
         inside = np.minimum(x, self.excess_limit)
-        yeoh = self.c1_mpa * inside + self.c2_mpa * inside**2 + self.c3_mpa * inside**3
+        yeoh = inside * (self.c1_mpa + inside * (self.c2_mpa + inside * self.c3_mpa))
         return np.asarray(yeoh + (x - inside) * self.slope(inside))
 
     def slope(self, excess: ArrayLike) -> FloatArray:
         """W' = dW/dI1, MPa, at I1 - 3, with the continuation."""
         x = np.minimum(np.asarray(excess, dtype=np.float64), self.excess_limit)
-        return np.asarray(self.c1_mpa + 2 * self.c2_mpa * x + 3 * self.c3_mpa * x**2)
+        return np.asarray(self.c1_mpa + x * (2 * self.c2_mpa + x * 3 * self.c3_mpa))
 
     def curvature(self, excess: ArrayLike) -> FloatArray:
         """W'' = d2W/dI1^2, MPa, at I1 - 3, zero in the continuation."""
         x = np.asarray(excess, dtype=np.float64)
-        return np.where(x < self.excess_limit, 2 * self.c2_mpa + 6 * self.c3_mpa * np.minimum(x, 1e6), 0.0)
+        return np.where(self.continued(x), 0.0, 2 * self.c2_mpa + 6 * self.c3_mpa * x)
 
     def continued(self, excess: ArrayLike) -> BoolArray:
         """Whether the continuation answers at I1 - 3."""
         return np.asarray(np.asarray(excess, dtype=np.float64) > self.excess_limit)
 
+    def uniaxial(self, stretch: ArrayLike) -> Uniaxial:
+        """Stress and tangent of an incompressible bar.
+
+        Parameters
+        ----------
+        stretch : array_like
+            1 + strain, above 0.
+
+        Raises
+        ------
+        ContractError
+            A stretch is not a positive number.
+        """
+        length = positive(stretch)
+        excess = length**2 + 2 / length - 3
+        slope = self.slope(excess)
+        pull = length - length**-2
+        return Uniaxial(
+            stress_mpa=2 * pull * slope,
+            tangent_mpa=2 * (1 + 2 * length**-3) * slope + 4 * pull**2 * self.curvature(excess),
+            continued=self.continued(excess),
+        )
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A stiff film that only ever sees small strain."""
+
+    name: str
+    young_mpa: float
+    poisson: float
+    source: str = SOURCE
+
+    def uniaxial(self, stretch: ArrayLike) -> Uniaxial:
+        """Hooke's law, never continued; raises as `Yeoh.uniaxial` does."""
+        length = positive(stretch)
+        return Uniaxial(
+            stress_mpa=self.young_mpa * (length - 1),
+            tangent_mpa=np.full(length.shape, self.young_mpa),
+            continued=np.zeros(length.shape, dtype=bool),
+        )
+
+
+def positive(stretch: ArrayLike) -> FloatArray:
+    """Stretch as an array; `ContractError` unless all are finite and above 0."""
+    length = np.asarray(stretch, dtype=np.float64)
+    if not np.all(np.isfinite(length) & (length > 0)):
+        raise ContractError("stretch must be finite and above 0 (it is 1 + strain)")
+    return length
+
 
 RUBBER = Yeoh("conductive rubber", 0.5686, 0.0540, -0.0181, 0.47)
 RTV = Yeoh("RTV adhesive", 0.5551, -0.0356, 0.0027, 0.48)
 PDMS = Yeoh("PDMS", 0.7997, 0.2881, -0.0375, 0.47)
+PET = Linear("PET", 3000.0, 0.47)

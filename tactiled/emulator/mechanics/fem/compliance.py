@@ -60,7 +60,7 @@ def write_compliance(fineness: str) -> str:
     """Compute and write `config/contact/compliance-<fineness>.npz`; returns its path."""
     mesh = taxel_mesh(MESHES[fineness])
     provenance = {
-        "command": f"python -m tactiled.emulator.mechanics.fem.command compliance {fineness}",
+        "command": f"python -m tactiled.emulator.mechanics.fem {fineness} compliance",
         "method": "linear elasticity, B-bar hexahedra, bottom of chip and adhesive held, sides of the cell free",
         "cells": len(mesh.cells),
         "unknowns": mesh.points_mm.size,

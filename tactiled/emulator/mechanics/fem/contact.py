@@ -1,0 +1,225 @@
+"""One taxel pressed on a rigid plate and slid over it: finite strain, Yeoh rubbers, Coulomb friction.
+
+The only module that needs `felupe` (GPL-3, optional extra ``tactiled[fem]``), and it is loaded when a `Bench` is
+built. Equilibrium by Newton's method; an increment that does not converge is halved.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from tactiled.emulator.mechanics.base import Held, Surface
+from tactiled.emulator.mechanics.fem import plate
+from tactiled.emulator.mechanics.fem.mesh import TaxelMesh
+from tactiled.emulator.mechanics.fem.readout import EDGE_MM, centre, read_out, side_parts, surface_areas
+from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
+from tactiled.errors import DataError
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+FloatArray = NDArray[np.float64]
+
+PENALTY = 20.0  # of the surface's own nodal stiffness: overlap stays below 1 um at 3 N
+PENALTY_SLIP = 5.0  # elastic creep before a point slips, likewise
+TOLERANCE = 1e-6  # residual over reaction
+MOST_HALVINGS = 7
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What is imposed: normal force (N) or approach (mm), and where the bump is over the plate."""
+
+    held: Held
+    value: float
+    base_mm: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Equilibrium at one instant; forces on the skin, N, in the frame of `base`.
+
+    `half_n`, `edge_n` (4,) are the sides of `readout.SIDES`, negative where the bonded chip is pulled.
+    `continued` (3,) is the share of each material beyond its stable range, `slipping` that of the contact area.
+    """
+
+    normal_n: float
+    tangential_n: FloatArray
+    half_n: FloatArray
+    edge_n: FloatArray
+    centre_n: float
+    approach_mm: float
+    contact_mm2: float
+    slipping: float
+    continued: FloatArray
+    newton_steps: int
+    halvings: int
+
+
+def load_felupe() -> "ModuleType":
+    """The optional library.
+
+    Raises
+    ------
+    DataError
+        It is not installed.
+    """
+    try:
+        import felupe
+    except ImportError:
+        raise DataError("finite elements need felupe: pip install 'tactiled[fem]'") from None
+    return felupe
+
+
+class Bench:
+    """One taxel and one plate; `follow` a list of instants.
+
+    Parameters
+    ----------
+    mesh : TaxelMesh
+    surface : Surface
+    """
+
+    def __init__(self, mesh: TaxelMesh, surface: Surface) -> None:
+        fem = load_felupe()
+        self._fem, self._mesh = fem, mesh
+        self._parts = read_out(mesh, [*side_parts(0.0), *side_parts(EDGE_MM), centre])
+        self._areas = surface_areas(mesh)
+        # The plate starts where its ridges would touch the apex.
+        top = float(mesh.points_mm[:, 2].max()) + surface.depth_mm
+        self._plate_point = len(mesh.points_mm)
+        body = fem.Mesh(np.vstack([mesh.points_mm, [0.0, 0.0, top]]), mesh.cells, "hexahedron")
+        region = fem.RegionHexahedron(body)
+        self._field = fem.FieldContainer([fem.Field(region, dim=3)])
+        self._rubber = CellwiseYeoh(mesh.material)
+        self._solid = fem.SolidBodyNearlyIncompressible(self._rubber, self._field, bulk=self._rubber.bulk_mpa)
+        self._contact = _contact_class(fem)(
+            self._field,
+            surface,
+            points=mesh.surface,
+            centerpoint=self._plate_point,
+            friction=surface.friction,
+            items=[self._solid],
+            multiplier=PENALTY,
+            multiplier_tangential=PENALTY_SLIP,
+            multiplier_update="once",
+        )
+        self._load = fem.PointLoad(self._field, [self._plate_point])
+        self._held_points = (3 * mesh.bottom[:, None] + np.arange(3)).ravel()
+
+    def follow(self, instants: list[Instant]) -> Iterator[Solution]:
+        """Equilibria one after another, the first from no contact.
+
+        Raises
+        ------
+        DataError
+            An increment has no equilibrium, however finely it is cut.
+        """
+        value = {"force": 0.0, "displacement": 0.0}
+        base_mm = instants[0].base_mm
+        for goal in instants:
+            solution = self._reach(Instant(goal.held, value[goal.held], base_mm), goal, 0)
+            value = {"force": solution.normal_n, "displacement": solution.approach_mm}
+            base_mm = goal.base_mm
+            yield solution
+
+    def _reach(self, before: Instant, goal: Instant, halvings: int) -> Solution:
+        kept = [item.checkpoint() for item in (self._solid, self._contact)]
+        try:
+            return self._equilibrium(goal, halvings)
+        except self._fem.NewtonConvergenceError:
+            if halvings == MOST_HALVINGS:
+                raise DataError(f"no equilibrium at {goal} after {halvings} halvings of the increment") from None
+        for item, state in zip((self._solid, self._contact), kept, strict=True):
+            item.restore(state)
+        self._field = self._solid.field
+        middle = Instant(
+            goal.held,
+            (before.value + goal.value) / 2,
+            ((before.base_mm[0] + goal.base_mm[0]) / 2, (before.base_mm[1] + goal.base_mm[1]) / 2),
+        )
+        halfway = self._reach(before, middle, halvings + 1)
+        there = self._reach(middle, goal, halvings + 1)
+        return replace(
+            there,
+            newton_steps=halfway.newton_steps + there.newton_steps,
+            halvings=max(halfway.halvings, there.halvings),
+        )
+
+    def _equilibrium(self, goal: Instant, halvings: int) -> Solution:
+        fixed, values = self._held_points, np.zeros(len(self._held_points))
+        plate_unknowns = 3 * self._plate_point + np.arange(3)
+        place = np.array([-goal.base_mm[0], -goal.base_mm[1], -goal.value])
+        axes = 3 if goal.held == "displacement" else 2
+        fixed = np.concatenate([fixed, plate_unknowns[:axes]])
+        values = np.concatenate([values, place[:axes]])
+        self._load.update([[0.0, 0.0, -goal.value if goal.held == "force" else 0.0]])
+        free = np.setdiff1d(np.arange(3 * (self._plate_point + 1)), fixed)
+        result = self._fem.newtonraphson(
+            x0=self._field,
+            items=[self._solid, self._contact, self._load],
+            dof0=fixed,
+            dof1=free,
+            ext0=values,
+            solver=_solve,
+            tol=TOLERANCE,
+            maxiter=16,
+            verbose=0,
+        )
+        self._field = result.x
+        return self._solution(result, halvings)
+
+    def _solution(self, result: Any, halvings: int) -> Solution:
+        force = self._contact.results.force.toarray()[3 * self._plate_point :, 0]
+        pressed = self._parts @ result.fun[3 * self._mesh.bottom + 2]
+        active, slip = self._contact.results.active, self._contact.results.slip
+        touching = float(self._areas[active].sum())
+        deformation = self._solid.results.kinematics[0]
+        return Solution(
+            normal_n=-float(force[2]),
+            tangential_n=force[:2],
+            half_n=pressed[:4],
+            edge_n=pressed[4:8],
+            centre_n=float(pressed[8]),
+            approach_mm=-float(self._field[0].values[self._plate_point, 2]),
+            contact_mm2=touching,
+            slipping=float(self._areas[slip].sum()) / touching if touching else 0.0,
+            continued=self._rubber.continued(deformation),
+            newton_steps=result.iterations,
+            halvings=halvings,
+        )
+
+
+def _solve(matrix: Any, right: FloatArray) -> FloatArray:
+    """Sparse LU; the friction tangent is not symmetric but its pattern is, which halves the fill.
+
+    NaN where there is no answer: Newton's method then gives up this increment, and it is halved.
+    """
+    lost = np.full(len(right), np.nan)
+    if not np.all(np.isfinite(matrix.data)):
+        return lost
+    try:
+        factors = splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True}
+        )
+    except RuntimeError:  # exactly singular
+        return lost
+    return np.asarray(factors.solve(right))
+
+
+def _contact_class(fem: "ModuleType") -> Callable[..., Any]:
+    """The plate as a rigid surface of felupe; made here because felupe is loaded late."""
+
+    class GroovedPlate(fem.mechanics.ContactRigidBase):  # type: ignore[misc, name-defined]
+        def __init__(self, field: Any, surface: Surface, **options: Any) -> None:
+            self.surface = surface
+            super().__init__(field, **options)
+
+        def _kinematics(self, dx: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            return plate.distance(self.surface, dx)
+
+    return GroovedPlate

@@ -1,0 +1,190 @@
+"""Yeoh constants from a measured stress-strain curve, as the paper found its own (`tactiled fit-material FILE`).
+
+Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. So this is linear
+least squares; intervals are Student's t with n - 3 degrees of freedom for errors that are alike and independent
+(Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
+"""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from tactiled.emulator.mechanics.stability import StableRange, stable_range
+from tactiled.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+_STRESS, _STRAIN, _STRETCH = "stress_mpa", "strain", "stretch"
+_HEADER = f"'{_STRAIN},{_STRESS}' or '{_STRETCH},{_STRESS}'"
+# Columns scaled to 1; beyond this the constants hang on the last digits of the file.
+_WORST_CONDITION = 1e8
+
+
+@dataclass(frozen=True)
+class YeohFit:
+    """Constants with what is known about them; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3.
+
+    Attributes
+    ----------
+    level : float
+        Confidence of each interval from low to high.
+    residual_mpa : float
+        Standard deviation of the measured stress about the fit.
+    stretch : tuple of float
+        Shortest and longest stretch measured.
+    stability : StableRange
+    """
+
+    c_mpa: tuple[float, float, float]
+    low_mpa: tuple[float, float, float]
+    high_mpa: tuple[float, float, float]
+    level: float
+    residual_mpa: float
+    points: int
+    stretch: tuple[float, float]
+    stability: StableRange
+
+    @property
+    def verdict(self) -> str:
+        """ "stable" everywhere, "stable-where-measured", or "unstable-where-measured"."""
+        if math.isinf(self.stability.any_state_excess):
+            return "stable"
+        return "stable-where-measured" if self.stability.covers(*self.stretch) else "unstable-where-measured"
+
+    def as_map(self) -> dict[str, Any]:
+        """For JSON; a range without an end has null there."""
+        names = ("c1_mpa", "c2_mpa", "c3_mpa")
+        limits = self.stability
+        return {
+            **dict(zip(names, self.c_mpa, strict=True)),
+            "interval_mpa": {
+                name: [low, high]
+                for name, low, high in zip(names, self.low_mpa, self.high_mpa, strict=True)
+            },
+            "confidence": self.level,
+            "residual_mpa": self.residual_mpa,
+            "points": self.points,
+            "stretch_measured": list(self.stretch),
+            "verdict": self.verdict,
+            "stretch_elliptic": _ends(limits.elliptic),
+            "stretch_stress_rises": _ends(limits.rising),
+        }
+
+    def in_words(self) -> str:
+        """A few lines for people."""
+        lines = [
+            f"{name} = {c:.4g} MPa ({100 * self.level:.0f} %: {low:.4g} to {high:.4g})"
+            for name, c, low, high in zip(
+                ("C1", "C2", "C3"), self.c_mpa, self.low_mpa, self.high_mpa, strict=True
+            )
+        ]
+        lines.append(
+            f"{self.points} points, stretch {self.stretch[0]:.3g} to {self.stretch[1]:.3g}, "
+            f"stress off by {self.residual_mpa:.2g} MPa (standard deviation)"
+        )
+        if self.verdict == "stable":
+            return "\n".join([*lines, "stable: elliptic at every strain"])
+        low, high = self.stability.elliptic
+        lines.append(f"{self.verdict.replace('-', ' ')}: ellipticity lost below {low:.3g} and above {high:.3g}")
+        return "\n".join(lines)
+
+
+def _ends(ends: tuple[float, float]) -> list[float | None]:
+    return [ends[0] or None, ends[1] if math.isfinite(ends[1]) else None]
+
+
+def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -> YeohFit:
+    """Least-squares fit of C1, C2, C3.
+
+    Parameters
+    ----------
+    stretch, stress_mpa : (n,) float64
+        Stretch (1 + strain) above 0 and nominal stress, negative in compression.
+    level : float
+        Confidence of the intervals.
+
+    Raises
+    ------
+    DataError
+        Fewer than 4 points, or stretches that cannot tell the three constants apart.
+    """
+    n = len(stretch)
+    if n < 4:
+        raise DataError(f"{n} points for three constants and their uncertainty: at least 4 are needed")
+    excess = stretch**2 + 2 / stretch - 3
+    design = (2 * (stretch - stretch**-2))[:, None] * np.stack([np.ones(n), 2 * excess, 3 * excess**2], axis=1)
+    scale = np.linalg.norm(design, axis=0)
+    if not np.all(scale > 0) or np.linalg.cond(design / scale) > _WORST_CONDITION:
+        raise DataError("stretches too few or too alike to tell C1, C2, C3 apart: measure over a wider range")
+    left, sizes, right = np.linalg.svd(design / scale, full_matrices=False)
+    constants = right.T @ ((left.T @ stress_mpa) / sizes) / scale
+    variance = float(np.sum((stress_mpa - design @ constants) ** 2)) / (n - 3)
+    spread = np.sqrt(variance * np.sum((right.T / sizes) ** 2, axis=1)) / scale
+    reach = float(student.ppf(0.5 + level / 2, n - 3)) * spread
+    c1, c2, c3 = (float(c) for c in constants)
+    low1, low2, low3 = (float(c) for c in constants - reach)
+    high1, high2, high3 = (float(c) for c in constants + reach)
+    return YeohFit(
+        c_mpa=(c1, c2, c3),
+        low_mpa=(low1, low2, low3),
+        high_mpa=(high1, high2, high3),
+        level=level,
+        residual_mpa=math.sqrt(variance),
+        points=n,
+        stretch=(float(stretch.min()), float(stretch.max())),
+        stability=stable_range(c1, c2, c3),
+    )
+
+
+def fit_material_file(path: Path, level: float = 0.95) -> YeohFit:
+    """Fit a CSV whose header is ``strain,stress_mpa`` or ``stretch,stress_mpa`` (other columns are ignored).
+
+    Raises
+    ------
+    DataError
+        Names the file and, where there is one, the line.
+    """
+    stretch, stress = read_curve(path)
+    try:
+        fit = fit_yeoh(stretch, stress, level)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+    if fit.c_mpa[0] <= 0:
+        raise DataError(f"{path}: C1 = {fit.c_mpa[0]:.3g} MPa is not a material: is compression negative, stress in MPa?")
+    return fit
+
+
+def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Stretch and nominal stress (MPa) from such a file; `DataError` as above."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from None
+    rows = csv.reader(text.splitlines())
+    header = [name.strip() for name in next(rows, [])]
+    column = next((name for name in (_STRETCH, _STRAIN) if name in header), None)
+    if column is None or _STRESS not in header:
+        raise DataError(f"{path}: line 1: the header must be {_HEADER}, not {','.join(header)!r}")
+    places = header.index(column), header.index(_STRESS)
+    offset = 1.0 if column == _STRAIN else 0.0
+    curve = []
+    for row in rows:
+        if not any(cell.strip() for cell in row):
+            continue
+        try:
+            along, stress = (float(row[place]) for place in places)
+        except (ValueError, IndexError):
+            raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be numbers") from None
+        if not (math.isfinite(along) and math.isfinite(stress)):
+            raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be finite")
+        if along + offset <= 0:
+            raise DataError(f"{path}: line {rows.line_num}: {column} {along:g} squeezes the sample to nothing")
+        curve.append((along + offset, stress))
+    table = np.array(curve, dtype=np.float64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

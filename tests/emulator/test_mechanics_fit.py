@@ -1,0 +1,128 @@
+"""Fitting Yeoh constants: the paper's come back, intervals cover, files are refused by line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from tactiled.emulator.mechanics.fit import YeohFit, fit_material_file, fit_yeoh
+from tactiled.emulator.mechanics.materials import PDMS, RTV, RUBBER, Yeoh
+from tactiled.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+RUBBERS = (RUBBER, RTV, PDMS)
+COMPRESSION = np.linspace(0.6, 0.99, 40)  # within the stable range of each
+
+
+def table(path: Path, header: str, first: FloatArray, stress: FloatArray) -> Path:
+    rows = "\n".join(f"{a!r},{b!r}" for a, b in zip(first.tolist(), stress.tolist(), strict=True))
+    path.write_text(f"{header}\n{rows}\n", encoding="utf-8")
+    return path
+
+
+def noisy(rubber: Yeoh, seed: int) -> YeohFit:
+    noise = 0.005 * np.random.default_rng(seed).normal(size=COMPRESSION.size)
+    return fit_yeoh(COMPRESSION, rubber.uniaxial(COMPRESSION).stress_mpa + noise)
+
+
+@pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
+@pytest.mark.parametrize(("header", "offset"), [("strain,stress_mpa", 1.0), ("stretch,stress_mpa", 0.0)])
+def test_table_1_comes_back_from_a_file(tmp_path: Path, rubber: Yeoh, header: str, offset: float) -> None:
+    path = table(
+        tmp_path / "curve.csv", header, COMPRESSION - offset, rubber.uniaxial(COMPRESSION).stress_mpa
+    )
+    fit = fit_material_file(path)
+    assert fit.c_mpa == pytest.approx((rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa), abs=1e-8)
+    assert fit.verdict == ("stable" if rubber is RTV else "stable-where-measured")
+
+
+@pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
+def test_intervals_cover_what_they_say(rubber: Yeoh) -> None:
+    trials, truth = 600, np.array([rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa])
+    fits = [noisy(rubber, seed) for seed in range(trials)]
+    covered = sum((np.array(f.low_mpa) <= truth) & (truth <= np.array(f.high_mpa)) for f in fits)
+    fewest, most = binom.ppf([5e-5, 1 - 5e-5], trials, 0.95)
+    assert np.all((fewest <= covered) & (covered <= most)), covered
+
+
+def test_intervals_shrink_with_level_and_the_mean_is_unbiased() -> None:
+    curve = RUBBER.uniaxial(COMPRESSION).stress_mpa + 0.005 * np.random.default_rng(1).normal(size=40)
+    wide, narrow = fit_yeoh(COMPRESSION, curve, 0.99), fit_yeoh(COMPRESSION, curve, 0.5)
+    assert np.all(np.array(wide.low_mpa) < np.array(narrow.low_mpa))
+    c1 = np.array([noisy(RUBBER, seed).c_mpa[0] for seed in range(400)])
+    assert abs(c1.mean() - RUBBER.c1_mpa) < 4 * c1.std() / np.sqrt(400)
+
+
+def test_fit_is_the_least_squares_one() -> None:
+    rng = np.random.default_rng(3)
+    stretch = rng.uniform(0.5, 1.8, 60)
+    stress = rng.normal(size=60)
+    fit = fit_yeoh(stretch, stress)
+
+    def squares(c: FloatArray) -> float:
+        x = stretch**2 + 2 / stretch - 3
+        model = 2 * (stretch - stretch**-2) * (c[0] + 2 * c[1] * x + 3 * c[2] * x**2)
+        return float(np.sum((stress - model) ** 2))
+
+    best = squares(np.array(fit.c_mpa))
+    assert fit.residual_mpa == pytest.approx(np.sqrt(best / 57))
+    for nudge in np.vstack([np.eye(3), -np.eye(3)]) * 1e-3:
+        assert squares(np.array(fit.c_mpa) + nudge) > best
+
+
+def test_measured_beyond_the_stable_range_is_said() -> None:
+    stretch = np.linspace(0.3, 2.2, 60)
+    x = stretch**2 + 2 / stretch - 3
+    stress = 2 * (stretch - stretch**-2) * (RUBBER.c1_mpa + 2 * RUBBER.c2_mpa * x + 3 * RUBBER.c3_mpa * x**2)
+    fit = fit_yeoh(stretch, stress)
+    assert fit.verdict == "unstable-where-measured"
+    assert "ellipticity lost below 0.376 and above 2.08" in fit.in_words()
+
+
+@pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
+def test_the_map_is_json_without_infinity(rubber: Yeoh) -> None:
+    document = json.loads(json.dumps(noisy(rubber, 0).as_map(), allow_nan=False))
+    low, high = document["interval_mpa"]["c1_mpa"]
+    assert low < document["c1_mpa"] < high
+    assert (document["stretch_elliptic"] == [None, None]) == (document["verdict"] == "stable")
+
+
+def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_path: Path) -> None:
+    path = tmp_path / "curve.csv"
+    stress = PDMS.uniaxial(COMPRESSION).stress_mpa
+    rows = "\n\n".join(f"x, {s!r} ,{l!r}" for l, s in zip(COMPRESSION.tolist(), stress.tolist(), strict=True))
+    path.write_text(f"\ufeffspecimen, stress_mpa ,stretch\r\n{rows}\n", encoding="utf-8")
+    assert fit_material_file(path).c_mpa[0] == pytest.approx(PDMS.c1_mpa)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "line 1: the header"),
+        ("strain,stress\n0.1,2\n", "line 1: the header"),
+        ("strain,stress_mpa\n-0.1,-0.2\n-0.2,soft\n", "line 3: .* must be numbers"),
+        ("strain,stress_mpa\n\n-0.1\n", "line 3: .* must be numbers"),
+        ("strain,stress_mpa\n-0.1,nan\n", "line 2: .* must be finite"),
+        ("strain,stress_mpa\n-1,-5\n", "line 2: strain -1 squeezes"),
+        ("stretch,stress_mpa\n0,-5\n", "line 2: stretch 0 squeezes"),
+        ("strain,stress_mpa\n-0.1,-0.3\n-0.2,-0.6\n-0.3,-1\n", "3 points"),
+        ("strain,stress_mpa\n" + "-0.1,-0.3\n" * 9, "wider range"),
+        ("strain,stress_mpa\n" + "0,0\n" * 9, "wider range"),
+        ("strain,stress_mpa\n-0.1,0.3\n-0.2,0.7\n-0.3,1.2\n-0.4,2\n-0.5,4\n", "is compression negative"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, complaint: str) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DataError, match=complaint) as caught:
+        fit_material_file(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"nowhere\.csv: cannot be read"):
+        fit_material_file(tmp_path / "nowhere.csv")
