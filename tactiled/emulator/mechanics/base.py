@@ -29,16 +29,20 @@ class Surface:
     Attributes
     ----------
     friction : float
-        Coulomb coefficient.
+        Coulomb coefficient, while sliding.
     period_mm, angle_deg, depth_mm : float
         Grooves; ``depth_mm = 0`` is a flat plate. Height above the valleys is
         ``depth (1 + cos(2 pi s / period)) / 2`` with s along the groove normal (cos angle, sin angle).
+    static_ratio, stribeck_mm_s : float
+        Friction at rest over friction while sliding, and the speed over which it falls (Stribeck).
     """
 
     friction: float
     period_mm: float = 1.0
     angle_deg: float = 0.0
     depth_mm: float = 0.0
+    static_ratio: float = 1.0
+    stribeck_mm_s: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
