@@ -1,0 +1,230 @@
+"""Rung `compliance`: surface compliance of the taxel, unilateral contact and Coulomb friction on its nodes.
+
+The body answers forces on its surface linearly, with the matrix that finite elements give once
+(`config/contact/compliance-*.npz`); contact, friction and their lateral coupling are solved on the surface
+nodes. Large displacements enter twice, both to first order: a node meets the surface where friction has
+dragged it to, with the surface's local height and slope there, and its force acts on the read-out areas from
+that place: shifted sideways, and with a shorter arm by as much as it is pressed in.
+
+Not modelled: the skin's own nonlinearity (Yeoh), creep, adhesion, static friction above sliding friction, the
+neighbours' bumps, edges of ridges sharper than the nodes' spacing (0.17 mm).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.fem.mesh import BASE_MM, CAP_MM, CHIP_MM, RIM_MM
+from tactiled.emulator.mechanics.skin import Readout, shipped_skin
+from tactiled.emulator.mechanics.skin import SkinCompliance as Skin
+from tactiled.emulator.mechanics.solver import ContactSolver, Solution
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+
+STEP_S = 0.01  # a scan: friction knows the way, so shorter steps change nothing but the cost
+
+# A substep's travel: the surface is linearised over it, and friction remembers the way.
+SUBSTEP_MM = 0.03
+_SUBSTEP_OF_PERIOD = 1 / 30
+# Friction forgets within the presliding distance (some 0.3 mm): of a longer jump only the end counts.
+_SUBSTEPS = 32
+_HALVINGS = 4  # of a substep that does not converge, before it is flagged
+_HEIGHT_MM = CHIP_MM + BASE_MM + RIM_MM + CAP_MM  # arm of friction at the apex over the read-out areas
+# The material that carries a pressure down is dragged along less than the surface is. One number, fitted to
+# left minus right of finite elements at full slip at friction 0.6 (coarse mesh, 1.667 N); 0.3 and 0.9 then
+# come within 1 %.
+_DRAGGED = 0.71
+
+PROVIDES: dict[str, float] = {}
+
+
+class _Taxel:
+    """Memory of one taxel."""
+
+    def __init__(self, skin: Skin, friction: float) -> None:
+        n = len(skin.x_mm)
+        self.solver = ContactSolver(skin.compliance, friction)
+        self.force_n = np.zeros((3, n))  # body components: into the skin, x, y
+        self.moved_mm = np.zeros((3, n))
+        self.slips = np.zeros(n, dtype=bool)
+        self.approach_mm = 0.0
+        self.base_mm: FloatArray | None = None
+        self.value: float | None = None
+        self.held: Held = "force"
+        self.warning = 0
+
+
+class Compliance:
+    """Compliance of the whole surface with contact and friction on its nodes; see the module's text.
+
+    Indentation counts from the plane of the ridges.
+
+    Parameters
+    ----------
+    surface : Surface
+    azimuth_deg : (a,) float64
+        Of the read-out areas.
+    n_taxels : int
+    readout : {"edge", "half"}
+    mesh : str
+        Which shipped compliance.
+    substep_mm : float
+        Largest travel of a substep.
+
+    Raises
+    ------
+    ConfigError
+        Static friction is not modelled.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        azimuth_deg: FloatArray,
+        n_taxels: int,
+        *,
+        readout: Readout = "edge",
+        mesh: str = "coarse",
+        substep_mm: float = SUBSTEP_MM,
+    ) -> None:
+        if surface.static_ratio != 1.0:
+            raise ConfigError(
+                "contact compliance", ["surface.static_ratio: must be 1, or choose contact lumped"]
+            )
+        self._surface = surface
+        self._skin = shipped_skin(mesh, readout)
+        self._n_taxels = n_taxels
+        self._side, self._side_slope = self._skin.at_azimuths(np.asarray(azimuth_deg, dtype=np.float64))
+        grooved = surface.depth_mm > 0
+        self._substep_mm = min(substep_mm, surface.period_mm * _SUBSTEP_OF_PERIOD) if grooved else substep_mm
+        angle = math.radians(surface.angle_deg)
+        self._normal = (math.cos(angle), math.sin(angle)) if grooved else (1.0, 0.0)
+        self._flat = self._skin.compliance.reshape(3 * len(self._skin.x_mm), -1)
+        self.reset()
+
+    def reset(self) -> None:
+        """No contact, no history."""
+        self._taxels = [_Taxel(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
+
+    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """See `base.Rung.step`. Friction knows the way, not the time: `dt_s` changes nothing."""
+        del dt_s
+        for taxel, goal, place in zip(self._taxels, value, base_mm, strict=True):
+            self._advance(taxel, held, float(goal), place)
+        return self._felt()
+
+    def _advance(self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray) -> None:
+        """Go to a load or indentation and a place, in substeps."""
+        if taxel.base_mm is None:
+            taxel.base_mm = base_mm.copy()
+        if taxel.value == value and taxel.held == held and np.array_equal(taxel.base_mm, base_mm):
+            return
+        taxel.warning = 0
+        start, way = taxel.base_mm, base_mm - taxel.base_mm
+        first = taxel.value if taxel.value is not None and taxel.held == held else self._current(taxel, held)
+        wanted = math.ceil(float(np.hypot(*way)) / self._substep_mm)
+        count = max(1, min(wanted, _SUBSTEPS))
+        length = self._substep_mm / max(float(np.hypot(*way)), self._substep_mm) if wanted > 1 else 1.0
+        for left in range(count - 1, -1, -1):
+            share = 1.0 - left * (length if wanted > _SUBSTEPS else 1.0 / count)
+            self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
+        taxel.base_mm, taxel.value, taxel.held = base_mm.copy(), value, held
+
+    def _current(self, taxel: _Taxel, held: Held) -> float:
+        return float(taxel.force_n[0].sum()) if held == "force" else taxel.approach_mm
+
+    def _substep(self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray, halvings: int) -> None:
+        """Solve one substep; halve it where Newton's method fails."""
+        before = self._current(taxel, held)
+        assert taxel.base_mm is not None
+        here = taxel.base_mm
+        solution, frame = self._solve(taxel, held, value, base_mm)
+        if not solution.converged and halvings:
+            self._substep(taxel, held, (before + value) / 2, (here + base_mm) / 2, halvings - 1)
+            self._substep(taxel, held, value, base_mm, halvings - 1)
+            return
+        taxel.warning |= 0 if solution.converged else NOT_CONVERGED
+        taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
+        taxel.moved_mm = (self._flat @ taxel.force_n.ravel()).reshape(3, -1)
+        taxel.slips = solution.slips
+        taxel.approach_mm += solution.approach_mm
+        taxel.base_mm = base_mm
+
+    def _solve(
+        self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray
+    ) -> tuple[Solution, FloatArray]:
+        """Contact frames and free gaps at the place, and what the nodes do there.
+
+        In displacement control the approach is set before; with a given load it is part of the solution.
+        """
+        assert taxel.base_mm is not None
+        height, frame = self._surface_under(base_mm, taxel.moved_mm)
+        lowest = float((self._skin.gap_mm - height).min())  # approach at which the unloaded skin touches
+        if (held == "force" and value <= 0) or (held == "displacement" and value <= lowest):
+            taxel.approach_mm = lowest if held == "force" else value
+            nothing = np.zeros_like(taxel.force_n)
+            return Solution(nothing, 0.0, np.zeros(nothing.shape[1], dtype=bool), True, 0), frame
+        before = taxel.approach_mm
+        if held == "displacement":
+            taxel.approach_mm = value
+        elif not taxel.force_n[0].any():
+            before = taxel.approach_mm = lowest
+        travel = base_mm - taxel.base_mm
+        gap = self._skin.gap_mm - height - taxel.approach_mm
+        # Slip of this step: travel, minus what the nodes had moved, minus the share of an imposed approach.
+        free = np.empty_like(taxel.force_n)
+        moved = taxel.moved_mm
+        free[0] = frame[0, 0] * gap - frame[0, 1] * moved[1] - frame[0, 2] * moved[2]
+        for axis in (1, 2):
+            a = frame[axis]
+            free[axis] = (
+                a[1] * (travel[0] - moved[1])
+                + a[2] * (travel[1] - moved[2])
+                - a[0] * (moved[0] + taxel.approach_mm - before)
+            )
+        guess = np.einsum("ijk,jk->ik", frame, taxel.force_n)
+        np.maximum(guess[0], 0.0, out=guess[0])
+        solution = taxel.solver.solve(frame, free, guess, value if held == "force" else None)
+        if not solution.converged:
+            taxel.approach_mm = before
+        return solution, frame
+
+    def _surface_under(self, base_mm: FloatArray, moved_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Height over the ridges' plane (n,), 0 or less, and contact frames (3, 3, n) under the nodes."""
+        depth, period = self._surface.depth_mm, self._surface.period_mm
+        c, s = self._normal
+        x = self._skin.x_mm + base_mm[0] + moved_mm[1]
+        y = self._skin.y_mm + base_mm[1] + moved_mm[2]
+        phase = 2 * np.pi * (x * c + y * s) / period
+        height = depth * (np.cos(phase) - 1) / 2
+        slope = -depth * np.pi / period * np.sin(phase)
+        tilt = 1 / np.sqrt(1 + slope**2)
+        frame = np.zeros((3, 3, len(phase)))
+        frame[0] = tilt, -slope * tilt * c, -slope * tilt * s
+        frame[1] = slope * tilt, tilt * c, tilt * s
+        frame[2, 1], frame[2, 2] = -s, c
+        return height, frame
+
+    def _felt(self) -> TaxelForces:
+        force = np.array([t.force_n for t in self._taxels])  # (t, 3, n)
+        moved = np.array([t.moved_mm for t in self._taxels])
+        arm = np.clip(1 - moved[:, 0] / (_HEIGHT_MM - self._skin.gap_mm), 0.0, 1.0)
+        levered = np.concatenate([force[:, :1], force[:, 1:] * arm[:, None]], axis=1)
+        side = np.tensordot(levered, self._side, ([1, 2], [1, 2]))
+        side += _DRAGGED * np.einsum("tn,tin,ain->ta", force[:, 0], moved[:, 1:], self._side_slope)
+        total = force.sum(axis=2)
+        touches = force[:, 0] > 0
+        slips = np.array([t.slips for t in self._taxels]) & touches
+        approach = np.array([t.approach_mm for t in self._taxels])
+        warnings = np.array([t.warning for t in self._taxels], dtype=np.int64)
+        return TaxelForces(
+            normal_n=total[:, 0],
+            tangential_n=total[:, 1:],
+            side_n=np.maximum(side, 0.0),
+            slipping=slips.sum(axis=1) / np.maximum(touches.sum(axis=1), 1),
+            indentation_mm=approach,
+            warnings=warnings | np.where(approach > CAP_MM, BOTTOMED, 0),
+        )

@@ -1,0 +1,97 @@
+"""The surface of a taxel as the rung `compliance` needs it, from the arrays that finite elements ship."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.mechanics.fem.compliance import load_compliance
+
+FloatArray = NDArray[np.float64]
+Readout = Literal["half", "edge"]
+
+_REACH_MM = 0.35  # neighbourhood from which a map's slope at a node is taken: two to three nodes each way
+
+
+@dataclass(frozen=True, eq=False)
+class SkinCompliance:
+    """A taxel's surface as the rung needs it; components are (into the skin, x, y).
+
+    Attributes
+    ----------
+    x_mm, y_mm, gap_mm : (n,) float64
+        Surface nodes, and their depth under the apex.
+    compliance : (3, n, 3, n) float64
+        mm/N.
+    side_azimuth_deg : (s,) float64
+        Azimuths, equally spaced, at which the read-out areas were measured.
+    side : (s, 3, n) float64
+        Force on each area by a force component on each node.
+    side_slope : (s, 2, n) float64
+        Derivative of its normal part by the place of the force, 1/mm.
+    """
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    gap_mm: FloatArray
+    compliance: FloatArray
+    side_azimuth_deg: FloatArray
+    side: FloatArray
+    side_slope: FloatArray
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, FloatArray], readout: Readout) -> "SkinCompliance":
+        """From the arrays of `fem.compliance`; ``half`` chips or areas near the ``edge`` as read-out."""
+        x_mm, y_mm = arrays["x_mm"], arrays["y_mm"]
+        c_nt, n = arrays["c_nt"], len(x_mm)
+        compliance = np.empty((3, n, 3, n))
+        compliance[0, :, 0] = arrays["c_nn"]
+        compliance[0, :, 1:] = c_nt.transpose(0, 2, 1)
+        compliance[1:, :, 0] = c_nt.transpose(2, 1, 0)
+        compliance[1:, :, 1:] = arrays["c_tt"].transpose(1, 0, 3, 2)
+        normal = arrays[f"{readout}_from_normal"]
+        tangential = arrays[f"{readout}_from_tangential"].transpose(0, 2, 1)
+        return cls(
+            x_mm,
+            y_mm,
+            arrays["gap_mm"],
+            compliance,
+            np.array([180.0, 270.0, 0.0, 90.0]),
+            np.concatenate([normal[:, None], tangential], axis=1),
+            _slopes(x_mm, y_mm, normal),
+        )
+
+    def at_azimuths(self, azimuth_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`side` and `side_slope` at any azimuths, by trigonometric interpolation round the chip."""
+        weights = _round_the_chip(azimuth_deg, self.side_azimuth_deg)
+        return np.tensordot(weights, self.side, 1), np.tensordot(weights, self.side_slope, 1)
+
+
+def _round_the_chip(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray:
+    """Weights of known equally spaced azimuths in the trigonometric interpolant; exact at the known ones."""
+    turn = np.deg2rad(np.asarray(wanted_deg)[:, None] - known_deg)
+    count = len(known_deg)
+    orders = np.arange(1, (count + 1) // 2)
+    weights = 1 + 2 * np.cos(turn[..., None] * orders).sum(axis=-1)
+    if count % 2 == 0:
+        weights += np.cos(turn * (count // 2))
+    return np.asarray(weights / count)
+
+
+def _slopes(x_mm: FloatArray, y_mm: FloatArray, values: FloatArray) -> FloatArray:
+    """Gradient of values (s, n) at the nodes: a plane fitted to each neighbourhood, Gaussian weights."""
+    dx, dy = x_mm - x_mm[:, None], y_mm - y_mm[:, None]
+    weight = np.exp(-(dx**2 + dy**2) / (2 * (_REACH_MM / 2) ** 2))
+    base = np.stack([np.ones_like(dx), dx, dy])
+    gram = np.einsum("akn,kn,bkn->kab", base, weight, base)
+    right = np.einsum("akn,kn,sn->ksa", base, weight, values)
+    plane = np.linalg.solve(gram, right.transpose(0, 2, 1))
+    return np.asarray(plane[:, 1:].transpose(2, 1, 0))
+
+
+@cache
+def shipped_skin(mesh: str = "coarse", readout: Readout = "edge") -> SkinCompliance:
+    """The compliance that ships with tactiled."""
+    return SkinCompliance.from_arrays(load_compliance(mesh), readout)
