@@ -146,11 +146,14 @@ class Compliance:
             self._substep(taxel, held, (before + value) / 2, (here + base_mm) / 2, halvings - 1)
             self._substep(taxel, held, value, base_mm, halvings - 1)
             return
-        taxel.warning |= 0 if solution.converged else NOT_CONVERGED
-        taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
+        if solution.converged:
+            taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
+        else:  # the last state under this load is the best there is
+            taxel.warning |= NOT_CONVERGED
+            taxel.force_n *= value / max(before, 1e-9) if held == "force" else 1.0
         taxel.moved_mm = (self._flat @ taxel.force_n.ravel()).reshape(3, -1)
         taxel.slips = solution.slips
-        taxel.approach_mm += solution.approach_mm
+        taxel.approach_mm += solution.approach_mm if solution.converged else 0.0
         taxel.base_mm = base_mm
 
     def _solve(

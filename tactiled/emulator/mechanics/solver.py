@@ -196,9 +196,9 @@ class ContactSolver:
         axes = frame[:, :, nodes].transpose(2, 0, 1)  # (k, 3, 3): one rotation a node
         part = self._compliance[:, nodes][:, :, :, nodes].transpose(1, 0, 2, 3).reshape(count, 3, -1)
         rotated = (axes @ part).reshape(count, 3, 3, count).transpose(3, 2, 1, 0).reshape(count, 3, -1)
-        rotated = (axes @ rotated).reshape(count, 3, 3, count).transpose(2, 3, 1, 0)
+        local = (axes @ rotated).reshape(count, 3, 3, count).transpose(2, 3, 1, 0)
         matrix = np.zeros((3 * count + with_load,) * 2, order="F")
-        matrix[: 3 * count, : 3 * count] = rotated.reshape(3 * count, 3 * count)
+        matrix[: 3 * count, : 3 * count] = local.reshape(3 * count, 3 * count)
         if with_load:
             lift = frame[:, 0, nodes].ravel()
             matrix[:-1, -1], matrix[-1, :-1] = -lift, lift

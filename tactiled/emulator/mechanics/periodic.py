@@ -1,0 +1,232 @@
+"""Rung `periodic`: sliding over a groove pattern, from one period of phase solved once on `compliance`.
+
+In steady sliding a taxel's forces depend on its groove phase alone (and on load, direction and plate). One
+period is solved once for each of these, kept in memory, and interpolated for every taxel and all time. The
+way into sliding is the onset of `lumped`: with the friction force that it has reached, as a part w of what
+sliding gives, the forces are those at rest at this phase, plus w times what steady sliding there adds.
+
+Not modelled: what the grooves do to the onset itself (order of the ridges' slips), ripple that lags after a
+change of load or direction (it follows at once), rest that remembers the phase at which the load came, loads
+between the tables' other than by a straight line, directions finer than a degree.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.compliance import Compliance
+from tactiled.emulator.mechanics.fem.mesh import CAP_MM
+from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.mechanics.skin import Readout
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+STEP_S = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s
+
+# Levels of load and of indentation at which tables are made; between them the forces per level are straight.
+# A taxel's share of 15 N and of 20 N, 4/3 apart, are levels themselves.
+_LEVEL_RATIO = 4 / 3
+_LEVEL = {"force": 15.0 / 9, "displacement": 0.175}
+# Below the lowest (a fiftieth of the reference) the forces scale with the load: ripple means nothing there.
+_LOWEST, _HIGHEST = -14, 6
+_PHASES = 48  # solved in a period: the parent's own substep is a thirtieth
+_RESTS = 8  # phases at which rest is solved
+_FINE = 512  # kept, by Fourier interpolation: straight lines between are then exact to 1e-4
+_RUN_IN_MM = 0.8  # travel before the period that counts: over twice the presliding distance at 4 N
+_PRESSING = 6  # steps in which the load comes
+_MOVING = 1e-6  # part of sliding below which no sliding table is needed
+
+PROVIDES: dict[str, float] = {}
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that one period depends on."""
+
+    surface: Surface
+    azimuth_deg: tuple[float, ...]
+    held: Held
+    readout: Readout
+    mesh: str
+
+
+@lru_cache(maxsize=512)
+def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+    """Rows (_FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
+    surface = case.surface
+    heading = np.deg2rad(direction_deg)
+    course = np.array([np.cos(heading), np.sin(heading)]).round(15)
+    across = float(course @ _normal(surface))
+    value = np.array([level_value(case.held, level)])
+    rung = Compliance(surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
+    if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
+        # The phase does not change while sliding: each phase is a slide of its own.
+        return _refine([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
+    step_mm = surface.period_mm / _PHASES / abs(across)
+    run_in = int(np.ceil(_RUN_IN_MM / step_mm))
+    period = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)[
+        run_in:-1
+    ]
+    return _refine(period if across > 0 else period[:1] + period[:0:-1])  # phase upwards in either case
+
+
+@lru_cache(maxsize=512)
+def resting(case: Case, level: int) -> FloatArray:
+    """Rows (_FINE, width) over phase for a taxel pressed there and not moved."""
+    value = np.array([level_value(case.held, level)])
+    rung = Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
+    return _refine(
+        [_slide(rung, case, value, place, np.zeros(2), 0.0, 0)[-1] for place in _places(case.surface)]
+    )
+
+
+def level_value(held: Held, level: int) -> float:
+    """Load, N, or indentation, mm, of a level."""
+    return float(_LEVEL[held] * _LEVEL_RATIO**level)
+
+
+class Periodic:
+    """See the module; a `Rung` and a `stepper.BlockRung`.
+
+    Parameters
+    ----------
+    surface : Surface
+    azimuth_deg : (a,) float64
+    n_taxels : int
+    readout : {"edge", "half"}
+    mesh : str
+        Compliance that the parent uses.
+
+    Raises
+    ------
+    ConfigError
+        What the parent cannot play.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        azimuth_deg: FloatArray,
+        n_taxels: int,
+        *,
+        readout: Readout = "edge",
+        mesh: str = "coarse",
+    ) -> None:
+        Compliance(surface, azimuth_deg, 1, readout=readout, mesh=mesh)  # refuses what it cannot do
+        self._surface, self._readout, self._mesh = surface, readout, mesh
+        self._azimuth_deg = tuple(float(a) for a in azimuth_deg)
+        self._onset = Lumped(Surface(surface.friction), azimuth_deg, n_taxels)
+
+    def reset(self) -> None:
+        """No contact, no history."""
+        self._onset.reset()
+
+    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """See `base.Rung.step`."""
+        run = self.run(held, value[None], base_mm[None], dt_s)
+        return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
+
+    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """`step` n times at once; arguments and results have a leading axis n."""
+        case = Case(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
+        onset = self._onset.run(held, value, base_mm, dt_s)
+        pull = -onset.tangential_n
+        capacity = self._surface.friction * onset.normal_n
+        part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)
+        direction_deg = np.rint(np.rad2deg(np.arctan2(pull[..., 1], pull[..., 0]))).astype(np.int64)
+        turn = base_mm @ _normal(self._surface) / self._surface.period_mm
+        level = np.log(np.maximum(value / _LEVEL[held], 1e-12)) / np.log(_LEVEL_RATIO)
+        low = np.clip(np.floor(level), _LOWEST, _HIGHEST - 1).astype(np.int64)
+        rows = np.zeros((*value.shape, 5 + len(self._azimuth_deg)))
+        moving = part > _MOVING
+        keys = np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
+        touching = value > 0
+        for key in np.unique(keys[touching], axis=0):
+            chosen = touching & (keys == key).all(axis=-1)
+            k, heading = int(key[0]), int(key[1])
+            below, above = level_value(held, k), level_value(held, k + 1)
+            inside = np.clip(value[chosen], level_value(held, _LOWEST), above)
+            share = np.clip((inside - below) / (above - below), 0.0, 1.0)[:, None]
+            ends = []
+            for at in (k, k + 1):
+                felt = _look_up(resting(case, at), turn[chosen])
+                if key[2]:
+                    slid = _look_up(sliding(case, at, heading), turn[chosen])
+                    felt += part[chosen][:, None] * (slid - felt)
+                ends.append(felt)
+            mixed = ends[0] + share * (ends[1] - ends[0])
+            rows[chosen] = mixed * (value[chosen] / inside)[:, None]
+        return TaxelForces(
+            normal_n=np.maximum(value, 0.0) if held == "force" else np.maximum(rows[..., 0], 0.0),
+            tangential_n=rows[..., 1:3],
+            side_n=np.maximum(rows[..., 5:], 0.0),
+            slipping=np.where(touching, onset.slipping, 0.0),
+            indentation_mm=rows[..., 3] if held == "force" else value,
+            warnings=_warnings(rows),
+        )
+
+
+def _warnings(rows: FloatArray) -> IntArray:
+    failed = np.where(rows[..., 4] > 0, NOT_CONVERGED, 0)
+    return np.asarray(failed | np.where(rows[..., 3] > CAP_MM, BOTTOMED, 0), dtype=np.int64)
+
+
+def _normal(surface: Surface) -> FloatArray:
+    angle = np.deg2rad(surface.angle_deg)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _places(surface: Surface) -> list[FloatArray]:
+    """Places of equally spaced phases; one of them where the plate is flat."""
+    count = _RESTS if surface.depth_mm > 0 else 1
+    return [k / count * surface.period_mm * _normal(surface) for k in range(count)]
+
+
+def _slide(
+    rung: Compliance,
+    case: Case,
+    value: FloatArray,
+    start_mm: FloatArray,
+    course: FloatArray,
+    step_mm: float,
+    steps: int,
+) -> list[FloatArray]:
+    """Press at a place, then slide; the rows after pressing and after each step."""
+    rung.reset()
+    for k in range(1, _PRESSING + 1):
+        felt = rung.step(case.held, value * k / _PRESSING, start_mm[None], STEP_S)
+    rows = [_row(felt)]
+    for k in range(1, steps + 1):
+        rows.append(_row(rung.step(case.held, value, (start_mm + k * step_mm * course)[None], STEP_S)))
+    return rows
+
+
+def _row(felt: TaxelForces) -> FloatArray:
+    flag = felt.warnings[0] & NOT_CONVERGED
+    return np.concatenate(
+        [felt.normal_n, felt.tangential_n[0], felt.indentation_mm, [float(flag > 0)], felt.side_n[0]]
+    )
+
+
+def _refine(rows: list[FloatArray]) -> FloatArray:
+    """A period at `_FINE` phases, with the first repeated at the end; periodic cubic spline."""
+    table = np.array(rows)
+    flag = table[:, 4].max()
+    if len(table) > 1:
+        spline = CubicSpline(np.arange(len(table) + 1) / len(table), [*table, table[0]], bc_type="periodic")
+        table = spline(np.arange(_FINE + 1) / _FINE)
+    table[:, 4] = flag
+    return np.asarray(table)
+
+
+def _look_up(table: FloatArray, turn: FloatArray) -> FloatArray:
+    if len(table) == 1:
+        return np.repeat(table, len(turn), axis=0)
+    place = (turn - np.floor(turn)) * _FINE
+    below = np.minimum(place.astype(np.int64), _FINE - 1)
+    return np.asarray(table[below] + (place - below)[:, None] * (table[below + 1] - table[below]))
