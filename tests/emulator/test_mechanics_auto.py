@@ -29,12 +29,12 @@ def test_the_first_that_meets_every_need_or_none(
         for c in candidates
         if not c.refusal and all(need in c.provides and c.provides[need] <= tolerance for need in needs)
     ]
-    try:
-        choice = choose("scene s", needs, tolerance, candidates)
-    except ConfigError as error:
-        assert not serves
-        assert all(f"needs: {c.name} does not serve" in str(error) for c in candidates)
+    if not serves:
+        with pytest.raises(ConfigError) as caught:
+            choose("scene s", needs, tolerance, candidates)
+        assert all(f"needs: {c.name} does not serve" in str(caught.value) for c in candidates)
         return
+    choice = choose("scene s", needs, tolerance, candidates)
     assert choice.rung == serves[0]
     assert list(choice.rejected) == [c.name for c in candidates][: len(choice.rejected)]
     assert all(error <= tolerance for error in choice.errors.values())

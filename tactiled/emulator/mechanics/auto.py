@@ -15,7 +15,7 @@ NOT_MODELLED: Mapping[str, str] = {
     "bristle": "grooves, lateral coupling of the skin, turning about a taxel's own axis",
     "periodic": "grooves during the onset of slip, ripple that lags behind a change of load or direction, "
     "the skin's nonlinearity",
-    "compliance": "the skin's nonlinearity (Yeoh), static friction above sliding friction, neighbouring bumps",
+    "compliance": "the skin's nonlinearity (Yeoh), static friction above sliding, neighbouring bumps",
 }
 
 
