@@ -219,15 +219,15 @@ class Compliance:
         side = np.tensordot(levered, self._side, ([1, 2], [1, 2]))
         side += _DRAGGED * np.einsum("tn,tin,ain->ta", force[:, 0], moved[:, 1:], self._side_slope)
         total = force.sum(axis=2)
-        touches = force[:, 0] > 0
-        slips = np.array([t.slips for t in self._taxels]) & touches
+        touching = (force[:, 0] > 0) * self._skin.area_mm2
+        slips = np.array([t.slips for t in self._taxels])
         approach = np.array([t.approach_mm for t in self._taxels])
         warnings = np.array([t.warning for t in self._taxels], dtype=np.int64)
         return TaxelForces(
             normal_n=total[:, 0],
             tangential_n=total[:, 1:],
             side_n=np.maximum(side, 0.0),
-            slipping=slips.sum(axis=1) / np.maximum(touches.sum(axis=1), 1),
+            slipping=(slips * touching).sum(axis=1) / np.maximum(touching.sum(axis=1), 1e-12),
             indentation_mm=approach,
             warnings=warnings | np.where(approach > CAP_MM, BOTTOMED, 0),
         )

@@ -23,6 +23,8 @@ class SkinCompliance:
     ----------
     x_mm, y_mm, gap_mm : (n,) float64
         Surface nodes, and their depth under the apex.
+    area_mm2 : (n,) float64
+        What each node stands for.
     compliance : (3, n, 3, n) float64
         mm/N.
     side_azimuth_deg : (s,) float64
@@ -36,6 +38,7 @@ class SkinCompliance:
     x_mm: FloatArray
     y_mm: FloatArray
     gap_mm: FloatArray
+    area_mm2: FloatArray
     compliance: FloatArray
     side_azimuth_deg: FloatArray
     side: FloatArray
@@ -57,6 +60,7 @@ class SkinCompliance:
             x_mm,
             y_mm,
             arrays["gap_mm"],
+            arrays["area_mm2"],
             compliance,
             np.array([180.0, 270.0, 0.0, 90.0]),
             np.concatenate([normal[:, None], tangential], axis=1),
