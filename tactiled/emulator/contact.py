@@ -5,7 +5,7 @@ in any chunking and possibly twice, and must answer the same each time. Add a ru
 `forces`, an entry in `RUNGS` and its name in `Scene.contact`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
+from tactiled.emulator.mechanics import bristle, lumped
 from tactiled.emulator.mechanics.base import Rung, Surface
+from tactiled.emulator.mechanics.sides import Readout
 from tactiled.emulator.motion import Motion
+from tactiled.emulator.physical import ContactState, PhysicalContact
 from tactiled.emulator.scene import Grooves
 
 FloatArray = NDArray[np.float64]
@@ -50,6 +53,10 @@ class ContactModel(Protocol):
         """
         ...
 
+    def state(self, time_s: FloatArray) -> ContactState:
+        """Truth at instants (n,) of scene time."""
+        ...
+
 
 def make_contact(motion: Motion, array: Array) -> ContactModel:
     """Contact model that the scene asks for.
@@ -59,7 +66,18 @@ def make_contact(motion: Motion, array: Array) -> ContactModel:
     ConfigError
         The rung cannot play this scene; says why.
     """
-    return SignalContact(motion, array)
+    scene = motion.scene
+    name = scene.contact
+    if name == "signal":
+        return SignalContact(motion, array)
+    if name == "auto":
+        name = "lumped"
+    entry = RUNGS[name]
+
+    def build(surface: Surface, azimuth_deg: FloatArray, n_taxels: int) -> Rung:
+        return entry.build(surface, azimuth_deg, n_taxels, readout=scene.readout)
+
+    return PhysicalContact(motion, array, build, entry.step_s, name)
 
 
 class SignalContact:
@@ -83,6 +101,7 @@ class SignalContact:
         self._motion = motion
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
+        self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
         kinds = np.array(array.channel_kind)
         taxel = array.channel_taxel
         self._part = taxel_share[taxel]
@@ -112,6 +131,32 @@ class SignalContact:
         shear = normal * friction * (self._shear_x * state.shear_x + self._shear_y * state.shear_y)
         return np.where(self._tangential, shear, tilted)
 
+    def state(self, time_s: FloatArray) -> ContactState:
+        """As prescribed: all or nothing slips."""
+        state = self._motion.at(time_s)
+        angle = np.deg2rad(state.direction_deg)
+        friction = np.zeros_like(time_s)
+        ripple = np.zeros((len(time_s), len(self._taxel_share)))
+        for number, surface in enumerate(self._motion.surfaces):
+            share = self._motion.surface_share(number, time_s)
+            friction += share * surface.friction
+            if isinstance(surface, Grooves):
+                x = self._taxel_x_mm + state.travel_x_mm[:, None]
+                y = self._taxel_y_mm + state.travel_y_mm[:, None]
+                ripple += share[:, None] * groove_ripple(surface, groove_phase(surface, x, y))
+        normal = state.load_n[:, None] * self._taxel_share * (1 + ripple)
+        shear = np.stack([state.shear_x, state.shear_y], axis=-1)
+        slips = (state.speed_mm_s > 0).astype(np.float64)
+        return ContactState(
+            normal_n=normal,
+            tangential_n=-normal[..., None] * (friction[:, None] * shear)[:, None, :],
+            slipping=np.repeat(slips[:, None], normal.shape[1], axis=1),
+            slipping_share=slips,
+            load_n=state.load_n,
+            travel_mm=np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1),
+            velocity_mm_s=state.speed_mm_s[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1),
+        )
+
 
 def groove_phase(grooves: Grooves, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
     """Phase, in radians, of the groove pattern at places in the surface's frame; a ridge is at 0."""
@@ -137,6 +182,14 @@ def _shares(rng: np.random.Generator, group: NDArray[np.int64]) -> FloatArray:
     return np.asarray(raw / totals[group])
 
 
+class RungBuilder(Protocol):
+    """Class of a rung."""
+
+    def __call__(
+        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout
+    ) -> Rung: ...
+
+
 @dataclass(frozen=True)
 class RungEntry:
     """A physical rung as scenes choose it.
@@ -144,17 +197,21 @@ class RungEntry:
     Attributes
     ----------
     build : callable
-        ``(surface, azimuth_deg: (a,), n_taxels) -> Rung``; raises `ConfigError` naming what it cannot do.
+        ``(surface, azimuth_deg: (a,), n_taxels, *, readout) -> Rung``; raises `ConfigError` naming what it
+        cannot do.
     provides : dict
         Need (see `scene.Need`) to measured relative error; the rung module's ``PROVIDES``.
     step_s : float
         Step of its time grid.
     """
 
-    build: Callable[[Surface, FloatArray, int], Rung]
+    build: RungBuilder
     provides: Mapping[str, float]
     step_s: float
 
 
-RUNGS: dict[str, RungEntry] = {}
+RUNGS: dict[str, RungEntry] = {
+    "lumped": RungEntry(lumped.Lumped, lumped.PROVIDES, lumped.STEP_S),
+    "bristle": RungEntry(bristle.Bristle, bristle.PROVIDES, bristle.STEP_S),
+}
 """Physical rungs, cheapest first. ``signal`` is none of them: it prescribes."""

@@ -11,7 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.scene import Flat, Grooves, Lift, Phase, Press, Rest, Scene, Slide
+from tactiled.emulator.disturb import Disturbances
+from tactiled.emulator.scene import (
+    Flat,
+    Grooves,
+    Lift,
+    Load,
+    Phase,
+    Press,
+    Rest,
+    Rotate,
+    Scene,
+    Slide,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +47,8 @@ class MotionState:
     speed_mm_s : speed along `direction_deg`
     direction_deg : direction of the phase's motion; of the last motion where nothing moves
     shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
+    turn_deg : angle by which the skin has turned about the middle of the array
+    pull_x_n, pull_y_n : load of a held object, in the direction in which the skin would slip
     phase : number of the scene's phase
     """
 
@@ -45,6 +59,9 @@ class MotionState:
     direction_deg: FloatArray
     shear_x: FloatArray
     shear_y: FloatArray
+    turn_deg: FloatArray
+    pull_x_n: FloatArray
+    pull_y_n: FloatArray
     phase: NDArray[np.int64]
 
 
@@ -67,6 +84,12 @@ class _Segment:
     surface: int
     surface_before: int
     path_at_change: float
+    turn: float
+    turn_rate: float
+    pull_x: float
+    pull_y: float
+    pull_x_rate: float
+    pull_y_rate: float
 
     @property
     def stands(self) -> bool:
@@ -100,6 +123,9 @@ class _Segment:
             path=self.path + way,
             shear_x=goal_x + (self.shear_x - goal_x) * left,
             shear_y=goal_y + (self.shear_y - goal_y) * left,
+            turn=self.turn + self.turn_rate * dt,
+            pull_x=self.pull_x + self.pull_x_rate * dt,
+            pull_y=self.pull_y + self.pull_y_rate * dt,
         )
 
 
@@ -123,6 +149,7 @@ class Motion:
         self.scene = scene
         self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
         self.surfaces: list[Flat | Grooves] = []
+        self._disturbances = Disturbances(scene.disturbances)
         self._segments = self._build()
         self._entry_mm = np.array([surface.entry_mm for surface in self.surfaces])
         names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
@@ -139,14 +166,18 @@ class Motion:
         dx, dy = np.moveaxis(table["direction"][i], -1, 0)
         goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
         left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / _SHEAR_RELAXATION_S)
+        extra_load_n, extra_x_mm, extra_y_mm, pull_x_n, pull_y_n = self._disturbances.at(time_s)
         return MotionState(
-            load_n=table["load"][i] + table["load_rate"][i] * dt,
-            travel_x_mm=table["x"][i] + dx * way,
-            travel_y_mm=table["y"][i] + dy * way,
+            load_n=np.maximum(table["load"][i] + table["load_rate"][i] * dt + extra_load_n, 0.0),
+            travel_x_mm=table["x"][i] + dx * way + extra_x_mm,
+            travel_y_mm=table["y"][i] + dy * way + extra_y_mm,
             speed_mm_s=table["speed"][i] + table["acceleration"][i] * dt,
             direction_deg=table["direction_deg"][i],
             shear_x=goal_x + (table["shear_x"][i] - goal_x) * left,
             shear_y=goal_y + (table["shear_y"][i] - goal_y) * left,
+            turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
+            pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull_x_n,
+            pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull_y_n,
             phase=table["phase"][i],
         )
 
@@ -164,6 +195,10 @@ class Motion:
         now = table["surface"][i] == number
         before = table["surface_before"][i] == number
         return np.where(now & before, 1.0, np.where(now, entered, np.where(before, 1.0 - entered, 0.0)))
+
+    def temperature_k(self, time_s: FloatArray) -> FloatArray:
+        """Warming of the sensor since the scene began."""
+        return self._disturbances.temperature_k(np.maximum(time_s, 0.0))
 
     def relaxed_load_n(self, time_s: FloatArray, time_constant_s: float) -> FloatArray:
         """Load seen through a first-order lag, ``tau dc/dt = F - c``; exact for linear pieces of F."""
@@ -188,7 +223,7 @@ class Motion:
 
     def _build(self) -> list[_Segment]:
         surface = self._number(self.scene.surface)
-        now = _Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0)
+        now = _Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0, 0, 0, 0, 0, 0, 0)
         segments: list[_Segment] = []
         for number, phase in enumerate(self.scene.phases):
             now = self._on_surface_of(phase, now)
@@ -200,16 +235,34 @@ class Motion:
             elif isinstance(phase, Slide):
                 knots = _speed_knots(phase)
                 now = replace(now, direction_deg=phase.direction_deg)
-            now = replace(now, phase=number, load_rate=(goal - now.load) / phase.duration_s)
+            pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
+            if isinstance(phase, Load):
+                goal = now.load if phase.force_n is None else phase.force_n
+                angle = math.radians(phase.direction_deg)
+                pull_x = phase.tangential_n * round(math.cos(angle), 15)
+                pull_y = phase.tangential_n * round(math.sin(angle), 15)
+            elif isinstance(phase, Rotate):
+                turn_rate = phase.angle_deg / phase.duration_s
+            now = replace(
+                now,
+                phase=number,
+                load_rate=(goal - now.load) / phase.duration_s,
+                pull_x_rate=(pull_x - now.pull_x) / phase.duration_s,
+                pull_y_rate=(pull_y - now.pull_y) / phase.duration_s,
+                turn_rate=turn_rate,
+            )
             for (start, speed), (stop, speed_after) in itertools.pairwise(knots):
                 acceleration = (speed_after - speed) / (stop - start)
                 segments.append(replace(now, speed=speed, acceleration=acceleration))
                 now = segments[-1].after(stop - start)
-            now = replace(now, t0=float(self.phase_start_s[number + 1]), load=goal)  # no rounding piles up
+            # No rounding piles up.
+            end_s = float(self.phase_start_s[number + 1])
+            now = replace(now, t0=end_s, load=goal, pull_x=pull_x, pull_y=pull_y)
             if goal == 0:
                 now = replace(now, shear_x=0.0, shear_y=0.0)
         # After the scene the skin stays as it was left.
-        return [*segments, replace(now, load_rate=0.0, speed=0.0, acceleration=0.0)]
+        now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0)
+        return [*segments, replace(now, pull_x_rate=0.0, pull_y_rate=0.0)]
 
     def _on_surface_of(self, phase: Phase, now: _Segment) -> _Segment:
         if phase.surface is None or (new := self._number(phase.surface)) == now.surface:

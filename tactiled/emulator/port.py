@@ -38,6 +38,10 @@ class Port:
     Attributes
     ----------
     board : Board
+    array : Array
+        The one that is worn.
+    contact : ContactModel
+        What the sensor feels: ask it for the truth, or move a held object's grip.
     counts : FaultCounts
     plugged : bool
         False while the port has vanished; a host cannot read, write or open it then.
@@ -63,6 +67,8 @@ class Port:
         array = worn_array(scene, layout)
         hello = identity(params, layout, array)
         sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
+        self.array = array
+        self.contact = sensor.contact
         self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=self._scanned)
         self._on_scan = on_scan
         self.counts = FaultCounts()

@@ -14,6 +14,11 @@ _SCANS_AHEAD = 32  # asked of the source at once: one call costs some 0.3 ms, fo
 class ScanSource(Protocol):
     """What the ADC reads: see `sensor.Sensor`."""
 
+    @property
+    def reacts(self) -> bool:
+        """Whether coming scans depend on what somebody may still say: then they are not read ahead."""
+        ...
+
     def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
         ...
@@ -88,7 +93,7 @@ class Scanning:
     def take(self, index: int) -> NDArray[np.int64]:
         """Counts of the coming scan, which is number `index` of all; the next one then comes."""
         if not len(self._ahead):
-            k = self._k + np.arange(_SCANS_AHEAD)
+            k = self._k + np.arange(1 if self._source.reacts else _SCANS_AHEAD)
             begin_board_s = self._epoch_board_s + k / self._rate_hz
             sampled_s = self._crystal.true_s(begin_board_s[:, None] + self._offset_s)
             self._ahead = self._source.counts(index, sampled_s - self._scene_start_s)

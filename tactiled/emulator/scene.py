@@ -21,7 +21,11 @@ Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds
 class Plate(Params):
     """What all plates have."""
 
-    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient")
+    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient, while sliding")
+    static_ratio: float = Field(default=1.0, ge=1, le=3, description="friction at rest over while sliding")
+    stribeck_mm_s: float = Field(
+        default=1.0, gt=0, description="speed over which friction falls to sliding's"
+    )
     entry_mm: float = Field(
         default=1.0, gt=0, description="travel over which a sliding skin comes fully onto this plate"
     )
@@ -39,6 +43,8 @@ class Grooves(Plate):
     kind: Literal["grooves"]
     period_mm: float = Field(gt=0.01, le=100, description="from ridge to ridge, along the groove normal")
     angle_deg: float = Field(default=0.0, gt=-90, le=90, description="0: grooves parallel to y")
+    # The paper gives no depth; finite elements were run with 0.1 mm.
+    depth_mm: float = Field(default=0.1, gt=0, le=5, description="ridge over valley, for physical rungs")
     offset_mm: float = Field(
         default=0.0,
         description="place of a ridge, along the groove normal from the array's origin, at the start",
@@ -125,7 +131,55 @@ class Slide(Still):
         return self
 
 
-Phase = Annotated[Rest | Press | Hold | Slide | Lift, Field(discriminator="kind")]
+class Rotate(Still):
+    """The skin turns about the middle of the array by `angle_deg`, evenly; +x towards +y is positive."""
+
+    kind: Literal["rotate"]
+    angle_deg: float = Field(ge=-3600, le=3600)
+
+
+class Load(Still):
+    """The held object's load goes linearly to `tangential_n`, and the grip with it to `force_n` if given.
+
+    Directions are those in which the skin would slip over the object, against the pull on the object.
+    """
+
+    kind: Literal["load"]
+    tangential_n: float = Field(ge=0, le=2000)
+    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
+    force_n: float | None = Field(default=None, gt=0, le=2000, description="absent: the grip stays")
+
+
+Phase = Annotated[Rest | Press | Hold | Slide | Lift | Rotate | Load, Field(discriminator="kind")]
+
+
+class Disturbance(Params):
+    """What comes on top of the phases: motors, taps, tugs, warmth."""
+
+    on: Literal["load_n", "pull_n", "travel_mm", "temperature_k"] = Field(
+        description="what it adds to: grip, pull on a held object, place of the skin, temperature"
+    )
+    shape: Literal["sine", "pulse", "ramp"] = Field(
+        description="sine of frequency_hz, swelling and dying over a tenth of the time each; half a sine "
+        "squared over the whole time; a line that stays at its end"
+    )
+    amplitude: float = Field(ge=-1000, le=1000, description="in the unit that `on` ends in")
+    start_s: float = Field(default=0.0, ge=0)
+    duration_s: Duration = 1.0
+    frequency_hz: float = Field(default=50.0, gt=0, le=200, description="of a sine")
+    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="of a pull or a travel")
+
+
+class HeldObject(Params):
+    """An object between the skin and an equal finger: it slips when its load is more than friction bears."""
+
+    mass_kg: float = Field(default=0.2, ge=0.02, le=50, description="the part that this skin carries")
+    spring_n_mm: float = Field(
+        default=0.0, ge=0, le=1000, description="slides move the far end of such a spring; 0: no slides"
+    )
+    grip_rate_n_s: float = Field(default=200.0, gt=0, description="how fast a controller's grip is followed")
+    fall_mm: float = Field(default=20.0, gt=0, description="slipped so far, the object has landed")
+
 
 # Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
 Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]
@@ -157,20 +211,66 @@ class Scene(Params):
     )
     needs: list[Need] = Field(default=[], description="what auto must find a rung for")
     tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
+    readout: Literal["edge", "half"] = Field(
+        default="edge", description="area under a side electrode, for physical rungs: mechanics/sides.py"
+    )
     seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
     surface: Surface = Flat()
     electronics: ElectronicsParams = ElectronicsParams()
     phases: list[Phase] = Field(min_length=1)
+    disturbances: list[Disturbance] = []
+    held_object: HeldObject | None = Field(
+        default=None, description="what is held; absent: a plate that is moved"
+    )
+    touching: list[int] = Field(default=[], description="taxels that reach the surface; empty: all")
+    load_gradient_per_mm: tuple[float, float] = Field(
+        default=(0.0, 0.0), description="relative growth of a taxel's load along x and y: a tilted surface"
+    )
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
         loaded = False
         for index, phase in enumerate(self.phases):
-            if isinstance(phase, Hold | Slide | Lift) and not loaded:
+            if isinstance(phase, Hold | Slide | Lift | Rotate) and not loaded:
                 raise ValueError(f"phases[{index}]: a {phase.kind} needs contact; put a press before it")
             if isinstance(phase, Rest) and loaded:
                 raise ValueError(f"phases[{index}]: a rest touches nothing; use hold, or lift before it")
-            loaded = isinstance(phase, Press) or (loaded and not isinstance(phase, Lift))
+            if isinstance(phase, Load) and not loaded and phase.force_n is None:
+                raise ValueError(f"phases[{index}]: a load needs contact; give force_n, or a press before it")
+            loaded = isinstance(phase, Press | Load) or (loaded and not isinstance(phase, Lift))
+        return self
+
+    @model_validator(mode="after")
+    def _held(self) -> Self:
+        """What an object can do, and what only one that is held can."""
+        held = self.held_object
+        for index, phase in enumerate(self.phases):
+            if isinstance(phase, Load) and held is None:
+                raise ValueError(f"phases[{index}]: a load pulls at an object; add [held_object]")
+            if held is not None and isinstance(phase, Rotate):
+                raise ValueError(f"phases[{index}]: a held object moves by its load and does not turn")
+            if held is not None and isinstance(phase, Slide) and not held.spring_n_mm:
+                raise ValueError(
+                    f"phases[{index}]: a slide drags a held object; give held_object.spring_n_mm"
+                )
+            if held is not None and phase.surface is not None:
+                raise ValueError(f"phases[{index}]: a held object has one surface; put it into the scene")
+        for index, extra in enumerate(self.disturbances):
+            if extra.on == "pull_n" and held is None:
+                raise ValueError(f"disturbances[{index}]: pull_n pulls at an object; add [held_object]")
+        if held is not None and self.held == "displacement":
+            raise ValueError("held: the grip on an object is a force")
+        return self
+
+    @model_validator(mode="after")
+    def _not_prescribed(self) -> Self:
+        """What needs mechanics."""
+        if self.contact == "signal":
+            reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, Rotate | Load)]
+            reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
+            reasons += ["an object"] * (self.held_object is not None)
+            if reasons:
+                raise ValueError(f'contact = "signal" prescribes and cannot play {reasons[0]}; use "auto"')
         return self
 
     @property

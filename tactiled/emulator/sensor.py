@@ -8,6 +8,7 @@ from tactiled.emulator import electronics
 from tactiled.emulator.contact import make_contact
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.noise import ScanNoise
+from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.scene import Scene
 from tactiled.errors import ConfigError
 
@@ -24,10 +25,14 @@ class Sensor:
     adc_bits : int
     adc_reference_v : float
 
+    Attributes
+    ----------
+    contact : ContactModel
+
     Raises
     ------
     ConfigError
-        A dead channel that the array does not have.
+        A dead channel that the array does not have, or a contact model that cannot play the scene.
     """
 
     def __init__(self, scene: Scene, array: Array, *, adc_bits: int, adc_reference_v: float) -> None:
@@ -37,17 +42,21 @@ class Sensor:
             raise ConfigError(f"scene {scene.name}", [fault])
         self._params = params
         self._motion = Motion(scene)
-        self._contact = make_contact(self._motion, array)
+        self.contact = make_contact(self._motion, array)
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         kinds = np.array(array.channel_kind)
         self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
         self._is_inverted = (array.sign < 0) & ~self._is_shear  # wired to the supply, not to ground
 
+    @property
+    def reacts(self) -> bool:
+        return isinstance(self.contact, PhysicalContact) and self.contact.reacts
+
     def volts(self, time_s: FloatArray) -> FloatArray:
         """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
         params = self._params
-        force_n = self._contact.forces(time_s)
+        force_n = self.contact.forces(time_s)
         crept = force_n * electronics.creep_gain(
             params, self._motion.relaxed_load_n(time_s, params.creep_time_s)
         )

@@ -6,6 +6,8 @@ says when that was.
 """
 
 import contextlib
+import itertools
+import math
 import os
 import select
 import signal
@@ -15,13 +17,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from tactiled.emulator.control import ControlLines, contact_report, control_link
 from tactiled.emulator.faults import FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import Link, make_link
+from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.port import Port
 from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.truth import Truth, plain_slip
 from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
@@ -43,9 +47,12 @@ class Emulator:
         Of the faults.
     report : callable
         Gets maps with ``what``: ``"ready"`` (where the port is), ``"scene"`` (truth, instants on
-        CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (if asked), ``"end"`` (counts).
+        CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, once it has ended), ``"unplugged"``, ``"plugged"``,
+        ``"scan"`` (if asked), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
+    control : Link or None
+        Where a controller speaks; see `control`.
 
     Raises
     ------
@@ -64,6 +71,7 @@ class Emulator:
         seed: int = 0,
         report: Report,
         with_scans: bool = False,
+        control: Link | None = None,
     ) -> None:
         self._scene = scene
         self._link = link
@@ -77,6 +85,9 @@ class Emulator:
             seed=seed,
             on_scan=self._report_scan if with_scans else lambda _: None,
         )
+        self._control = control
+        self._control_lines = ControlLines(self._port.contact)
+        self._slips_reported = 0
         self._is_stopping = False
         self._is_scene_reported = False
         self._bytes_overflowed = 0
@@ -92,11 +103,17 @@ class Emulator:
         """Be a board until `stop`."""
         try:
             self._link.open()
-            self._report({"what": "ready", **self._link.describe()})
+            control = {}
+            if self._control is not None:
+                self._control.open()
+                control = {"control": self._control.describe()["link"]}
+            self._report({"what": "ready", **self._link.describe(), **control})
             while not self._is_stopping:
                 self._step()
         finally:
             self._link.close()
+            if self._control is not None:
+                self._control.close()
             os.close(self._wake_read)
             os.close(self._wake_write)
         counts = vars(self._port.counts) | {"bytes_overflowed": self._bytes_overflowed}
@@ -110,11 +127,22 @@ class Emulator:
         if was_plugged != self._port.plugged:
             self._replug()
         self._report_scene()
+        self._report_slips()
         wait_s = self._port.next_deadline_s() - time.monotonic()
-        fds = [self._wake_read, *self._link.fds()]
-        ready, _, _ = select.select(fds, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
-        if any(fd != self._wake_read for fd in ready) and (data := self._link.read()):
+        fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
+        awaited = [self._wake_read, *fds, *control_fds]
+        ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
+        if any(fd in fds for fd in ready) and (data := self._link.read()):
             self._port.receive(data, time.monotonic())
+        if self._control is not None and any(fd in control_fds for fd in ready):
+            self._obey(self._control)
+
+    def _obey(self, control: Link) -> None:
+        """Answer the controller; before the scene begins, scene time stands at 0."""
+        t0_s = self._port.board.scene_start_s
+        scene_s = 0.0 if t0_s is None else time.monotonic() - t0_s
+        if answer := self._control_lines.receive(control.read(), scene_s):
+            control.write(answer)
 
     def _replug(self) -> None:
         if self._port.plugged:
@@ -130,6 +158,19 @@ class Emulator:
             self._is_scene_reported = True
             self._report({"what": "scene", **Truth(self._scene, t0_s).to_map()})
 
+    def _report_slips(self) -> None:
+        """Slips on a physical rung, each once it has ended, with all its instants."""
+        t0_s, contact = self._port.board.scene_start_s, self._port.contact
+        if t0_s is None or not isinstance(contact, PhysicalContact):
+            return
+        known = contact.watch.count
+        if self._slips_reported < known:
+            truth = Truth(self._scene, t0_s, contact, self._port.array)
+            done = truth.episodes[self._slips_reported - known :]
+            for slip in itertools.takewhile(lambda slip: math.isfinite(slip.end_s), done):
+                self._report({"what": "slip", **plain_slip(slip)})
+                self._slips_reported += 1
+
     def _report_scan(self, scan: ScanTruth) -> None:
         self._report(
             {
@@ -139,6 +180,7 @@ class Emulator:
                 "boot": scan.boot,
                 "began_s": scan.began_s,
                 "sent": scan.sent,
+                **contact_report(self._port.contact, scan.began_s - (self._port.board.scene_start_s or 0.0)),
             }
         )
 
@@ -154,8 +196,11 @@ def run_emulator(
     seed: int = 0,
     report: Report,
     with_scans: bool = False,
+    control: str | None = None,
 ) -> None:
     """Run an `Emulator` until SIGTERM or SIGINT; its pty appears as `link`, or it listens on `tcp`.
+
+    `control` is ``unix:///PATH`` or ``tcp://HOST:PORT``, where a controller moves the grip.
 
     Raises
     ------
@@ -171,6 +216,7 @@ def run_emulator(
         seed=seed,
         report=report,
         with_scans=with_scans,
+        control=None if control is None else control_link(control),
     )
     with _stopped_by_signals(emulator.stop):
         emulator.run()

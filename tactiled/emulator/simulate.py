@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from tactiled.emulator.control import move_grip
 from tactiled.emulator.faults import FaultCounts, FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.port import Port
@@ -93,7 +94,17 @@ class Simulation:
         t0_s = self._port.board.scene_start_s
         if t0_s is None:
             raise ContractError("the scene has not begun: iterate the simulation first")
-        return Truth(self._scene, t0_s)
+        return Truth(self._scene, t0_s, self._port.contact, self._port.array)
+
+    def grip(self, force_n: float) -> None:
+        """A controller's grip on a held object, from now on.
+
+        Raises
+        ------
+        ConfigError
+            Nothing is held, or it is no force that a hand has.
+        """
+        move_grip(self._port.contact, force_n)
 
     def send(self, data: bytes) -> None:
         """Bytes from the host to the board, now."""

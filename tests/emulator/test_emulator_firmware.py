@@ -25,6 +25,8 @@ ORIGIN_S = 1000.0
 class Echo:
     """A source whose counts say the scan, and which keeps the instants it was asked for."""
 
+    reacts = False
+
     def __init__(self) -> None:
         self.asked: dict[int, NDArray[np.float64]] = {}
 

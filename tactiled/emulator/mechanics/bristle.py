@@ -7,8 +7,9 @@ tangential stiffness for all bristles, bears the same load but slips too late at
 0.1 N off before gross slip, its share of slip 0.2.)
 
 Friction: each bristle carries ``q = k u`` up to ``mu p``, with ``k = p / (reach pen)``: it slips at the
-travel ``u = reach mu pen``, so the stick area shrinks in proportion to travel, as in Mindlin's solution (1949).
-Bristles are displaced alike; turning of the skin about a taxel's own axis is not seen by that taxel.
+travel ``u = reach mu pen``, so the stick area shrinks in proportion to travel, as in Mindlin's solution
+(1949). Bristles are displaced alike; turning of the skin about a taxel's own axis is not seen by that
+taxel.
 
 Read-out areas add up what each bristle does to them (`sides`). Independent bristles overload the far ridge
 of a grooved plate and go against finite elements there (correlation -0.8 to -0.95): refused.

@@ -2,13 +2,13 @@
 
 Normal: ``N = a d^b``, the power law through a finite-element press of one taxel.
 
-Friction: presliding after Mindlin (1949), ``T = mu N (1 - (1 - x)^(3/2))`` with ``x = travel / (reach mu d)``,
-made of parallel slip elements (Iwan 1966; as a friction model "generalised Maxwell slip": Al-Bender,
-Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which turn it into closed loops by Masing's rule.
-Dahl's curve is much the same, but Dahl's and LuGre's state ratchets: under hum on a held load it creeps
-without end, a slip that no hand makes. Elements that hold do not move at all, and the share of elements that
-give way is the share of the contact that slips: in Mindlin's solution the stick area shrinks as ``1 - x``. A
-step is an exact return mapping for travel along a line, whatever its length.
+Friction: presliding after Mindlin (1949), ``T = mu N (1 - (1 - x)^(3/2))`` with ``x = travel / (reach mu
+d)``, made of parallel slip elements (Iwan 1966; as a friction model "generalised Maxwell slip": Al-Bender,
+Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which turn it into closed loops by Masing's
+rule. Dahl's curve is much the same, but Dahl's and LuGre's state ratchets: under hum on a held load it
+creeps without end, a slip that no hand makes. Elements that hold do not move at all, and the share of
+elements that give way is the share of the contact that slips: in Mindlin's solution the stick area shrinks
+as ``1 - x``. A step is an exact return mapping for travel along a line, whatever its length.
 
 Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))``.
 """
@@ -22,9 +22,9 @@ from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 
-# Fit to finite elements of one taxel (config/contact/fem-coarse-load.json, 0.03 to 0.25 mm): up to the 2.2 N of
-# a 20 N press on nine taxels it is off by at most 3 % of 1.667 N. The prototype's mesh, without the skin
-# between the taxels, gave 38.1 d^1.79, which is 10 % low there.
+# Fit to finite elements of one taxel (config/contact/fem-coarse-load.json, 0.03 to 0.25 mm): up to the 2.2
+# N of a 20 N press on nine taxels it is off by at most 3 % of 1.667 N. The prototype's mesh, without the
+# skin between the taxels, gave 38.1 d^1.79, which is 10 % low there.
 _CURVE_N, _CURVE_EXPONENT = 47.3, 1.86
 BUMP_MM = 0.4  # rim and cap, assumed geometry: pressed deeper, the plate meets the base
 # Travel from rest to gross slip over friction times indentation. Finite elements on a flat plate slip fully

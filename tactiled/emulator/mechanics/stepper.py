@@ -1,12 +1,13 @@
 """Steps in, any instant out: what makes a rung with memory answer like a function of time.
 
-A source is advanced on the grid ``k * step_s`` in blocks that begin at multiples of the block length, whatever
-was asked for; between grid points its rows are interpolated linearly. So any chunking of the instants gives the
-same bits, an instant asked for twice answers twice the same, and memory holds the newest blocks only: who asks
-for an instant before them has the source played again from the beginning.
+A source is advanced on the grid ``k * step_s`` in blocks that begin at multiples of the block length,
+whatever was asked for; between grid points its rows are interpolated linearly. So any chunking of the
+instants gives the same bits, an instant asked for twice answers twice the same, and memory holds the newest
+blocks only: who asks for an instant before them has the source played again from the beginning.
 """
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -117,5 +118,9 @@ def play(rung: Rung, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: f
     """Step a rung through ``value (n, t)`` and ``base_mm (n, t, 2)``; results have a leading axis n."""
     if isinstance(rung, BlockRung):
         return rung.run(held, value, base_mm, dt_s)
-    steps = [rung.step(held, v, base, dt_s) for v, base in zip(value, base_mm, strict=True)]
+    return stacked([rung.step(held, v, base, dt_s) for v, base in zip(value, base_mm, strict=True)])
+
+
+def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
+    """Steps along a leading axis."""
     return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})

@@ -1,0 +1,339 @@
+"""A scene on a physical rung: what is imposed on each taxel, step by step, and what its channels feel."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.emulator.held import HeldMotion
+from tactiled.emulator.mechanics.base import Rung, Surface, TaxelForces
+from tactiled.emulator.mechanics.lumped import BUMP_MM, indentation_mm
+from tactiled.emulator.mechanics.stepper import Stepper, play
+from tactiled.emulator.motion import Motion
+from tactiled.emulator.scene import Flat, Grooves
+from tactiled.emulator.slipwatch import SlipWatch
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+Build = Callable[[Surface, FloatArray, int], Rung]
+
+_REACTS_S = 0.01
+_BLOCK_S = 0.16  # played at once: some scans, and no long pause of a real-time loop on a slow rung
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """Truth of n instants, for t taxels.
+
+    Attributes
+    ----------
+    normal_n : (n, t)
+    tangential_n : (n, t, 2)
+        Friction on the skin, against its motion.
+    slipping : (n, t)
+        Share of each taxel's contact that slips.
+    slipping_share : (n,)
+        The same for the whole contact, taxels weighted by their contact area.
+    load_n : (n,)
+    travel_mm, velocity_mm_s : (n, 2)
+        Of the middle of the array over the surface.
+    """
+
+    normal_n: FloatArray
+    tangential_n: FloatArray
+    slipping: FloatArray
+    slipping_share: FloatArray
+    load_n: FloatArray
+    travel_mm: FloatArray
+    velocity_mm_s: FloatArray
+
+
+class PhysicalContact:
+    """A `ContactModel` on a rung.
+
+    Parameters
+    ----------
+    motion : Motion
+    array : Array
+    build : callable
+        The rung's factory.
+    step_s : float
+        Of its time grid.
+    name : str
+        Of the rung, for refusals.
+
+    Raises
+    ------
+    ConfigError
+        The rung cannot play the scene.
+    """
+
+    def __init__(self, motion: Motion, array: Array, build: Build, step_s: float, name: str) -> None:
+        self._source = _Play(motion, array, build, step_s, name)
+        # A held object reacts to a controller: no more is played than a scan.
+        block = max(1, round((_REACTS_S if self._source.held else _BLOCK_S) / self._source.step_s))
+        self._stepper = Stepper(self._source, step_s=self._source.step_s, block=block)
+        self._channels = np.arange(array.n_channels)
+        self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
+
+    @property
+    def reacts(self) -> bool:
+        """Whether a controller can change what comes."""
+        return self._source.held is not None
+
+    @property
+    def has_fallen(self) -> bool:
+        """Whether a held object has slipped out."""
+        return self._source.held is not None and self._source.held.has_fallen
+
+    @property
+    def watch(self) -> SlipWatch:
+        """Slip up to `played_s`."""
+        return self._source.watch
+
+    @property
+    def warnings(self) -> dict[int, float]:
+        """Warning bits of the rung with the first instant of each, up to `played_s`."""
+        return self._source.warnings
+
+    @property
+    def played_s(self) -> float:
+        return self._stepper.made_s
+
+    def grip(self, force_n: float) -> None:
+        """A controller's grip from the first instant that is not yet played; see `HeldMotion.grip`."""
+        if self._source.held is None:
+            raise ConfigError("grip", ["this scene has no held object; a controller can move nothing in it"])
+        self._source.held.grip(force_n)
+
+    def play_until(self, end_s: float) -> None:
+        """Play on to an instant of scene time, unless it has been played."""
+        while self.played_s < end_s:
+            self._stepper.at(np.array([self.played_s + _BLOCK_S]), slice(0, 1))
+
+    def forces(self, time_s: FloatArray) -> FloatArray:
+        return self._stepper.at(time_s, self._channels)
+
+    def state(self, time_s: FloatArray) -> ContactState:
+        """Truth at instants (n,)."""
+        rows = self._stepper.at(time_s, slice(self._n_channels, None))
+        normal, tx, ty, slipping, rest = np.split(rows, np.arange(1, 5) * self._n_taxels, axis=1)
+        return ContactState(
+            normal_n=normal,
+            tangential_n=np.stack([tx, ty], axis=-1),
+            slipping=slipping,
+            slipping_share=rest[:, 0],
+            load_n=rest[:, 1],
+            travel_mm=rest[:, 2:4],
+            velocity_mm_s=rest[:, 4:6],
+        )
+
+
+class _Play:
+    """The `Source` behind the stepper."""
+
+    def __init__(self, motion: Motion, array: Array, build: Build, step_s: float, name: str) -> None:
+        scene = motion.scene
+        self._motion = motion
+        self._array = array
+        self._imposes = scene.held
+        self._share = taxel_shares(motion, array)
+        self._read = _Reader(motion, array)
+        surfaces = [_surface(plate, name) for plate in motion.surfaces]
+        self._rungs = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
+        middle = np.array([array.x_mm.mean(), array.y_mm.mean()])
+        self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - middle
+        self._middle_mm = middle
+        self._offset_mm = [_offset_mm(plate) for plate in motion.surfaces]
+        self.held = HeldMotion(scene, scene.held_object, step_s) if scene.held_object else None
+        self.step_s = self.held.step_s if self.held else step_s
+        self.reset()
+
+    def reset(self) -> None:
+        for rung in self._rungs:
+            rung.reset()
+        self._is_fresh = [True] * len(self._rungs)
+        self._k = 0
+        self._before_mm: FloatArray | None = None
+        self.watch = SlipWatch()
+        self.warnings: dict[int, float] = {}
+        if self.held:
+            self.held.reset()
+
+    def advance(self, n: int) -> FloatArray:
+        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(self.step_s)
+        self._k += n
+        if self.held is None:
+            state = self._motion.at(time_s)
+            travel_mm = np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
+            felt = self._step(time_s, state.load_n, travel_mm, np.deg2rad(state.turn_deg))
+            return self._rows(time_s, state.load_n, travel_mm, felt)
+        load_n, travel_mm, felt = self.held.play(self._motion.at(time_s), self._feel)
+        return self._rows(time_s, load_n, travel_mm, felt)
+
+    def _feel(self, load_n: float, place_mm: FloatArray) -> TaxelForces:
+        """One step on a held object, which has one surface."""
+        base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
+        return self._rungs[0].step("force", load_n * self._share, base_mm, self.step_s)
+
+    def _step(
+        self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray
+    ) -> TaxelForces:
+        """Forces of all taxels (n, t) on whatever plates there are."""
+        value = np.maximum(load_n[:, None] * self._share, 0.0)
+        if self._imposes == "displacement":
+            value = indentation_mm(value)
+        cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        x, y = self._from_middle[:, 0], self._from_middle[:, 1]
+        turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        base_mm = self._middle_mm + turned + travel_mm[:, None, :]
+        parts: list[tuple[FloatArray, TaxelForces]] = []
+        for number, rung in enumerate(self._rungs):
+            share = self._motion.surface_share(number, time_s)
+            if not share.any():
+                if not self._is_fresh[number]:
+                    rung.reset()
+                self._is_fresh[number] = True
+                continue
+            self._is_fresh[number] = False
+            felt = play(rung, self._imposes, value, base_mm - self._offset_mm[number], self.step_s)
+            parts.append((share, felt))
+        return parts[0][1] if len(parts) == 1 else _mixed(parts)
+
+    def _rows(
+        self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, felt: TaxelForces
+    ) -> FloatArray:
+        overall = _overall(felt)
+        before = travel_mm[:1] if self._before_mm is None else self._before_mm[None]
+        velocity = np.diff(travel_mm, axis=0, prepend=before) / self.step_s
+        self._before_mm = travel_mm[-1]
+        shear_n = np.linalg.norm(felt.tangential_n, axis=-1).sum(axis=1)
+        self.watch.feed(time_s, overall, felt.normal_n.sum(axis=1), shear_n, travel_mm)
+        self._warn(time_s, felt.warnings)
+        return np.concatenate(
+            [
+                self._read.channels(felt),
+                felt.normal_n,
+                felt.tangential_n[..., 0],
+                felt.tangential_n[..., 1],
+                felt.slipping,
+                overall[:, None],
+                load_n[:, None],
+                travel_mm,
+                velocity,
+            ],
+            axis=1,
+        )
+
+    def _warn(self, time_s: FloatArray, bits: NDArray[np.int64]) -> None:
+        seen = np.bitwise_or.reduce(bits, axis=1)
+        for bit in (1 << k for k in range(8)):
+            if bit not in self.warnings and (seen & bit).any():
+                self.warnings[bit] = float(time_s[np.argmax((seen & bit) > 0)])
+
+
+class _Reader:
+    """Forces on the bumps to forces on the channels."""
+
+    def __init__(self, motion: Motion, array: Array) -> None:
+        kinds = np.array(array.channel_kind)
+        side = kinds == "side"
+        azimuths = array.azimuth_deg[side] % 360
+        self.azimuth_deg: FloatArray = np.unique(azimuths)
+        self._taxel = array.channel_taxel
+        self._area = np.zeros(array.n_channels, dtype=np.int64)
+        self._area[side] = np.searchsorted(self.azimuth_deg, azimuths)
+        self._is_side, self._is_normal = side, kinds == "normal"
+        # Friction on a skin that slides along +x points along -x; the channel rises (array file).
+        self._shear_x = -array.sign * (kinds == "shear_x")
+        self._shear_y = -array.sign * (kinds == "shear_y")
+        rng = np.random.default_rng([motion.scene.seed, 2])
+        self._gain = np.where(side, 1 + INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
+
+    def channels(self, felt: TaxelForces) -> FloatArray:
+        """(n, channels)."""
+        taxel = self._taxel
+        out = self._is_normal * felt.normal_n[:, taxel]
+        if felt.side_n.shape[-1]:
+            out = out + self._is_side * self._gain * felt.side_n[:, taxel, self._area]
+        tangential = felt.tangential_n[:, taxel]
+        return np.asarray(out + self._shear_x * tangential[..., 0] + self._shear_y * tangential[..., 1])
+
+
+# Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
+INEQUALITY = 0.05
+
+
+def taxel_shares(motion: Motion, array: Array) -> FloatArray:
+    """Share of the load on each taxel, adding up to 1.
+
+    Raises
+    ------
+    ConfigError
+        No taxel is left to carry it, or `Scene.touching` names one that is not there.
+    """
+    scene = motion.scene
+    source = f"scene {scene.name}"
+    if outside := [t for t in scene.touching if not 0 <= t < array.n_taxels]:
+        raise ConfigError(source, [f"touching: {outside} are not among the {array.n_taxels} taxels"])
+    rng = np.random.default_rng([scene.seed, 1])
+    share = 1 + INEQUALITY * rng.uniform(-1, 1, array.n_taxels)
+    along_x, along_y = scene.load_gradient_per_mm
+    tilt = 1 + along_x * (array.x_mm - array.x_mm.mean()) + along_y * (array.y_mm - array.y_mm.mean())
+    share *= np.maximum(tilt, 0.0)
+    if scene.touching:
+        share *= np.isin(np.arange(array.n_taxels), scene.touching)
+    if share.sum() <= 0:
+        raise ConfigError(source, ["touching, load_gradient_per_mm: no taxel is left to carry the load"])
+    return np.asarray(share / share.sum())
+
+
+def _surface(plate: Flat | Grooves, rung: str) -> Surface:
+    if isinstance(plate, Flat):
+        return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
+    if plate.depth_mm >= BUMP_MM:
+        fault = (
+            f"surface.depth_mm: {plate.depth_mm:g} mm is as deep as the bump is high ({BUMP_MM:g} mm); "
+            f"no rung is right there, {rung} neither; use shallower grooves"
+        )
+        raise ConfigError("scene", [fault])
+    return Surface(
+        plate.friction,
+        plate.period_mm,
+        plate.angle_deg,
+        plate.depth_mm,
+        plate.static_ratio,
+        plate.stribeck_mm_s,
+    )
+
+
+def _offset_mm(plate: Flat | Grooves) -> FloatArray:
+    """Place of the plate's pattern: rungs have a ridge at their origin."""
+    if isinstance(plate, Flat):
+        return np.zeros(2)
+    angle = np.deg2rad(plate.angle_deg)
+    return plate.offset_mm * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _overall(felt: TaxelForces) -> FloatArray:
+    """Share of the whole contact that slips: a ball's contact area grows as the indentation (n,)."""
+    area = felt.indentation_mm * (felt.normal_n > 0)
+    return np.asarray((felt.slipping * area).sum(axis=1) / np.maximum(area.sum(axis=1), 1e-12))
+
+
+def _mixed(parts: list[tuple[FloatArray, TaxelForces]]) -> TaxelForces:
+    """The skin is partly on one plate and partly on the next."""
+
+    def blend(name: str) -> FloatArray:
+        return np.asarray(
+            sum(
+                share.reshape(-1, *[1] * (vars(felt)[name].ndim - 1)) * vars(felt)[name]
+                for share, felt in parts
+            )
+        )
+
+    names = ("normal_n", "tangential_n", "side_n", "slipping", "indentation_mm")
+    warnings = np.bitwise_or.reduce([felt.warnings for _, felt in parts])
+    return TaxelForces(**{name: blend(name) for name in names}, warnings=warnings)

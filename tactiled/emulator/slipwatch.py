@@ -1,0 +1,111 @@
+"""When does it slip? Instants read off the share of the contact that slips and the tangential load."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+INCIPIENT_SHARE = 0.1
+GROSS_SHARE = 0.9
+# A tangential load grows or falls where it changes by more than this part of the normal load: under the first
+# percent of any friction, over rounding.
+_GROWS = 0.002
+_MOST_EPISODES = 10_000  # an hour of stick-slip at 3 Hz; beyond, the oldest are forgotten
+
+
+@dataclass
+class Episode:
+    """One time that a tenth or more of the contact slipped.
+
+    Attributes
+    ----------
+    shear_s : float
+        The tangential load began to grow.
+    incipient_s, gross_s : float or None
+        10 % of the contact slips; 90 % slips, None where it never came so far.
+    end_s : float or None
+        Less than 10 % slips again; None while it goes on.
+    x_mm, y_mm : float
+        Way of the skin over the surface since `incipient_s`.
+    """
+
+    shear_s: float
+    incipient_s: float
+    gross_s: float | None = None
+    end_s: float | None = None
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+
+    @property
+    def direction_deg(self) -> float | None:
+        """Direction of the way made; None without one (the skin turned on the spot)."""
+        if np.hypot(self.x_mm, self.y_mm) < 1e-9:
+            return None
+        return float(np.rad2deg(np.arctan2(self.y_mm, self.x_mm)))
+
+
+class SlipWatch:
+    """Reads grid rows in order, any number at a time.
+
+    Attributes
+    ----------
+    episodes : list of Episode
+        The newest; the last may still go on.
+    count : int
+        Of all there were.
+    """
+
+    def __init__(self) -> None:
+        self.episodes: list[Episode] = []
+        self.count = 0
+        self._last = (0.0, 0.0, 0.0, 0.0)  # instant, share, x, y
+        self._low_s = self._low_n = self._peak_n = 0.0
+
+    def feed(
+        self,
+        time_s: FloatArray,
+        share: FloatArray,
+        load_n: FloatArray,
+        shear_n: FloatArray,
+        way_mm: FloatArray,
+    ) -> None:
+        """Rows (n,); `shear_n` is the size of the total tangential load, ``way_mm (n, 2)`` the skin's
+        place."""
+        columns = (time_s, share, load_n, shear_n, way_mm[:, 0], way_mm[:, 1])
+        for t, s, load, shear, x, y in zip(*(column.tolist() for column in columns), strict=True):
+            self._follow_load(t, shear, _GROWS * load)
+            self._follow_share(t, s, x, y)
+            self._last = (t, s, x, y)
+
+    def _follow_load(self, t: float, shear: float, least: float) -> None:
+        """Keep the last instant before the tangential load began to grow."""
+        fell = shear < self._peak_n - max(least, 0.05 * self._peak_n)
+        if fell or shear <= self._low_n + least:
+            self._low_s = t
+            self._low_n = shear if fell else min(shear, self._low_n)
+            self._peak_n = shear
+        self._peak_n = max(self._peak_n, shear)
+
+    def _follow_share(self, t: float, share: float, x: float, y: float) -> None:
+        before_s, before, x0, y0 = self._last
+        now = self.episodes[-1] if self.episodes and self.episodes[-1].end_s is None else None
+
+        def crossed(level: float) -> float:
+            return before_s + (t - before_s) * (level - before) / (share - before)
+
+        if now is None and share >= INCIPIENT_SHARE:
+            instant = crossed(INCIPIENT_SHARE)
+            now = Episode(min(self._low_s, instant), instant)
+            self.count += 1
+            self.episodes = [*self.episodes[1 - _MOST_EPISODES :], now]
+        if now is None:
+            return
+        if share < INCIPIENT_SHARE:
+            now.end_s = crossed(INCIPIENT_SHARE)
+            return
+        now.x_mm += x - x0
+        now.y_mm += y - y0
+        if now.gross_s is None and share >= GROSS_SHARE:
+            now.gross_s = crossed(GROSS_SHARE) if before < GROSS_SHARE else t
