@@ -1,16 +1,34 @@
-"""Force to counts: conductive rubber, voltage divider, noise, ADC. One function a stage, all in SI units.
+"""Force to counts: rubber, voltage divider, multiplexer, ADC. One function a stage, all in SI units.
 
 The numbers put a hold of 20 N on the 3x3 array (0.56 N on each read-out area) at about 1.2 V, within the
 1.0 to 1.5 V of the paper's plots and above the 0.5 V that it calls clear enough.
+
+Published sensitivities (Wang et al., Sens. Actuators A 297 (2019) 111512): 0.471 and 0.466 V/N in shear,
+0.201 V/N up to 6 N and 0.067 V/N up to 15 N. We read them as force on ONE taxel, normal voltage the mean of
+its four resistors, shear voltage R1 - R3 and R2 - R4. On the whole array they cannot be meant: 20 N with
+friction 0.6 would swing R1 - R3 by 5.6 V at an ADC of 3 V. They and the 1.2 V at 20 N on nine taxels are two
+circuits (0.45 V under this reading), hence two sets of constants: the defaults, and `PUBLISHED_SENSITIVITY`.
 """
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.optimize import brentq
 
+from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
 FloatArray = NDArray[np.float64]
+
+
+Readout = Literal["edge", "half"]
+
+# Part of a taxel's load on one read-out area at rest, and left minus right, per newton of friction, over
+# twice that and times the load: finite elements, coarse mesh, 1.667 N (fem-coarse-flat-0.6.json).
+PART_OF_LOAD = {"edge": 0.04963 / (5 / 3), "half": 0.67356 / (5 / 3)}
+_EDGE_IMBALANCE = (0.12846 + 0.02313) / (2 * 0.04963) * (5 / 3)
 
 
 class ElectronicsParams(Params):
@@ -26,6 +44,23 @@ class ElectronicsParams(Params):
     divider_ohm: float = Field(default=270e3, gt=0, description="E12 resistor to ground, below the rubber")
     supply_v: float = Field(default=3.3, gt=0, description="over rubber and divider; may exceed the ADC")
     shear_v_per_n: float = Field(default=0.47, gt=0, description="of shear channels, around mid-scale")
+    # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
+    # what lies beside its area; see `calibrate`. For physical rungs: prescribed signals have it already.
+    spread_x: float = Field(default=0.505, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
+    spread_y: float = Field(default=0.51, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
+    hysteresis: float = Field(
+        default=0.0, ge=0, le=0.5, description="extra conductance on the way back, of that at half the peak"
+    )
+    # Silicone-carbon composites lose 0.1 to 1 % a kelvin; the paper gives none.
+    temperature_per_k: float = Field(
+        default=-0.003, ge=-0.02, le=0.02, description="relative change of conductance a kelvin"
+    )
+    unsettled: float = Field(
+        default=0.0, ge=0, lt=0.5, description="part of the channel before that a sample still holds"
+    )
+    crosstalk: float = Field(
+        default=0.0, ge=0, lt=0.5, description="part of the mean of its taxel that a channel picks up"
+    )
     noise_v: float = Field(default=0.3e-3, ge=0, le=1, description="white, rms, each sample")
     dead_channels: list[int] = Field(default=[], description="open circuits: they read 0 V and noise")
 
@@ -33,6 +68,59 @@ class ElectronicsParams(Params):
 def creep_gain(params: ElectronicsParams, relaxed_load_n: FloatArray) -> FloatArray:
     """Gain by which the rubber's sensitivity creeps up under load (first-order, 2 % at 20 N)."""
     return 1.0 + params.creep_per_n * relaxed_load_n
+
+
+def quarter_n(area_n: FloatArray, readout: Readout) -> FloatArray:
+    """Force on a read-out area as the quarter of the taxel's load that bears it at rest.
+
+    The constants above know an area by its quarter of the load, whatever its size; physical rungs give the
+    force on the area itself.
+    """
+    return np.asarray(area_n * 0.25 / PART_OF_LOAD[readout])
+
+
+def spread_n(params: ElectronicsParams, side_n: FloatArray, azimuth_deg: FloatArray) -> FloatArray:
+    """Forces that the electrodes of a taxel read: each its own area's, and some of the mean.
+
+    Parameters
+    ----------
+    side_n : (..., s) float64
+        On the areas of one taxel, at `azimuth_deg` (s,).
+    """
+    along_x = np.cos(np.deg2rad(azimuth_deg)) ** 2
+    spread = params.spread_x * along_x + params.spread_y * (1 - along_x)
+    return np.asarray((1 - spread) * side_n + spread * side_n.mean(axis=-1, keepdims=True))
+
+
+def hysteresis_gain(params: ElectronicsParams, load_n: FloatArray, peak_n: FloatArray) -> FloatArray:
+    """Gain of conductance when the load has been at `peak_n` since contact; 1 while it grows.
+
+    The parabola is the lens of a loading and unloading curve: nothing at the peak, nothing at zero.
+    """
+    part = np.clip(load_n / np.maximum(peak_n, 1e-9), 0.0, 1.0)
+    return np.asarray(1.0 + params.hysteresis * 2.0 * (1.0 - part))
+
+
+def temperature_gain(params: ElectronicsParams, temperature_k: FloatArray) -> FloatArray:
+    """Gain of conductance at a temperature above that of calibration; never below a tenth."""
+    return np.maximum(1.0 + params.temperature_per_k * temperature_k, 0.1)
+
+
+def sampled_v(params: ElectronicsParams, volts: FloatArray, taxel: NDArray[np.int64]) -> FloatArray:
+    """Volts that the multiplexer hands on: crosstalk within a taxel, then what is left of the channel before.
+
+    Parameters
+    ----------
+    volts : (n, channels) float64
+    taxel : (channels,) int64
+        Of each channel. The first follows on the last of the same scan: one scan is much like the next.
+    """
+    if params.crosstalk:
+        among = np.equal.outer(taxel, taxel).astype(np.float64)
+        volts = volts + params.crosstalk * (volts @ (among / among.sum(axis=0)) - volts)
+    if params.unsettled:
+        volts = volts + params.unsettled * (np.roll(volts, 1, axis=1) - volts)
+    return volts
 
 
 def conductance_s(params: ElectronicsParams, force_n: FloatArray) -> FloatArray:
@@ -59,3 +147,58 @@ def adc_counts(volts: FloatArray, bits: int, reference_v: float) -> NDArray[np.i
     """Counts of an ideal ADC with ``reference / 2**bits`` volts a count; clips at both ends."""
     counts = np.floor(volts * (2**bits / reference_v) + 0.5)
     return np.asarray(np.clip(counts, 0, 2**bits - 1), dtype=np.int64)
+
+
+def calibrate(
+    normal_v_per_n: tuple[float, float] = (0.201, 0.067),
+    shear_v_per_n: tuple[float, float] = (0.471, 0.466),
+    upto_n: tuple[float, float] = (6.0, 15.0),
+    divider_ohm: float = 270e3,
+    dead_zone_n: float = 0.0125,
+) -> ElectronicsParams:
+    """Rubber, supply and spread that give a taxel these sensitivities; see the module for what they mean.
+
+    With ``V = U x / (x + c)``, x a quarter of the load less the dead zone and ``c = rubber / divider``, the
+    two normal sensitivities fix U and c. Shear at half of the first range: an area's force changes by
+    ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
+
+    Parameters
+    ----------
+    normal_v_per_n : secants from 0 to the first and from there to the second of `upto_n`
+    shear_v_per_n : R1 - R3 and R2 - R4 per newton along x and y
+
+    Raises
+    ------
+    ConfigError
+        No divider has these.
+    """
+    x1, x2 = (n / 4 - dead_zone_n for n in upto_n)
+    v1 = normal_v_per_n[0] * upto_n[0]
+    v2 = v1 + normal_v_per_n[1] * (upto_n[1] - upto_n[0])
+
+    def mismatch(c: float) -> float:
+        return v1 * (x1 + c) / x1 - v2 * (x2 + c) / x2
+
+    if mismatch(1e-3) * mismatch(1e3) >= 0:
+        fault = "normal sensitivities: the second must be smaller than the first, and above 0"
+        raise ConfigError("electronics", [fault])
+    c = float(brentq(mismatch, 1e-3, 1e3))
+    supply = v1 * (x1 + c) / x1
+    middle = upto_n[0] / 8 - dead_zone_n
+    slope = supply * c / (middle + c) ** 2
+    full = 2 * slope / 4 * _EDGE_IMBALANCE
+    spread_x, spread_y = (1 - v / full for v in shear_v_per_n)
+    if min(spread_x, spread_y) < 0:
+        raise ConfigError("electronics", [f"shear sensitivity: the areas give no more than {full:.3g} V/N"])
+    return ElectronicsParams(
+        rubber_ohm_n=c * divider_ohm,
+        dead_zone_n=dead_zone_n,
+        divider_ohm=divider_ohm,
+        supply_v=supply,
+        spread_x=spread_x,
+        spread_y=spread_y,
+    )
+
+
+PUBLISHED_SENSITIVITY = calibrate()
+"""A taxel with the sensitivities of Sens. Actuators A 297 (2019) 111512."""
