@@ -15,7 +15,8 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ScanEvent
 from tactiled.pipeline import Pipeline, PipelineParams, check_hello
-from tactiled.recording.raw import read_raw, read_source
+from tactiled.recording.contents import Input, Read
+from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.table import read_table, to_blocks
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -59,7 +60,7 @@ def detect_file(
         if array is not None or rate_hz is not None:
             fault = "--array and --rate are for tables; a recording knows its own"
             raise ConfigError("command line", [fault])
-        log = Log(read_source(path).array)
+        log = Log(read_header(path).source.array)
         found = _run_recording(path, log, params)
     elif path.suffix in (".csv", ".npz"):
         log = Log(load_array(array or "wang2019-3x3"))
@@ -81,10 +82,16 @@ def detect_file(
 
 def _run_recording(path: Path, log: Log, params: DetectParams) -> Iterator[Event]:
     """Bytes through the very pipeline that runs live."""
-    layout = read_source(path).layout
-    pipeline = Pipeline(layout, log.array, PipelineParams(detect=params))
-    for arrival_s, data in read_raw(path):
-        for output in pipeline.receive_data(data, arrival_s):
+    header = read_header(path)
+    layout = header.source.layout
+    pipeline = Pipeline(layout, log.array, PipelineParams(samples=header.pipeline.samples, detect=params))
+    pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording says no hello of its own
+    for item in read_items(path):
+        if isinstance(item, Input) and item.name == "disconnected":
+            pipeline.disconnected()
+        if not isinstance(item, Read):
+            continue
+        for output in pipeline.receive_data(item.data, item.arrival_s):
             if isinstance(output, ScanEvent):
                 log.time_s.append(output.time_s)
                 log.volts.append(np.array(output.volts))

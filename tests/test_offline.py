@@ -15,7 +15,8 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.offline import detect_file
 from tactiled.pipeline import Pipeline
-from tactiled.recording.raw import RawWriter, load_source
+from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.layout import load_layout
 
 Floats = NDArray[np.float64]
@@ -107,9 +108,9 @@ def test_a_recording_gives_the_events_that_were_live(
     source = load_source("board-v1", "wang2019-3x3")
     live = Pipeline(load_layout("board-v1"), load_array("wang2019-3x3"))
     slips: list[float] = []
-    with RawWriter(tmp_path / "demo.mcap", source, unix_offset_s=1.7e9) as writer:
+    with RecordingWriter(tmp_path / "demo.mcap", Header(source)) as writer:
         for now_s, data in Simulation(load_scene("demo"), live.layout, duration_s=9.0):
-            writer.write(data, now_s)
+            writer.read(Read(now_s, 1.7e9, data))
             for out in live.receive_data(data, now_s):
                 if isinstance(out, Event) and isinstance(out, SlipEvent):
                     slips.append(out.onset_s)

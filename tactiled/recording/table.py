@@ -19,7 +19,8 @@ def read_table(path: Path) -> tuple[FloatArray, FloatArray]:
     ----------
     path : Path
         ``.csv``: a header, a column ``time_s``, then one column a channel in channel order; an empty
-        cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``.
+        cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
+        ``valid`` of the same shape may say which readings count.
 
     Returns
     -------
@@ -94,6 +95,8 @@ def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
                 raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
             time_s = np.asarray(archive["time_s"], dtype=np.float64)
             volts = np.asarray(archive["volts"], dtype=np.float64)
+            if "valid" in archive:  # an export of ours: what is not valid is no reading
+                volts = np.where(archive["valid"], volts, np.nan)
     except (OSError, ValueError, EOFError) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
     if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):

@@ -1,0 +1,98 @@
+"""Recordings as plain tables, for whatever reads CSV or numpy; `tactiled detect` reads both back.
+
+Scans are decoded anew from the recorded bytes. Instants are those of the recording (host monotonic seconds);
+a missing scan is a missing row.
+"""
+
+import contextlib
+import csv
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactiled.errors import DataError
+from tactiled.events.types import ScanEvent
+from tactiled.recording.replay import Replay
+
+
+def export_csv(paths: Sequence[Path], out: Path) -> int:
+    """Table with ``time_s`` and one column a channel, volts, written so that each number reads back exactly.
+
+    A reading that is not valid (saturated, reference fault) is an empty cell.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        One recording, or consecutive parts.
+    out : Path
+
+    Returns
+    -------
+    int
+        Scans written.
+
+    Raises
+    ------
+    DataError
+        A file is no recording or holds no scan, or `out` exists or cannot be written.
+    """
+    replay = Replay(paths)
+    n_scans = 0
+    with _new_file(out), out.open("x", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["time_s", *replay.header.source.array.channel_name])
+        for scan, _ in _scans(replay):
+            cells = (repr(v) if good else "" for v, good in zip(scan.volts, scan.valid, strict=True))
+            table.writerow([repr(scan.time_s), *cells])
+            n_scans += 1
+    return n_scans
+
+
+def export_npz(paths: Sequence[Path], out: Path) -> int:
+    """Arrays: ``time_s``, ``time_sd_s``, ``unix_offset_s``, ``index``, ``late`` (n,), ``volts`` and ``valid``
+    (n, channels), ``channel_name`` (channels,). ``time_s + unix_offset_s`` is epoch time.
+
+    As `export_csv`; readings that are not valid keep their value here.
+    """
+    replay = Replay(paths)
+    names = np.array(replay.header.source.array.channel_name)
+    columns: dict[str, list[object]] = {
+        name: [] for name in ("time_s", "time_sd_s", "unix_offset_s", "index", "late", "volts", "valid")
+    }
+    for scan, unix_offset_s in _scans(replay):
+        columns["unix_offset_s"].append(unix_offset_s)
+        columns["volts"].append(np.array(scan.volts))
+        columns["valid"].append(np.array(scan.valid))
+        for name in ("time_s", "time_sd_s", "index", "late"):
+            columns[name].append(getattr(scan, name))
+    arrays = {name: np.array(values) for name, values in columns.items()}
+    with _new_file(out), out.open("xb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, channel_name=names, **arrays)
+    return len(columns["time_s"])
+
+
+def _scans(replay: Replay) -> Iterator[tuple[ScanEvent, float]]:
+    """Scans with their epoch offset; `DataError` when there is none."""
+    is_empty = True
+    for step in replay:
+        for said in step.now:
+            if isinstance(said.event, ScanEvent):
+                is_empty = False
+                yield said.event, said.unix_offset_s
+    if is_empty:
+        raise DataError("the recording holds no scans: was the board started, and did its hello get through?")
+
+
+@contextlib.contextmanager
+def _new_file(out: Path) -> Iterator[None]:
+    """Faults of a file to be made, in words; half of one is removed."""
+    if out.exists():
+        raise DataError(f"{out}: exists already; choose another name or move it away")
+    try:
+        yield
+    except BaseException as error:
+        out.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+        raise

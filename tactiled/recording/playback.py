@@ -1,0 +1,136 @@
+"""A recording on a pseudo-terminal, with its own timing: input for somebody else's driver.
+
+What the driver writes is read and thrown away: a recording does not answer. Bytes it does not take wait, and
+none are lost; a port that was lost while recording is just a pause here.
+"""
+
+import contextlib
+import fcntl
+import os
+import select
+import struct
+import termios
+import time
+import tty
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactiled.errors import ConfigError, OperatorError
+from tactiled.recording.contents import Read
+from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.replay import Pace
+
+_POLL_S = 0.02
+_SETTLE_S = 0.2  # drivers throw away what they find in the first moments after opening
+_DRAIN_S = 5.0  # for the driver to take the last bytes before the port goes away under it
+
+
+@dataclass(frozen=True)
+class Played:
+    """What was played: bytes, and the longest that one of them was late because the driver did not read."""
+
+    n_bytes: int
+    latest_s: float
+
+
+def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
+    """Play recordings to whoever opens `link`; begins when someone does.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    link : Path
+        Name under which the pseudo-terminal appears meanwhile.
+    speed : float
+        1 is real time, 0 as fast as the driver reads.
+
+    Raises
+    ------
+    ConfigError
+        The link cannot be made.
+    DataError
+        A file is no recording.
+    OperatorError
+        The driver closed the port before the end.
+    """
+    for path in paths:
+        read_header(path)
+    pace = Pace(speed)
+    n_bytes, latest_s = 0, 0.0
+    with _terminal(link) as (master, device):
+        _wait_for_reader(master)
+        for path in paths:
+            for item in read_items(path):
+                if isinstance(item, Read) and item.data:
+                    pace.wait(item.arrival_s)
+                    began_s = time.monotonic()
+                    _write_all(master, item.data, n_bytes)
+                    latest_s = max(latest_s, time.monotonic() - began_s)
+                    n_bytes += len(item.data)
+        _drain(device)
+    return Played(n_bytes, latest_s)
+
+
+@contextlib.contextmanager
+def _terminal(link: Path) -> Iterator[tuple[int, str]]:
+    """A new raw pseudo-terminal: our end, and the name of the other, to which `link` points."""
+    master, slave = os.openpty()
+    try:
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        device = os.ttyname(slave)
+        os.close(slave)  # while we hold it open too, nobody could tell whether the driver has
+        try:
+            link.symlink_to(device)
+        except OSError as error:
+            raise ConfigError("link", [f"cannot make {link}: {error.strerror}"]) from None
+        try:
+            yield master, device
+        finally:
+            with contextlib.suppress(OSError):
+                link.unlink()
+    finally:
+        os.close(master)
+
+
+def _wait_for_reader(master: int) -> None:
+    """Until the other end is open: before that, a pseudo-terminal reports a hang-up."""
+    poll = select.poll()
+    poll.register(master, select.POLLIN)
+    while any(happened & select.POLLHUP for _, happened in poll.poll(0)):
+        time.sleep(_POLL_S)
+    time.sleep(_SETTLE_S)
+
+
+def _write_all(master: int, data: bytes, n_before: int) -> None:
+    poll = select.poll()
+    poll.register(master, select.POLLIN | select.POLLOUT)
+    while data:
+        for _, happened in poll.poll():
+            if happened & select.POLLHUP:
+                raise OperatorError(f"the driver closed the port after {n_before} bytes; play again")
+            if happened & select.POLLIN:
+                _discard(master)
+            if happened & select.POLLOUT:
+                with contextlib.suppress(BlockingIOError):
+                    data = data[os.write(master, data) :]
+
+
+def _discard(master: int) -> None:
+    with contextlib.suppress(OSError):
+        os.read(master, 4096)
+
+
+def _drain(device: str) -> None:
+    """Wait until the driver has taken everything: what it has not read dies with the terminal."""
+    slave = os.open(device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        until_s = time.monotonic() + _DRAIN_S
+        while time.monotonic() < until_s:
+            (waiting,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, bytes(4)))
+            if not waiting:
+                return
+            time.sleep(_POLL_S)
+    finally:
+        os.close(slave)

@@ -1,0 +1,173 @@
+"""``tactiled recover``: a recording that was cut, made whole up to its last synced chunk."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from tactiled import __version__
+from tactiled.errors import DataError
+from tactiled.recording import contents
+from tactiled.recording.reader import Extent, chunks, open_recording, read_header
+from tactiled.recording.writer import ACTIVE, is_being_written, sync_directory
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What `recover` saved, and what it could not.
+
+    Attributes
+    ----------
+    path : Path
+        The finished file.
+    messages : int
+    first_unix_s, last_unix_s : float
+        Of the messages saved; 0.0 where there are none.
+    lost_bytes : int
+        Of the file, behind its last whole chunk.
+    lost_s : float
+        Time covered by the torn chunk; -1.0 where nobody can say.
+    is_complete : bool
+        The data had been finished: nothing is missing.
+    sync_s : float
+        What the recorder had not yet handed to the disk is at most this long.
+    """
+
+    path: Path
+    messages: int
+    first_unix_s: float
+    last_unix_s: float
+    lost_bytes: int
+    lost_s: float
+    is_complete: bool
+    sync_s: float
+
+    def words(self) -> str:
+        """For the person who asked."""
+        span = f"{self.messages} messages over {self.last_unix_s - self.first_unix_s:.2f} s"
+        if self.is_complete:
+            return f"{self.path}: {span}; the data was complete, nothing is missing"
+        torn = f"{self.lost_bytes} bytes of a torn end" if self.lost_bytes else "no torn end"
+        if self.lost_s >= 0:
+            torn += f" ({self.lost_s:.2f} s)"
+        return (
+            f"{self.path}: {span}; missing: {torn}, and what came later. A recorder that was killed had "
+            f"up to {self.sync_s:g} s in memory; how much a cut file once held, it does not say"
+        )
+
+
+def recover(path: Path, out: Path | None = None) -> Recovered:
+    """Copy what is whole into a finished file; the original is only read.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.active`` file, or a recording cut anywhere.
+    out : Path, optional
+        Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
+
+    Raises
+    ------
+    DataError
+        It is being written, nothing can be saved, or the new file cannot be written.
+    """
+    out = out or default_name(path)
+    extent = Extent()
+    with open_recording(path) as stream:
+        if path.name.endswith(ACTIVE) and is_being_written(path):
+            raise DataError(f"{path}: a recorder is writing it right now; stop that one, it will finish it")
+        header = read_header(path)
+        try:
+            with _finished_file(out) as target:
+                copy = _Copy(target)
+                for records in chunks(stream, extent):
+                    copy.take(records)
+                lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
+                copy.finish(path.name, lost_bytes)
+        except OSError as error:
+            raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+    torn_s = extent.torn_s
+    return Recovered(
+        path=out,
+        messages=copy.messages,
+        first_unix_s=copy.first_ns / 1e9,
+        last_unix_s=copy.last_ns / 1e9,
+        lost_bytes=lost_bytes,
+        lost_s=torn_s[1] - torn_s[0] if torn_s else -1.0,
+        is_complete=extent.is_complete,
+        sync_s=header.sync_s,
+    )
+
+
+def default_name(path: Path) -> Path:
+    """Where `recover` writes when nobody says."""
+    if path.name.endswith(ACTIVE):
+        return path.with_name(path.name.removesuffix(ACTIVE))
+    return path.with_name(f"{path.stem}.recovered.mcap")
+
+
+class _Copy:
+    """Records into a new file, chunk by chunk."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self.messages = self.first_ns = self.last_ns = 0
+        self._schemas: dict[int, int] = {0: 0}
+        self._channels: dict[int, int] = {}
+        self._writer = Writer(stream, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library=f"tactiled {__version__} recover")
+
+    def take(self, records: list[McapRecord]) -> None:
+        for record in records:
+            if isinstance(record, Schema) and record.id not in self._schemas:
+                number = self._writer.register_schema(record.name, record.encoding, record.data)
+                self._schemas[record.id] = number
+            elif isinstance(record, Channel) and record.id not in self._channels:
+                self._channels[record.id] = self._writer.register_channel(
+                    record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
+                )
+            elif isinstance(record, Metadata):
+                self._writer.add_metadata(record.name, record.metadata)
+            elif isinstance(record, Message):
+                self._message(record)
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self, name: str, lost_bytes: int) -> None:
+        self._writer.add_metadata(
+            f"{contents.METADATA}/recovered", {"from": name, "lost_bytes": str(lost_bytes)}
+        )
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _message(self, record: Message) -> None:
+        self._writer.add_message(
+            self._channels[record.channel_id],
+            record.log_time,
+            record.data,
+            record.publish_time,
+            record.sequence,
+        )
+        self.first_ns = min(self.first_ns, record.log_time) if self.messages else record.log_time
+        self.last_ns = max(self.last_ns, record.log_time)
+        self.messages += 1
+
+
+@contextlib.contextmanager
+def _finished_file(out: Path) -> Iterator[BinaryIO]:
+    """A new file that has its name only once it is whole and on the disk."""
+    if out.exists():
+        raise DataError(f"{out}: exists already; say another name with --out")
+    part = out.with_name(f"{out.name}.part")
+    try:
+        with part.open("wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.rename(out)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    sync_directory(out.parent)

@@ -1,0 +1,243 @@
+"""A recording of any length: parts by size and time, a guard for the disk, and failures that are survived.
+
+Synchronous and single-threaded; `daemon.recorder` gives it a thread of its own, because every call here may
+wait for the disk. Time is an argument.
+"""
+
+import os
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from tactiled.errors import DataError
+from tactiled.recording.contents import Header
+from tactiled.recording.writer import RecordingWriter
+from tactiled.tomlfile import Params
+
+_MB = 1e6
+_ROOM_FACTOR = 1.1  # room must have grown by a tenth before it is used again, so that files do not stutter
+RETRY_S = 10.0  # after a failed write: a disk that is full or gone is not pestered
+
+RecordingState = Literal["off", "recording", "no-room", "failed"]
+
+
+class RecordParams(Params):
+    """Where and how to record."""
+
+    directory: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Record always, into this directory, under names made of the instant. Leave it out to "
+        "record only where --record names a file.",
+    )
+    sync_s: float = Field(
+        default=1.0,
+        gt=0,
+        le=60,
+        description="Everything is on the disk after this many seconds: what a kill or a power cut can cost.",
+    )
+    max_file_mb: float = Field(
+        default=256.0, ge=0.01, description="A part that has grown to this (10^6 bytes) is finished."
+    )
+    max_file_s: float = Field(default=3600.0, gt=0, description="A part that is so old is finished.")
+    min_free_mb: float = Field(
+        default=500.0,
+        ge=0,
+        description="Recording stops while the disk has less room than this, and begins a new part when "
+        "there is a tenth more.",
+    )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a recording stands.
+
+    Attributes
+    ----------
+    state : str
+        ``"no-room"`` and ``"failed"``: nothing is recorded now, and it is tried again.
+    reason : str
+        Why, in words; empty while recording.
+    file : str
+        The part being written, by its finished name; empty where there is none.
+    parts : int
+        Begun so far.
+    bytes_written : int
+        In all parts, without what waits for the next sync.
+    free_mb : float
+        On the disk, when last looked at.
+    """
+
+    state: RecordingState
+    reason: str
+    file: str
+    parts: int
+    bytes_written: int
+    free_mb: float
+
+
+OFF = Progress(state="off", reason="", file="", parts=0, bytes_written=0, free_mb=0.0)
+
+
+class Rotation:
+    """Parts of one recording; the first is open when this is made.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the first part, see `part_path`.
+    params : RecordParams
+    header : Header
+        Of the first part.
+    now_s : float
+
+    Raises
+    ------
+    DataError
+        The first part cannot be written.
+    """
+
+    def __init__(self, path: Path, params: RecordParams, header: Header, now_s: float) -> None:
+        self._path = path
+        self._params = params
+        self._header = replace(header, run=header.run or uuid.uuid4().hex, sync_s=params.sync_s)
+        self._writer: RecordingWriter | None = None
+        self._state: RecordingState = "recording"
+        self._reason = ""
+        self._parts = self._bytes_before = 0
+        self._free_mb = free_mb(path.parent)
+        if self._free_mb < params.min_free_mb:
+            raise DataError(
+                f"{path}: the disk has {self._free_mb:.0f} MB left, less than record.min_free_mb = "
+                f"{params.min_free_mb:g}: make room, or record elsewhere"
+            )
+        self._open(header.hello, now_s)
+
+    @property
+    def progress(self) -> Progress:
+        writer = self._writer
+        return Progress(
+            state=self._state,
+            reason=self._reason,
+            file="" if writer is None else str(writer.path),
+            parts=self._parts,
+            bytes_written=self._bytes_before + (0 if writer is None else writer.size_bytes),
+            free_mb=self._free_mb,
+        )
+
+    def write(self, append: Callable[[RecordingWriter], None], now_s: float) -> bool:
+        """Append to the open part; False while there is none: what it was is lost."""
+        if self._writer is None:
+            return False
+        try:
+            append(self._writer)
+        except OSError as error:
+            self._fail(error, now_s)
+            return False
+        return True
+
+    def tick(self, hello: bytes, now_s: float) -> None:
+        """Sync, rotate, look at the disk: whatever is due at `due_s`.
+
+        Parameters
+        ----------
+        hello : bytes
+            What is known of the board, as a frame, should a new part begin.
+        now_s : float
+        """
+        if now_s < self.due_s:
+            return
+        self._due_s = now_s + self._params.sync_s
+        if self._writer is None:
+            self._begin_again(hello, now_s)
+        elif self.write(RecordingWriter.sync, now_s):
+            self._look(hello, now_s)
+
+    def close(self, now_s: float) -> None:
+        """Finish the open part."""
+        if self._leave(now_s) and self._state == "recording":
+            self._state = "off"
+
+    @property
+    def due_s(self) -> float:
+        """When `tick` has something to do."""
+        return self._due_s
+
+    def _look(self, hello: bytes, now_s: float) -> None:
+        """After a sync: is the part long enough, is the disk too full?"""
+        assert self._writer is not None
+        self._free_mb = free_mb(self._path.parent)
+        size_mb = self._writer.size_bytes / _MB
+        if self._free_mb < self._params.min_free_mb:
+            if self._leave(now_s):
+                self._state = "no-room"
+                self._reason = (
+                    f"{self._path.parent}: {self._free_mb:.0f} MB left, less than record.min_free_mb = "
+                    f"{self._params.min_free_mb:g}; recording goes on when there is room"
+                )
+            return
+        age_s = now_s - self._opened_s
+        is_long = size_mb >= self._params.max_file_mb or age_s >= self._params.max_file_s
+        if is_long and self._leave(now_s):
+            self._begin_again(hello, now_s)
+
+    def _begin_again(self, hello: bytes, now_s: float) -> None:
+        try:
+            self._free_mb = free_mb(self._path.parent)
+            if self._state == "no-room" and self._free_mb < _ROOM_FACTOR * self._params.min_free_mb:
+                return
+            self._open(hello, now_s)
+        except DataError as error:
+            self._state, self._reason, self._due_s = "failed", str(error), now_s + RETRY_S
+        else:
+            self._state, self._reason = "recording", ""
+
+    def _open(self, hello: bytes, now_s: float) -> None:
+        part = self._parts + 1
+        header = replace(self._header, part=part, fresh=self._header.fresh and part == 1, hello=hello)
+        self._writer = RecordingWriter(part_path(self._path, part), header)
+        self._parts = part
+        self._opened_s = now_s
+        self._due_s = now_s + self._params.sync_s
+
+    def _leave(self, now_s: float) -> bool:
+        """Finish the open part; False where the disk did not take it."""
+        writer = self._writer
+        if writer is None or not self.write(RecordingWriter.close, now_s):
+            return False
+        self._bytes_before += writer.size_bytes
+        self._writer = None
+        return True
+
+    def _fail(self, error: OSError, now_s: float) -> None:
+        """The disk takes no more: leave the part as it is, and try a new one later."""
+        assert self._writer is not None
+        writer, self._writer = self._writer, None
+        writer.abandon()
+        self._bytes_before += writer.size_bytes
+        self._state, self._due_s = "failed", now_s + RETRY_S
+        self._reason = f"{writer.active}: {error.strerror}; what is in it can be had with tactiled recover"
+
+
+def part_path(path: Path, part: int) -> Path:
+    """``NAME.mcap``, then ``NAME.002.mcap``, ``NAME.003.mcap``, ..."""
+    return path if part == 1 else path.with_name(f"{path.stem}.{part:03d}{path.suffix}")
+
+
+def free_mb(directory: Path) -> float:
+    """Room on the disk for this user, 10^6 bytes.
+
+    Raises
+    ------
+    DataError
+        There is no such directory.
+    """
+    try:
+        disk = os.statvfs(directory)
+    except OSError as error:
+        raise DataError(f"{directory}: {error.strerror}; make it, or record elsewhere") from None
+    return disk.f_bavail * disk.f_frsize / _MB

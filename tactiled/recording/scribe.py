@@ -1,0 +1,170 @@
+"""What a service hands to its recorder, put into files: nothing is lost without a mark at its place.
+
+Synchronous, like `rotation`: `daemon.recorder` calls it in a thread of its own.
+"""
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tactiled.errors import DataError
+from tactiled.events.types import Event
+from tactiled.pipeline import Output
+from tactiled.recording.contents import Header, Input, Read
+from tactiled.recording.rotation import OFF, Progress, RecordParams, Rotation
+from tactiled.recording.writer import RecordingWriter
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Hello
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Handed:
+    """Something that went into the pipeline, and what came of it.
+
+    Attributes
+    ----------
+    told : Read or Input, optional
+        None for what the daemon says beside the pipeline, about `board`.
+    outputs : sequence of Output
+    hello : Hello, optional
+        What the pipeline knows of the board afterwards.
+    dropped : tuple of int
+        Reads and bytes that were dropped just before this.
+    """
+
+    told: Read | Input | None
+    outputs: Sequence[Output]
+    hello: Hello | None
+    board: str
+    unix_offset_s: float
+    dropped: tuple[int, int] = (0, 0)
+
+    @property
+    def weight(self) -> tuple[int, int]:
+        """Reads and bytes that are lost with it; a lost port or a command counts as a read of nothing."""
+        if self.told is None:
+            return (0, 0)
+        return (1, len(self.told.data) if isinstance(self.told, Read) else 0)
+
+
+class Scribe:
+    """Writes what it is handed while there is a recording.
+
+    Parameters
+    ----------
+    params : RecordParams
+    header : Header
+    path : Path, optional
+        Record into this file from the start; left out: into `params.directory`, if there is one.
+    now_s : float
+
+    Raises
+    ------
+    DataError
+        The first part cannot be written.
+    """
+
+    def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:
+        self.dropped = 0
+        """Reads that the disk did not take."""
+        self.progress = OFF
+        self._params = params
+        self._header = header
+        self._encoder = Encoder(header.source.layout)
+        assumed = header.source.layout_file.assumed_hello
+        self._board = "" if assumed is None else assumed.board_serial
+        self._hello: Hello | None = None
+        self._hello_frame = b""
+        self._missing = (0, 0)  # reads and bytes not yet marked in the file
+        self._rotation: Rotation | None = None
+        if path is not None or params.directory is not None:
+            self._rotation = Rotation(path or self._new_path(), params, header, now_s)
+            self._look()
+
+    def begin(self, hello: Hello | None, now_s: float) -> None:
+        """A new recording in the middle of a run, of a pipeline that knows `hello` of its board."""
+        self.end(now_s)
+        self._know(hello)
+        if hello is not None:
+            self._board = hello.board_serial
+        self._missing = (0, 0)
+        header = replace(self._header, fresh=False, hello=self._hello_frame)
+        try:
+            self._rotation = Rotation(self._new_path(), self._params, header, now_s)
+        except DataError as error:
+            self._show(replace(OFF, state="failed", reason=str(error)))
+        else:
+            self._look()
+
+    def end(self, now_s: float) -> None:
+        """Finish the recording."""
+        if self._rotation is not None:
+            self._rotation.close(now_s)
+            self._look()
+            self._rotation = None
+
+    def tick(self, now_s: float) -> None:
+        """Sync, rotate, look at the disk: whatever is due."""
+        if self._rotation is not None:
+            self._rotation.tick(self._hello_frame, now_s)
+            self._look()
+
+    def take(self, handed: Handed, now_s: float) -> None:
+        """Write one item, and before it what is missing there; or count it among the missing."""
+        reads, n_bytes = self._missing[0] + handed.dropped[0], self._missing[1] + handed.dropped[1]
+        if self._rotation is not None and self._rotation.write(
+            lambda writer: self._append(writer, handed, reads, n_bytes), now_s
+        ):
+            self._missing = (reads, n_bytes) if handed.told is None else (0, 0)
+        else:
+            more_reads, more_bytes = handed.weight
+            self._missing = (reads + more_reads, n_bytes + more_bytes)
+            self.dropped += more_reads
+        if handed.told is not None and handed.hello is not self._hello:
+            self._know(handed.hello)
+
+    def _append(self, writer: RecordingWriter, handed: Handed, reads: int, n_bytes: int) -> None:
+        told, offset_s = handed.told, handed.unix_offset_s
+        if told is not None and reads:
+            now_s = told.arrival_s if isinstance(told, Read) else told.time_s
+            writer.input(Input(now_s, offset_s, "dropped", json.dumps({"reads": reads, "bytes": n_bytes})))
+        if isinstance(told, Read):
+            writer.read(told)
+        elif told is not None:
+            writer.input(told)
+        for output in handed.outputs:
+            if isinstance(output, Hello):
+                self._board = output.board_serial
+                writer.board(output)
+            elif isinstance(output, Event) and told is None:
+                writer.event(output, handed.board, offset_s, "daemon")
+            elif isinstance(output, Event):
+                writer.event(output, self._board, offset_s, "pipeline")
+
+    def _know(self, hello: Hello | None) -> None:
+        """Keep what the pipeline knows of the board, for the header of a file that begins later."""
+        self._hello = hello
+        has_hello = self._encoder.layout.has("hello")  # else one is assumed, and known to every replay
+        self._hello_frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
+
+    def _look(self) -> None:
+        if self._rotation is not None:
+            self._show(self._rotation.progress)
+
+    def _show(self, progress: Progress) -> None:
+        """Keep what others may see, and log what changed."""
+        before, self.progress = self.progress, progress
+        if progress.state in ("no-room", "failed") and progress.reason != before.reason:
+            logger.error("recording stopped: %s", progress.reason)
+        elif progress.state == "recording" and progress.file != before.file:
+            logger.info("recording into %s", progress.file)
+
+    def _new_path(self) -> Path:
+        """Name of a recording that begins now."""
+        instant = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")[:-3]
+        return Path(self._params.directory or ".") / f"tactile-{instant}Z.mcap"

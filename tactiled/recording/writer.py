@@ -1,0 +1,180 @@
+"""One recording file being written: `FILE.active` until it is finished, synced on a stated cadence."""
+
+import contextlib
+import fcntl
+import os
+import uuid
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from mcap.writer import CompressionType, Writer
+
+from tactiled import __version__
+from tactiled.errors import DataError
+from tactiled.events.types import Event
+from tactiled.recording import contents
+from tactiled.recording.cdr import Schema
+from tactiled.recording.contents import Header, Input, Origin, Read, Said
+from tactiled.wire.frames import Hello, values_of
+
+ACTIVE = ".active"
+_CHUNK_BYTES = 256 * 1024  # a reader unpacks a chunk at a time; the sync closes them sooner at usual rates
+
+
+class RecordingWriter:
+    """Writes one file; a context that finishes it.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the finished file.
+    header : Header
+
+    Raises
+    ------
+    DataError
+        It cannot be written there, or another recording is or was.
+    OSError
+        From every method: the disk is full or fails. What was synced before can be recovered.
+    """
+
+    def __init__(self, path: Path, header: Header) -> None:
+        self.path = path
+        self.active = path.with_name(path.name + ACTIVE)
+        self._stream = _create(self.path, self.active)
+        self._size_bytes = 0
+        self._ids: dict[tuple[str, Origin], int] = {}
+        self._sequence: dict[int, int] = {}
+        self._writer = Writer(self._stream, _CHUNK_BYTES, CompressionType.ZSTD)
+        try:
+            self._begin(header if header.run else replace(header, run=uuid.uuid4().hex))
+        except OSError as error:
+            self.abandon()
+            self.active.unlink()
+            raise _refused(self.active, error) from None
+
+    @property
+    def size_bytes(self) -> int:
+        """Of the file so far, without the open chunk."""
+        return self._size_bytes if self._stream.closed else self._stream.tell()
+
+    def read(self, read: Read) -> None:
+        """Append one read of the port."""
+        self._add(self._raw, read.arrival_s + read.unix_offset_s, contents.RAW.encode(vars(read)))
+
+    def input(self, told: Input) -> None:
+        """Append something else that the pipeline was told."""
+        self._add(self._input, told.time_s + told.unix_offset_s, contents.INPUT.encode(vars(told)))
+
+    def event(self, event: Event, board: str, unix_offset_s: float, origin: Origin) -> None:
+        """Append an event."""
+        key = (event.topic, origin)
+        if key not in self._ids:
+            topic = f"tactile/{event.topic}"
+            self._ids[key] = self._channel(topic, contents.SCHEMAS[event.topic], origin)
+        data = contents.encode_said(Said(event, board, unix_offset_s, origin))
+        self._add(self._ids[key], event.time_s + unix_offset_s, data)
+
+    def board(self, hello: Hello) -> None:
+        """Note what the board said of itself."""
+        values = {name: str(value) for name, value in values_of(hello).items()}
+        self._writer.add_metadata(contents.BOARD_METADATA, values)
+
+    def sync(self) -> None:
+        """Close the open chunk and put all of the file on the disk."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        os.fsync(self._stream.fileno())
+
+    def close(self) -> None:
+        """Finish the file, sync it and give it its name."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self.active.rename(self.path)
+            sync_directory(self.path.parent)
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Let go of the file as it is, `.active`: for a disk that takes no more."""
+        if not self._stream.closed:
+            self._size_bytes = os.fstat(self._stream.fileno()).st_size
+        with contextlib.suppress(OSError):  # closing writes what is buffered, which may fail once more
+            self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _begin(self, header: Header) -> None:
+        """What makes the file readable, on the disk before anything else."""
+        self._writer.start(profile="ros2", library=f"tactiled {__version__}")
+        self._writer.add_metadata(contents.METADATA, header.to_metadata())
+        self._raw = self._channel(contents.RAW_TOPIC, contents.RAW, "pipeline")
+        self._input = self._channel(contents.INPUT_TOPIC, contents.INPUT, "pipeline")
+        self.sync()
+        sync_directory(self.path.parent)
+
+    def _channel(self, topic: str, schema: Schema, origin: Origin) -> int:
+        schema_id = self._writer.register_schema(schema.name, "ros2msg", schema.text.encode())
+        return self._writer.register_channel(topic, "cdr", schema_id, {"origin": origin})
+
+    def _add(self, channel: int, unix_s: float, data: bytes) -> None:
+        stamp_ns = max(int(unix_s * 1e9), 0)
+        sequence = self._sequence.get(channel, 0)
+        self._sequence[channel] = sequence + 1
+        self._writer.add_message(channel, stamp_ns, data, stamp_ns, sequence)
+
+
+def _create(path: Path, active: Path) -> BinaryIO:
+    """The new ``.active``, ours alone."""
+    if path.exists():
+        raise DataError(f"{path}: exists already; choose another name or move it away")
+    try:
+        stream = active.open("xb")
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileExistsError:
+        if is_being_written(active):
+            raise DataError(f"{active}: another recorder is writing it; choose another name") from None
+        raise DataError(
+            f"{active}: left behind by a recorder that died; first run: tactiled recover {active}"
+        ) from None
+    except OSError as error:
+        raise _refused(active, error) from None
+    return stream
+
+
+def _refused(active: Path, error: OSError) -> DataError:
+    return DataError(
+        f"{active}: cannot be written ({error.strerror}); choose a place that has room and that "
+        "this user may write to"
+    )
+
+
+def is_being_written(active: Path) -> bool:
+    """Whether a recorder that lives holds this file."""
+    try:
+        with active.open("rb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # not ours to read: whoever wants to will be told so
+        return False
+    return False
+
+
+def sync_directory(directory: Path) -> None:
+    """Make new names in a directory survive a power cut, where the file system can."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with contextlib.suppress(OSError):  # some network and FUSE file systems refuse; nothing to be done
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,73 @@
+"""Tables of others are read, or refused with the place."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactiled.errors import DataError
+from tactiled.recording.table import read_table, to_blocks
+from tactiled.samples.block import Gap, ScanBlock
+
+
+def test_csv_and_npz_are_the_same_table(tmp_path: Path) -> None:
+    time_s = np.arange(20) / 35.7
+    volts = np.random.default_rng(0).normal(size=(20, 3))
+    text = "time_s,a,b,c\n" + "".join(
+        f"{t!r},{row[0]!r},{row[1]!r},{row[2]!r}\n"
+        for t, row in zip(time_s.tolist(), volts.tolist(), strict=True)
+    )
+    (tmp_path / "t.csv").write_text(text)
+    np.savez(tmp_path / "t.npz", time_s=time_s, volts=volts)
+    for name in ("t.csv", "t.npz"):
+        got_s, got = read_table(tmp_path / name)
+        assert np.array_equal(got_s, time_s)
+        assert np.array_equal(got, volts)
+
+
+def test_holes_in_a_table_become_gaps() -> None:
+    time_s = np.delete(np.arange(100) * 0.01, [30, 31, 60])
+    items = to_blocks(time_s, np.zeros((97, 2)), None, 8.0)
+    assert [item.n_missing for item in items if isinstance(item, Gap)] == [2, 1]
+    assert sum(len(item) for item in items if isinstance(item, ScanBlock)) == 97
+    last = items[-1]
+    assert isinstance(last, ScanBlock)
+    assert last.index[-1] == 99
+    assert last.rate_hz == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a,b\n1,2\n", "lacks the column time_s"),
+        ("", "lacks the column time_s"),
+        ("time_s,a\n0,1\n", "at least two"),
+        ("time_s,a\n0,1\n0.1\n", "line 3 has 1 cells"),
+        ("time_s,a\n0,1\n0.1,x\n", "line 3: 'x' is not a number"),
+        ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
+        ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
+    ],
+)
+def test_bad_tables_are_refused_with_their_place(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=says) as caught:
+        read_table(path)
+    assert "bad.csv" in str(caught.value)
+
+
+def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", t=np.zeros(3))
+    with pytest.raises(DataError, match=r"lacks the array time_s and volts; it has \['t'\]"):
+        read_table(tmp_path / "x.npz")
+    (tmp_path / "y.npz").write_bytes(b"PK nonsense")
+    with pytest.raises(DataError, match="cannot be read as npz"):
+        read_table(tmp_path / "y.npz")
+
+
+def test_missing_readings_are_invalid_numbers_not_zeros(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s,a,b\n0,1,\n0.01,nan,2\n")
+    (block,) = to_blocks(*read_table(path), None, 8.0)
+    assert isinstance(block, ScanBlock)
+    assert block.valid.tolist() == [[True, False], [False, True]]
