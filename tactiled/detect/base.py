@@ -2,7 +2,8 @@
 
 1. ``process`` takes blocks and gaps in order and returns the events that they complete.
 2. Any chunking of the same scans gives bit-identical events.
-3. ``reset()`` equals a new detector. No window straddles a Gap: a gap forgets what it interrupts.
+3. ``reset()`` equals a new detector. No window straddles a Gap: a gap forgets what it interrupts (gaps of up
+   to 50 ms never reach a detector: `bridge`).
 4. Memory is bounded and nothing drifts: no running sum that never forgets.
 5. Finite in or NaN in, finite out: NaN and invalid readings drop out, never spread.
 """

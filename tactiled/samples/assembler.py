@@ -1,6 +1,7 @@
 """Scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -24,6 +25,10 @@ class SampleParams(Params):
         gt=0,
         description="a scan handled this long after it was taken is late: recorded, never acted on",
     )
+    transfer: Literal["line", "none"] = Field(
+        default="line",
+        description="line: a frame takes its bytes' time at the baud rate; none: USB hands over whole frames",
+    )
     clock: ClockParams = ClockParams()
 
 
@@ -40,14 +45,20 @@ class SampleCounts:
 class Assembler:
     """Scan frames in, blocks and gaps out, in order.
 
-    Feed `scan` and `corrupt` in the order of the stream, then take what is complete with `flush`.
-    Neither reads a clock: `now_s` is when the bytes were handed over (host monotonic seconds).
+    Say `read` for each read of the port, feed `scan` and `corrupt` in the order of the stream, then take what
+    is complete with `flush`. None reads a clock: `now_s` is when bytes were handed over (host monotonic
+    seconds).
     """
 
-    def __init__(self, layout: Layout, params: SampleParams | None = None) -> None:
+    LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
+    TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
+
+    def __init__(self, layout: Layout, params: SampleParams | None = None, baud: int = 0) -> None:
         self._layout = layout
         self._params = params or SampleParams()
-        self._frame_s = 10 * layout.wire_bytes("scan") / layout.file.baud  # start, 8 data, stop bits
+        self._frame_s = 0.0
+        if self._params.transfer == "line":  # start, eight data, stop bits
+            self._frame_s = 10 * layout.wire_bytes("scan") / (baud or layout.file.baud)
         self._fault_flag = layout.flag("reference_fault")
         self._start_flag = layout.flag("first_after_start")
         self.reset()
@@ -60,7 +71,12 @@ class Assembler:
         self._rows: list[tuple[Scan, float, float, bool]] = []
         self._out: list[ScanBlock | Gap] = []
         self._n_corrupt = 0
+        self._restart_seen = False
         self._pending_gap: GapCause | None = None
+        self._read_s = -np.inf
+        self._wait_s = self._waited_s = np.inf
+        self._whole = True
+        self._not_before_s = -np.inf
         self._newest_s = -np.inf
         self._newest_sd_s = NO_CLOCK_SD_S
         self._fit: ClockFit | None = None
@@ -87,10 +103,17 @@ class Assembler:
     def drift_ppm(self) -> float:
         return self._fit.drift_ppm if self._fit else 0.0
 
-    def board(self, hello: Hello) -> None:
-        """Take what the board says of itself; a new boot or a new rate begins a new run."""
+    def board(self, hello: Hello, now_s: float) -> None:
+        """Take what the board says of itself; a new boot, a new rate or another board begins a new run.
+
+        A board that keeps no count of its boots is found out by its ticks, which began anew.
+        """
         old = self._hello
-        if old is not None and hello.boot_count == old.boot_count and hello.rate_hz == old.rate_hz:
+        restart_seen, self._restart_seen = self._restart_seen, False
+        if old is not None and replace(hello, streaming=old.streaming, ticks=old.ticks) == old:
+            if hello.ticks is not None and not self._counter.runs_on(hello.ticks, now_s):
+                self._count(restarts=1)
+                self._new_run("restart")
             return
         offsets = hello.channel_offset_s or (0.0,) * self._layout.n_channels
         self._hello = hello
@@ -98,7 +121,11 @@ class Assembler:
         self._full_count = 2**hello.adc_bits - 1
         self._offset_s = np.array(offsets)
         if old is not None:
-            self._new_run("rate" if hello.boot_count == old.boot_count else "restart")
+            same_board = hello.board_serial == old.board_serial
+            same_run = same_board and hello.boot_count == old.boot_count
+            # Scans that counted anew before this hello came were the same boot, and are counted already.
+            self._count(restarts=same_board and not same_run and not restart_seen)
+            self._new_run("rate" if same_run else "restart")
         self._fit = ClockFit(self._params.clock, self._frame_s + float(self._offset_s.max()))
 
     def interrupt(self, cause: GapCause) -> None:
@@ -113,8 +140,21 @@ class Assembler:
         """The board counts anew: so do we."""
         self.interrupt(cause)
         self._counter.reset()
+        self._not_before_s = -np.inf  # what the old run's clock said binds the new one to nothing
         if self._fit:
             self._fit.reset()
+
+    def read(self, now_s: float, bytes_pending: int) -> None:
+        """Bytes were handed over; `bytes_pending` of a frame were there before them.
+
+        Reads at one instant are one read, however a caller cut it. A read that came late (we slept, the line
+        stalled) does not tell when its bytes were handed over, so the one after it has no wait to speak of.
+        """
+        if now_s > self._read_s:
+            wait_s = now_s - self._read_s
+            self._waited_s = wait_s if wait_s > self.TIMELY_PART * self._wait_s else np.inf
+            self._wait_s, self._read_s = wait_s, now_s
+            self._whole = bytes_pending == 0
 
     def corrupt(self) -> None:
         """A frame arrived damaged: if scans turn out to be missing here, that is why."""
@@ -130,18 +170,23 @@ class Assembler:
         step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
         if step.kind == "restart":
             self._count(restarts=1)
+            self._restart_seen = True
             self._new_run("restart")
             step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
         if step.kind == "duplicate":
             self._count(duplicate=1)
             return
         self._place(step.n_scans)
-        self._fit.add(self._counter.board_s, now_s)
+        self._fit.add(self._counter.board_s, now_s, self._waited_s, whole=self._whole)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back; time itself never does.
-        time_s = max(time_s, self._newest_s + 0.1 / self._hello.rate_hz)
+        time_s = max(time_s, self._not_before_s)
+        self._not_before_s = time_s + 0.1 / self._hello.rate_hz
         self._newest_s, self._newest_sd_s = time_s, sd_s
-        self._rows.append((scan, time_s, sd_s, now_s - time_s > self._params.late_after_s))
+        age_s = now_s - time_s
+        # A scan of the future has a wrong time: as unfit to act on as one of the past.
+        fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
+        self._rows.append((scan, time_s, sd_s, not fresh))
         self._count(scans=1)
 
     def flush(self) -> list[ScanBlock | Gap]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tactiled.errors import ContractError
 
 FloatArray = NDArray[np.float64]
-GapCause = Literal["corrupt", "missing", "restart", "disconnect", "rate", "start"]
+GapCause = Literal["corrupt", "missing", "restart", "disconnect", "rate", "start", "command"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,8 @@ class Gap:
         Scans the board took and we did not get; 0 where the count cannot be known (restart).
     cause : str
         ``"corrupt"`` (bytes arrived damaged), ``"missing"`` (bytes never arrived), ``"restart"`` (the
-        board rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``.
+        board rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``,
+        ``"command"`` (someone changed what detectors see or compare with).
     index : int
         Index of the first scan after the gap.
     """

@@ -10,6 +10,7 @@ mean and the covariance of a uniform posterior.
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 Point = tuple[float, float]
 
@@ -50,14 +51,23 @@ class Line:
         return max((1 - u) ** 2 * self.var00 + 2 * u * (1 - u) * self.var01 + u * u * self.var11, 0.0)
 
 
-def line_through(bands: Sequence[tuple[float, float, float]], max_slope: float) -> Line:
+class Band(NamedTuple):
+    """What the line must pass: over `low` at `low_x`, under `high` at `high_x`."""
+
+    low_x: float
+    low: float
+    high_x: float
+    high: float
+
+
+def line_through(bands: Sequence[Band], max_slope: float) -> Line:
     """Mean of all lines through the bands.
 
     Parameters
     ----------
-    bands : sequence of (x, low, high)
-        At least two, x growing. Highs are certain. Lows are only likely: one that contradicts the others
-        is passed over, the newest being believed first.
+    bands : sequence of Band
+        At least two, in growing x. A bound that contradicts newer ones is passed over: the line has bent
+        since (a clock was slewed), or the bound was wrong.
     max_slope : float
         No line is steeper.
 
@@ -65,19 +75,18 @@ def line_through(bands: Sequence[tuple[float, float, float]], max_slope: float) 
     -------
     Line
     """
-    x0, x1 = bands[0][0], bands[-1][0]
+    x0, x1 = bands[0].high_x, bands[-1].high_x
     span = x1 - x0
-    floor = min(low for _, low, _ in bands) - max_slope * span
-    top = min(high for _, _, high in bands) + max_slope * span
+    floor = min(band.low for band in bands) - max_slope * span
+    top = max(band.high for band in bands) + max_slope * span
     polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
     polygon = _clip(polygon, -1.0, 1.0, max_slope * span)
     polygon = _clip(polygon, 1.0, -1.0, max_slope * span)
-    for x, _, high in bands:
-        u = (x - x0) / span
-        polygon = _clip(polygon, 1 - u, u, high) or polygon
-    for x, low, _ in reversed(bands):
-        u = (x - x0) / span
-        polygon = _clip(polygon, u - 1, -u, -low) or polygon
+    for band in reversed(bands):
+        u = (band.high_x - x0) / span
+        polygon = _clip(polygon, 1 - u, u, band.high) or polygon
+        u = (band.low_x - x0) / span
+        polygon = _clip(polygon, u - 1, -u, -band.low) or polygon
     return Line(x0, x1, *_moments(polygon))
 
 

@@ -40,6 +40,8 @@ class ScanCounter:
     SLACK_SCANS = 5
     # Long silences: crystals and a rate rounded to millihertz are good for a per cent.
     SLACK_PART = 0.01
+    # Bytes may be queued up somewhere for so long; more, and the board was off meanwhile.
+    SLACK_S = 2.0
     # A line that repeats or reorders does so at once; older scans than these do not come back.
     STRAGGLERS = 16
 
@@ -62,21 +64,33 @@ class ScanCounter:
         """The board was stopped and started: its ticks ran on, its sequence number did not."""
         self._sequence_known = False
 
+    def runs_on(self, ticks: int, now_s: float) -> bool:
+        """Whether ticks read now can belong to the run of the last scan."""
+        if self._ticks is None or self._sequence is None:
+            return True
+        host_s = now_s - self._arrival_s
+        return abs(self._elapsed(ticks, host_s) - host_s) <= self.SLACK_S + self.SLACK_PART * host_s
+
+    def _elapsed(self, ticks: int, host_s: float) -> float:
+        """Board seconds since the last scan: what wrapped ticks may mean, nearest to the host's."""
+        turned = _nearest(ticks - (self._ticks or 0), host_s / self._tick_s, self._tick_modulus)
+        return turned * self._tick_s
+
     def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> Step:
         """Take the next scan and say how it follows; duplicates and restarts leave the state as it was."""
         if self._sequence is None:
             self._keep(sequence, ticks, arrival_s, 0.0)
             return Step("next", 1)
         advance = (sequence - self._sequence) % self._modulus
-        elapsed_s = arrival_s - self._arrival_s
+        host_s = elapsed_s = arrival_s - self._arrival_s
         if ticks is not None and self._ticks is not None:
-            wraps = elapsed_s / self._tick_s
-            turned = _nearest(ticks - self._ticks, wraps, self._tick_modulus)
-            elapsed_s = turned * self._tick_s
+            elapsed_s = self._elapsed(ticks, host_s)
             slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz)
         else:  # only the host's clock, and bytes may come in bursts: half a second either way
             slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + 0.5 * rate_hz
         if not self._sequence_known:
+            if ticks is not None and not self.runs_on(ticks, arrival_s):
+                return Step("restart", 0)
             self._keep(sequence, ticks, arrival_s, max(elapsed_s, 0.0))
             return Step("next", 1)
         expected = elapsed_s * rate_hz
@@ -87,6 +101,8 @@ class ScanCounter:
             return Step("restart", 0)  # a board that boots counts from zero: not a scan of long ago
         if n_scans <= 0:
             return Step("duplicate", 0)
+        if n_scans > self.STRAGGLERS and host_s - elapsed_s > self.SLACK_S + self.SLACK_PART * host_s:
+            return Step("restart", 0)  # silent for longer than its ticks say: it was off, and counts anew
         self._keep(sequence, ticks, arrival_s, elapsed_s if ticks is not None else n_scans / rate_hz)
         return Step("next", n_scans)
 

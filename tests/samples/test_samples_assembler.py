@@ -41,7 +41,7 @@ def scan(number: int, *, tick0: int = 0, sequence0: int = 0, flags: int = 0, lev
 
 def assembler() -> Assembler:
     new = Assembler(LAYOUT)
-    new.board(hello())
+    new.board(hello(), 50.0)
     return new
 
 
@@ -102,10 +102,55 @@ def test_duplicates_and_stragglers_are_dropped_and_counted() -> None:
 def test_a_reboot_is_no_loss() -> None:
     target = assembler()
     feed(target, list(range(1000)))
-    target.board(hello(boot_count=1))
+    target.board(hello(boot_count=1), 61.0)
     items = feed(target, [0, 1], tick0=77)
     assert items[0] == Gap(0, "restart", 1000)
     assert target.counts.missing == 0
+
+
+def test_a_reboot_of_a_board_that_counts_no_boots_is_found_by_its_ticks() -> None:
+    """Off for ten seconds, then on again with the same hello: its ticks are young."""
+    target = assembler()
+    feed(target, list(range(500)))
+    target.interrupt("disconnect")
+    target.board(hello(ticks=100_000), 65.0)
+    target.scan(Scan(0, np.zeros(36, dtype=np.int64), ticks=200_000), 65.1 + LATENCY_S)
+    items = target.flush()
+    assert items[0] == Gap(0, "restart", 500)
+    assert isinstance(items[1], ScanBlock)
+    assert items[1].time_s[0] == pytest.approx(65.1, abs=2e-3)
+    assert not items[1].late[0]
+
+
+def test_a_started_board_whose_ticks_are_young_is_another_run() -> None:
+    target = assembler()
+    feed(target, list(range(500)))
+    flags = LAYOUT.flag("first_after_start")
+    target.scan(Scan(0, np.zeros(36, dtype=np.int64), ticks=100_000, flags=flags), 75.0 + LATENCY_S)
+    items = target.flush()
+    assert items[0] == Gap(0, "restart", 500)
+    assert isinstance(items[1], ScanBlock)
+    assert items[1].time_s[0] == pytest.approx(75.0, abs=2e-3)
+
+
+def test_another_board_with_the_same_counts_is_scaled_as_itself() -> None:
+    target = assembler()
+    feed(target, list(range(100)))
+    target.board(hello(board_serial="TS0002", adc_reference_v=1.5), 51.5)
+    target.scan(scan(100, level=2048), 52.0)
+    items = target.flush()
+    assert isinstance(items[-1], ScanBlock)
+    assert items[-1].volts[0, 0] == 0.75
+
+
+def test_scans_of_the_future_are_not_fresh() -> None:
+    """A clock that runs ahead (ticks jumped, sequence did not say so) marks what it stamps."""
+    target = assembler()
+    feed(target, list(range(300)))
+    target.scan(Scan(300, np.zeros(36, dtype=np.int64), ticks=3_000_000 + 49_000), 53.0 + LATENCY_S - 0.06)
+    (block,) = target.flush()
+    assert isinstance(block, ScanBlock)
+    assert block.late[0]
 
 
 def test_counters_that_jump_without_a_hello_are_a_restart() -> None:
@@ -175,7 +220,7 @@ def test_time_grows_whatever_arrives() -> None:
 
 def test_a_board_without_ticks_is_timed_by_its_sample_count() -> None:
     target = Assembler(LEGACY)
-    target.board(hello(rate_hz=50.0, channel_offset_s=(), adc_bits=10, adc_reference_v=5.0))
+    target.board(hello(rate_hz=50.0, channel_offset_s=(), adc_bits=10, adc_reference_v=5.0), 9.0)
     for number in range(600):
         target.scan(
             Scan(number % 256, np.zeros(9, dtype=np.int64), ticks=None),

@@ -1,0 +1,70 @@
+"""Short gaps bridged: a lost scan must not cost the slip that happens beside it.
+
+A gap empties every filter, and a detector is blind until they are full again: a third of a second, for one
+lost scan. So up to `BRIDGE_S` of missing scans are drawn as a straight line from the last reading before to
+the first after, and the detector sees no gap. Longer gaps, restarts and replugs reach it: nobody knows what
+happened in them. The scans that are published, recorded and counted are never these.
+"""
+
+import numpy as np
+
+from tactiled.detect.base import Detector
+from tactiled.events.types import Event
+from tactiled.samples.block import Gap, ScanBlock
+
+BRIDGE_S = 0.05  # a slip's kink bends for longer; corruption that a line survives seldom lasts so long
+_LOSSES = ("corrupt", "missing")
+
+
+class Bridge:
+    """A detector that is spared short gaps.
+
+    Parameters
+    ----------
+    detector : Detector
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self._last: ScanBlock | None = None
+        self._gap: Gap | None = None
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        self._last = self._gap = None
+        self._detector.reset()
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Events that the item completes."""
+        if isinstance(item, Gap):
+            return self._take_gap(item)
+        block = item if self._gap is None or self._last is None else _joined(self._last, item)
+        self._gap = None
+        self._last = item[-1:]
+        return self._detector.process(block)
+
+    def _take_gap(self, gap: Gap) -> list[Event]:
+        last = self._last
+        if last is not None and gap.cause in _LOSSES and 0 < gap.n_missing <= BRIDGE_S * last.rate_hz:
+            self._gap = gap
+            return []
+        self._last = self._gap = None
+        return self._detector.process(gap)
+
+
+def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:
+    """`block` with the scans missing since `last` drawn before it."""
+    first = block[:1]
+    n = int(first.index[0] - last.index[0]) - 1
+    part = (np.arange(1, n + 1) / (n + 1))[:, np.newaxis]
+    volts = last.volts + part * (first.volts - last.volts)
+    return ScanBlock(
+        volts=np.concatenate([volts, block.volts]),
+        time_s=np.concatenate([last.time_s + part[:, 0] * (first.time_s - last.time_s), block.time_s]),
+        time_sd_s=np.concatenate([np.repeat(first.time_sd_s, n), block.time_sd_s]),
+        index=np.concatenate([np.arange(last.index[0] + 1, first.index[0]), block.index]),
+        valid=np.concatenate([np.repeat(last.valid & first.valid, n, axis=0), block.valid]),
+        rate_hz=block.rate_hz,
+        channel_offset_s=block.channel_offset_s,
+        late=np.concatenate([np.repeat(first.late, n), block.late]),
+    )

@@ -1,0 +1,117 @@
+"""A few lost scans cost no event; a long gap is not papered over."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import load_array
+from tactiled.detect.bridge import Bridge
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.sensor import Sensor
+from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+ONSET, STOP = 600, 1100  # scans of the demo scene at which the first slide begins and ends
+
+
+def recording() -> ScanBlock:
+    sensor = Sensor(load_scene("demo"), ARRAY, adc_bits=12, adc_reference_v=3.0)
+    time_s = np.repeat(np.arange(1300)[:, np.newaxis] / 100.0, ARRAY.n_channels, axis=1)
+    volts = np.asarray(sensor.counts(0, time_s) * (3.0 / 4096), dtype=np.float64)
+    return regular_block(volts, 100.0)
+
+
+BLOCK = recording()
+
+
+def with_holes(lost: set[int]) -> list[ScanBlock | Gap]:
+    """The recording as an assembler gives it when these scans are lost."""
+    items: list[ScanBlock | Gap] = []
+    start = 0
+    for scan in [*sorted(lost), len(BLOCK)]:
+        if scan > start:
+            items.append(BLOCK[start:scan])
+        if scan < len(BLOCK):
+            if items and isinstance(items[-1], Gap):
+                items[-1] = Gap(items[-1].n_missing + 1, "corrupt", scan + 1)
+            else:
+                items.append(Gap(1, "corrupt", scan + 1))
+        start = scan + 1
+    return items
+
+
+def events(items: list[ScanBlock | Gap]) -> list[Event]:
+    suite = build_suite(ARRAY, DetectParams())
+    return [event for item in items for event in suite.process(item)]
+
+
+@pytest.mark.parametrize("offset", [-40, -20, -10, -5, -1, 0, 1, 2, 3, 5, 8, 12, 20, 40, 200])
+@pytest.mark.parametrize("n_lost", [1, 4])
+def test_lost_scans_beside_the_onset_do_not_hide_the_slip(offset: int, n_lost: int) -> None:
+    first = ONSET + offset
+    slips = [e for e in events(with_holes(set(range(first, first + n_lost)))) if isinstance(e, SlipEvent)]
+    assert [e.state for e in slips] == ["onset", "end"]
+    assert slips[0].onset_s == pytest.approx(ONSET / 100, abs=0.06)
+    assert abs(slips[0].direction_deg) < 5
+    assert slips[1].time_s == pytest.approx(STOP / 100, abs=0.1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_one_scan_in_a_hundred_lost_gives_the_same_story(seed: int) -> None:
+    lost = set(np.flatnonzero(np.random.default_rng(seed).random(len(BLOCK) - 20) < 0.01).tolist())
+
+    def story(items: list[ScanBlock | Gap]) -> list[tuple[str, str]]:
+        return [(e.topic, e.state) for e in events(items) if isinstance(e, SlipEvent | ContactEvent)]
+
+    assert story(with_holes(lost)) == story([BLOCK])
+
+
+def test_long_gaps_and_restarts_reach_the_detector() -> None:
+    for gap in (Gap(6, "missing", 506), Gap(0, "restart", 500), Gap(2, "disconnect", 502)):
+        after = BLOCK[500 + gap.n_missing : 520]
+        found = events([BLOCK[:500], gap, after])
+        lost = [e for e in found if isinstance(e, ContactEvent) and not e.valid]
+        assert lost, gap
+
+
+def test_bridging_does_not_depend_on_chunks_and_reset_equals_new() -> None:
+    items = with_holes({300, 301, 605, 1102})
+    whole = events(items)
+    suite = build_suite(ARRAY, DetectParams())
+    for _ in range(2):
+        singles = [
+            event
+            for item in items
+            for part in (
+                [item[k : k + 1] for k in range(len(item))] if isinstance(item, ScanBlock) else [item]
+            )
+            for event in suite.process(part)
+        ]
+        assert singles == whole
+        suite.reset()
+
+
+def test_the_bridge_is_a_straight_line_between_what_was_read() -> None:
+    seen: list[ScanBlock] = []
+
+    class Spy:
+        def process(self, item: ScanBlock | Gap) -> list[Event]:
+            assert isinstance(item, ScanBlock)
+            seen.append(item)
+            return []
+
+        def reset(self) -> None:
+            pass
+
+    volts = np.array([[0.0], [1.0], [9.0], [9.0], [4.0]])
+    block = regular_block(volts, 100.0)
+    bridge = Bridge(Spy())
+    for item in (block[:2], Gap(2, "missing", 4), block[4:]):
+        bridge.process(item)
+    assert seen[1].volts[:, 0] == pytest.approx([2.0, 3.0, 4.0])
+    assert seen[1].index.tolist() == [2, 3, 4]
+    assert seen[1].time_s == pytest.approx([0.02, 0.03, 0.04])
