@@ -4,11 +4,10 @@ Exit codes: 0 good, 1 the operation failed, 2 usage or configuration. Heavy room
 command that needs them, so that ``--help`` and ``listen`` start at once.
 """
 
-import contextlib
 import json
+import logging
 import os
 import sys
-import time
 from pathlib import Path
 
 import click
@@ -45,7 +44,7 @@ def demo(out: Path) -> None:
 @cli.command()
 @click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
 @click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
-@click.option("--record", "recording", type=FILE, help="Also record the bytes of the line here (.mcap).")
+@click.option("--record", "recording", type=FILE, help="Also record into this file (.mcap).")
 @click.option("-v", "--verbose", is_flag=True, help="Log what usually does not matter.")
 def run(config: Path | None, port: str | None, recording: Path | None, verbose: bool) -> None:
     """Read the board and publish events until stopped.
@@ -54,8 +53,8 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
     """
     from tactiled.config import Setup, default_config, load_config
     from tactiled.daemon.log import set_up
+    from tactiled.daemon.recorder import Recorder
     from tactiled.daemon.service import ServiceParams, run_service
-    from tactiled.recording.raw import RawWriter, load_source
 
     if config is None and port is None:
         raise click.UsageError("say --config FILE, or --port PORT to run with defaults")
@@ -64,24 +63,22 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
         return default_config(port or "") if config is None else load_config(config, port)
 
     def again() -> ServiceParams:
-        return load().config.service
+        new = load().config
+        for name in ("board", "samples", "detect"):
+            if getattr(new, name) != getattr(setup.config, name):
+                logging.getLogger("tactiled").warning("[%s] changed: takes effect at the next start", name)
+        return new.service
 
     set_up(10 if verbose else 20)
     setup = load()
-    board = setup.config.board
-    with contextlib.ExitStack() as stack:
-        tap = None
-        if recording is not None:
-            offset_s = time.time() - time.monotonic()
-            writer = RawWriter(recording, load_source(board.protocol, board.array), offset_s)
-            tap = stack.enter_context(writer).write
+    with Recorder(setup.config.record, setup.recording_header(), recording) as recorder:
         code = run_service(
             setup.config.service,
             setup.make_pipeline(),
             setup.layout,
             setup.array,
             None if config is None else again,
-            tap,
+            recorder,
         )
     sys.exit(code)
 
@@ -211,6 +208,110 @@ def detect(
 
     found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
     click.echo(f"{file}: {found} events", err=True)
+
+
+RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
+
+
+@cli.command()
+@click.argument("file", type=FILE)
+@click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
+@click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
+@click.option("--seconds", "duration_s", type=click.FloatRange(0, min_open=True), help="Stop after so many.")
+def record(file: Path, config: Path | None, port: str | None, duration_s: float | None) -> None:
+    """Record a board into FILE (.mcap) without publishing, until stopped.
+
+    Beside a running daemon use its own `[record]` table or `tactiled run --record`: a port has one reader.
+
+    Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
+    """
+    from tactiled.config import default_config, load_config
+    from tactiled.daemon.log import set_up
+    from tactiled.daemon.recorder import Recorder
+    from tactiled.daemon.service import run_service
+
+    if config is None and port is None:
+        raise click.UsageError("say --config FILE, or --port PORT to run with defaults")
+    set_up(20)
+    setup = default_config(port or "") if config is None else load_config(config, port)
+    service = setup.config.service.without_publishing()
+    pipeline = setup.make_pipeline()
+    with Recorder(setup.config.record, setup.recording_header(), file) as recorder:
+        run_service(service, pipeline, setup.layout, setup.array, recorder=recorder, duration_s=duration_s)
+    n_scans = pipeline.health().scans
+    click.echo(f"{file}: {n_scans} scans", err=True)
+    sys.exit(0 if n_scans else 1)
+
+
+@cli.command()
+@RECORDINGS
+@click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan.")
+@click.option(
+    "--speed",
+    default=0.0,
+    type=click.FloatRange(0),
+    help="1 is real time; 0, the default, as fast as can be.",
+)
+@click.option("--verify", is_flag=True, help="Print nothing; compare with the events that were live.")
+@click.option(
+    "--link", type=FILE, help="Play the bytes on a serial port of this name instead, for any driver."
+)
+def replay(
+    files: tuple[Path, ...], topics: tuple[str, ...], speed: float, verify: bool, link: Path | None
+) -> None:
+    """Run recordings through the pipeline again and print the events, bit for bit those that were live.
+
+    Parts of a rotated recording belong together: give them in order. With --link the bytes appear on a
+    pseudo-terminal instead, with their own timing (or --speed), as soon as a driver opens it.
+
+    Example: tactiled replay slide.mcap --topic slip
+    """
+    from tactiled.recording.playback import play
+    from tactiled.recording.replay import replay as run_again
+
+    if link is not None:
+        if verify or topics:
+            raise click.UsageError("--link plays bytes; it prints and compares no events")
+        source = click.get_current_context().get_parameter_source("speed")
+        is_default = source == click.core.ParameterSource.DEFAULT
+        played = play(files, link, 1.0 if is_default else speed)
+        click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
+        return
+    verdict = run_again(files, (lambda _: None) if verify else click.echo, topics=topics, speed=speed)
+    if verify:
+        click.echo(verdict.words(), err=True)
+        sys.exit(0 if verdict.is_good else 1)
+
+
+@cli.command()
+@click.argument("file", type=FILE)
+@click.option("--out", type=FILE, help="The finished file; default: the name without .active.")
+def recover(file: Path, out: Path | None) -> None:
+    """Make a recording that was cut whole, up to its last synced chunk; the original is only read.
+
+    Example: tactiled recover slide.mcap.active
+    """
+    from tactiled.recording.recover import recover as save
+
+    click.echo(save(file, out).words(), err=True)
+
+
+@cli.command()
+@RECORDINGS
+@click.option("--csv", "csv_out", type=FILE, help="Write a CSV file.")
+@click.option("--npz", "npz_out", type=FILE, help="Write a numpy file.")
+def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) -> None:
+    """Write the scans of recordings as a table; `tactiled detect` reads it back.
+
+    Example: tactiled export slide.mcap --csv slide.csv
+    """
+    from tactiled.recording.export import export_csv, export_npz
+
+    if csv_out is None and npz_out is None:
+        raise click.UsageError("say --csv OUT, --npz OUT or both")
+    for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
+        if out is not None:
+            click.echo(f"{out}: {write(files, out)} scans", err=True)
 
 
 def main() -> None:

@@ -1,5 +1,7 @@
 """``tactiled.toml``: the rooms' parameters put together. Config knows the rooms; no room knows config."""
 
+import hashlib
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,8 @@ from tactiled.daemon.source import PortParams
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline, PipelineParams
+from tactiled.recording.contents import Header, load_source
+from tactiled.recording.rotation import RecordParams
 from tactiled.samples.assembler import SampleParams
 from tactiled.tomlfile import Params
 from tactiled.wire.layout import Layout, compile_layout
@@ -36,6 +40,7 @@ class Config(Params):
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()
     publish: PublishParams = PublishParams()
+    record: RecordParams = RecordParams()
 
     @property
     def service(self) -> ServiceParams:
@@ -43,7 +48,7 @@ class Config(Params):
 
     @property
     def pipeline(self) -> PipelineParams:
-        return PipelineParams(samples=self.samples, detect=self.detect)
+        return PipelineParams(samples=self.samples, detect=self.detect, baud=self.port.baud)
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,16 @@ class Setup:
 
     def make_pipeline(self) -> Pipeline:
         return Pipeline(self.layout, self.array, self.config.pipeline)
+
+    def recording_header(self) -> Header:
+        """Description for recordings that are made with this configuration."""
+        board = self.config.board
+        canonical = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
+        return Header(
+            source=load_source(board.protocol, board.array),
+            pipeline=self.config.pipeline,
+            config_sha256=hashlib.sha256(canonical.encode()).hexdigest(),
+        )
 
 
 def load_config(path: Path, port_url: str | None = None) -> Setup:

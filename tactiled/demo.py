@@ -23,7 +23,7 @@ from tactiled.array import load_array
 from tactiled.bench.pictures import Truth, draw_log
 from tactiled.bench.report import table
 from tactiled.detect.suite import DetectParams
-from tactiled.errors import TactiledError
+from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml: the published procedure must be told
@@ -76,7 +76,11 @@ def run_demo(picture: Path) -> bool:
     ------
     DemoError
         A process ended early or said nothing.
+    ConfigError
+        The picture cannot be written there.
     """
+    if not picture.parent.is_dir() or picture.suffix not in (".png", ".pdf", ".svg"):
+        raise ConfigError("--out", [f"{picture}: name a .png, .pdf or .svg in a folder that exists"])
     seen = Seen()
     unix_offset_s = time.time() - time.monotonic()
     with ExitStack() as stack:

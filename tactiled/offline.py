@@ -22,6 +22,7 @@ from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
 
 FloatArray = NDArray[np.float64]
+PICTURES = (".png", ".pdf", ".svg")
 
 
 @dataclass
@@ -56,6 +57,8 @@ def detect_file(
         The file, the array or a parameter is not what it should be.
     """
     params = _params(speed_mm_s, setting)
+    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
+        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if path.suffix == ".mcap":
         if array is not None or rate_hz is not None:
             fault = "--array and --rate are for tables; a recording knows its own"

@@ -1,11 +1,17 @@
 """The first four rooms in one object: bytes in, events out. Live, replayed and offline run this code."""
 
-from collections.abc import Iterator, Sequence
+import heapq
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
+from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
@@ -15,6 +21,7 @@ from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
 Output = Event | Hello | Acknowledge
+RATES_HZ = (0.1, 20_000.0)  # slower, and a stall has no meaning; faster, and no serial line carries it
 
 
 class PipelineParams(Params):
@@ -22,6 +29,7 @@ class PipelineParams(Params):
 
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()
+    baud: int = Field(default=0, ge=0, description="of the line, where it is not the layout's")
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,13 @@ class Health:
     scans: int
     scans_missing: int
     scans_duplicate: int
+    restarts: int
+    """How often the board booted or counted anew; scans are not missing for that."""
+    frames: int
+    """Good frames of any kind."""
     frames_corrupt: int
+    corrupt_by_reason: Mapping[str, int]
+    """The same by `Corrupt.reason`."""
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -60,24 +74,26 @@ class Pipeline:
         self.layout = layout
         self.array = array
         self._decoder = Decoder(layout)
-        self._assembler = Assembler(layout, params.samples)
-        self._suite = build_suite(array, params.detect)
+        self._assembler = Assembler(layout, params.samples, params.baud)
+        self.tuning = TunedSuite(array, params.detect)
         self.reset()
 
     def reset(self) -> None:
         """As new: board, clock, detectors and counters forgotten."""
         self._decoder.reset()
         self._assembler.reset()
-        self._suite.reset()
+        self.tuning.reset()
+        self._tuned_for = ""
         self.hello: Hello | None = None
-        self._frames_corrupt = 0
+        self._frames = 0
+        self._corrupt: Counter[str] = Counter()
         self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
         self._contact: Literal["none", "loading", "holding", "sliding"] = "none"
         self._slipping = False
         if (assumed := self.layout.file.assumed_hello) is not None:
             fields = assumed.model_dump()
             fields["channel_offset_s"] = tuple(fields["channel_offset_s"])
-            self._accept(Hello(protocol_version=self.layout.file.protocol_version, **fields))
+            self._accept(Hello(protocol_version=self.layout.file.protocol_version, **fields), 0.0)
 
     def receive_data(self, data: bytes, now_s: float) -> list[Output]:
         """Everything that `data` completes, in the order of the stream.
@@ -90,18 +106,20 @@ class Pipeline:
             When it was handed over, host monotonic seconds.
         """
         out: list[Output] = []
+        self._assembler.read(now_s, self._decoder.bytes_pending)
         for frame in self._decoder.feed(data):
+            self._frames += not isinstance(frame, Corrupt)
             if isinstance(frame, Scan):
                 if self.hello is not None:
                     self._assembler.scan(frame, now_s)
             elif isinstance(frame, Corrupt):
-                self._frames_corrupt += 1
+                self._corrupt[frame.reason] += 1
                 self._assembler.corrupt()
             elif isinstance(frame, Hello):
                 out += self._run(self._assembler.flush(), now_s)
                 out.append(frame)
                 if check_hello(frame, self.layout, self.array) is None:
-                    self._accept(frame)
+                    self._accept(frame, now_s)
                 else:
                     self.hello = None
             elif isinstance(frame, Acknowledge):
@@ -128,7 +146,10 @@ class Pipeline:
             scans=counts.scans,
             scans_missing=counts.missing,
             scans_duplicate=counts.duplicate,
-            frames_corrupt=self._frames_corrupt,
+            restarts=counts.restarts,
+            frames=self._frames,
+            frames_corrupt=self._corrupt.total(),
+            corrupt_by_reason=dict(self._corrupt),
             bytes_in=bytes_in + self._decoder.bytes_in,
             bytes_framed=framed + self._decoder.bytes_framed,
             bytes_discarded=discarded + self._decoder.bytes_discarded,
@@ -141,20 +162,60 @@ class Pipeline:
             slipping=self._slipping,
         )
 
-    def _accept(self, hello: Hello) -> None:
+    def command(self, name: str, arguments: Mapping[str, Any], now_s: float) -> tuple[str, list[Event]]:
+        """Change what detectors go by (protocols/control.md), between two reads; same commands, same events.
+
+        Parameters
+        ----------
+        name : str
+            ``"tare"``, ``"speed"``, ``"inhibit"`` or ``"thresholds"``.
+        arguments : mapping
+            Checked ones.
+        now_s : float
+
+        Returns
+        -------
+        reason : str
+            Why it was refused; empty when it was done.
+        events : list of Event
+            What it brought: a contact or slip that it cut off ends, not valid.
+        """
+        tuning = self.tuning
+        reason, events = "", list[Event]()
+        if name == "tare":
+            reason, events = tuning.tare(force=arguments["force"])
+        elif name == "speed":
+            tuning.set_speed(arguments["speed_mm_s"])
+        elif name == "inhibit":
+            tuning.inhibit(now_s, arguments["duration_s"])
+        elif name == "thresholds":
+            reason, events = tuning.set_thresholds(arguments["values"])
+        else:
+            raise ContractError(f"{name!r} is no command of the pipeline")
+        return reason, list(self._note(events))
+
+    def _accept(self, hello: Hello, now_s: float) -> None:
+        if hello.board_serial != self._tuned_for:
+            self.tuning.forget_zero()
+            self._tuned_for = hello.board_serial
         self.hello = hello
-        self._assembler.board(hello)
+        self._assembler.board(hello, now_s)
 
     def _run(self, items: Sequence[ScanBlock | Gap], now_s: float) -> Iterator[Event]:
         for item in items:
-            if isinstance(item, ScanBlock):
-                yield from scan_events(item, now_s)
-            for event in self._suite.process(item):
-                if isinstance(event, ContactEvent):
-                    self._contact = event.state
-                elif isinstance(event, SlipEvent):
-                    self._slipping = event.state == "onset"
-                yield event
+            found = self._note(self.tuning.process(item))
+            scans = scan_events(item, now_s) if isinstance(item, ScanBlock) else iter(())
+            # Each event behind the scan that completed it, however many scans came at once.
+            yield from heapq.merge(scans, found, key=lambda event: event.evidence_s)
+
+    def _note(self, events: Sequence[Event]) -> Iterator[Event]:
+        """Keep what health tells of the contact."""
+        for event in events:
+            if isinstance(event, ContactEvent):
+                self._contact = event.state
+            elif isinstance(event, SlipEvent):
+                self._slipping = event.state == "onset"
+            yield event
 
 
 def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
@@ -193,6 +254,10 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
             f"array {array.name!r} has {array.n_channels} channels ({array.n_taxels} taxels), a scan of "
             f"{layout.name} has {layout.n_channels}: mend the array file or the layout file"
         )
-    if hello.rate_hz <= 0 or hello.adc_bits < 1 or hello.adc_reference_v <= 0:
-        return f"board {hello.board_serial} reports an impossible rate, ADC width or reference"
+    slowest, fastest = RATES_HZ
+    if not slowest <= hello.rate_hz <= fastest or hello.adc_bits < 1 or hello.adc_reference_v <= 0:
+        return (
+            f"board {hello.board_serial} reports {hello.rate_hz:g} Hz, {hello.adc_bits} bits and "
+            f"{hello.adc_reference_v:g} V; possible are {slowest:g} to {fastest:g} Hz, 1 bit or more, over 0 V"
+        )
     return None

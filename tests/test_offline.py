@@ -150,3 +150,35 @@ def test_what_cannot_be_run_says_why(
     (tmp_path / "log.txt").write_text("")
     with pytest.raises(error, match=says):
         detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"rate_hz": 1e30}, "rows are 0.01 s apart"),
+        ({"rate_hz": float("inf")}, "rows are 0.01 s apart"),
+        ({"rate_hz": float("nan")}, "rows are 0.01 s apart"),
+        ({"plot": Path("/nonexistent/x.png")}, "a folder that exists"),
+        ({"plot": Path("x.exe")}, r"name a \.png"),
+    ],
+)
+def test_impossible_arguments_are_refused_before_anything_is_printed(
+    arguments: dict[str, object], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
+    write_csv(tmp_path / "log.csv", time_s[:100], volts[:100])
+    with pytest.raises((DataError, ConfigError), match=says):
+        detect_file(tmp_path / "log.csv", **arguments)  # type: ignore[arg-type]
+    assert capsys.readouterr().out == ""
+
+
+def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time_s=np.arange(50) / 100, volts=np.zeros((50, 36)))
+    whole = (tmp_path / "log.npz").read_bytes()
+    for cut in range(0, len(whole), 997):
+        (tmp_path / "cut.npz").write_bytes(whole[:cut])
+        with pytest.raises(DataError, match=r"cut\.npz"):
+            detect_file(tmp_path / "cut.npz")
+    np.savez(tmp_path / "complex.npz", time_s=np.arange(50) * 1j, volts=np.zeros((50, 36)))
+    with pytest.raises(DataError, match=r"complex\.npz"):
+        detect_file(tmp_path / "complex.npz")

@@ -122,6 +122,15 @@ def _merged(reads: tuple[tuple[float, bytes], ...], n: int) -> tuple[tuple[float
     )
 
 
+def test_each_event_follows_the_scan_that_completed_it_however_many_came_at_once() -> None:
+    patient = PARAMS.model_copy(update={"samples": SampleParams(late_after_s=1e6)})
+
+    def order(reads: tuple[tuple[float, bytes], ...]) -> list[str]:
+        return [type(out).__name__ for out in outputs(reads, patient) if isinstance(out, Event)]
+
+    assert order(stream()) == order(_merged(stream(), 50)) == order(_merged(stream(), 700))
+
+
 def test_reset_equals_new() -> None:
     used = pipeline()
     for now_s, data in stream()[:400]:
@@ -203,6 +212,10 @@ def test_a_wrong_board_is_told_and_its_scans_are_not() -> None:
     assert reason is not None
     assert "other-array" in reason
     assert "board.array" in reason
+    for rate_hz in (0.001, 4e6, float("nan")):
+        assert "possible are 0.1 to 20000 Hz" in str(
+            check_hello(dataclasses.replace(hello, array_id=ARRAY.name, rate_hz=rate_hz), LAYOUT, ARRAY)
+        )
     newer = dataclasses.replace(hello, protocol_version=2, array_id=ARRAY.name)
     assert "protocol version 2" in str(check_hello(newer, LAYOUT, ARRAY))
 

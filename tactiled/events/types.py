@@ -7,7 +7,7 @@ language will read it.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 UNKNOWN_SD_DEG = 180.0  # wider than the uniform distribution on a circle (104): "no idea"
 
@@ -18,6 +18,11 @@ class Event:
 
     topic: ClassVar[str]
     time_s: float
+
+    @property
+    def evidence_s(self) -> float:
+        """Instant of the scan that completed the evidence: events come in this order."""
+        return self.time_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,10 @@ class SlipEvent(Event):
     valid: bool
     detected_s: float
     """Instant of the scan that completed the evidence: `detected_s - onset_s` is the detector's delay."""
+
+    @property
+    def evidence_s(self) -> float:
+        return self.detected_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +112,19 @@ class ScanEvent(Event):
     late: bool
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sent:
+    """How many messages of each topic this daemon has published of this board: the `seq` that comes next."""
+
+    slip: int = 0
+    contact: int = 0
+    texture: int = 0
+    scan: int = 0
+    info: int = 0
+    recording: int = 0
+    command: int = 0
+
+
 BoardState = Literal["no-device", "syncing", "running", "stalled", "fault"]
 
 
@@ -114,6 +136,8 @@ class StatusEvent(Event):
     state: BoardState
     valid: bool
     reason: str
+    warning: str
+    """What should be mended although it works: a noisy line, an adapter that hands over late."""
     age_s: float
     """Seconds since the newest scan began; how old everything on the other topics is."""
     clock_sd_s: float
@@ -124,6 +148,8 @@ class StatusEvent(Event):
     frames_corrupt: int
     scans_missing: int
     scans_duplicate: int
+    restarts: int
+    """How often the board booted, or began to count anew."""
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -132,6 +158,10 @@ class StatusEvent(Event):
     contact: Literal["none", "loading", "holding", "sliding"]
     slipping: bool
     uptime_s: float
+    inhibited_s: float = 0.0
+    """For how much longer slips are published as not valid, because someone asked for it."""
+    sent: Sent = Sent()
+    """What a subscriber that lost nothing has heard of by now."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +185,52 @@ class InfoEvent(Event):
     tactiled_version: str
 
 
-AnyEvent = SlipEvent | ContactEvent | TextureEvent | ScanEvent | StatusEvent | InfoEvent
-EVENT_TYPES: dict[str, type[Event]] = {
-    kind.topic: kind for kind in (SlipEvent, ContactEvent, TextureEvent, ScanEvent, StatusEvent, InfoEvent)
-}
+@dataclass(frozen=True, kw_only=True)
+class RecordingEvent(Event):
+    """How the recording is; published each second, and at each change, where there is one."""
+
+    topic: ClassVar[str] = "recording"
+    state: Literal["off", "recording", "no-room", "failed"]
+    reason: str
+    file: str
+    """The part being written, by the name it will have; empty where there is none."""
+    parts: int
+    bytes_written: int
+    free_mb: float
+    reads_dropped: int
+    """Reads of the port that are in no file."""
+    reads_waiting: int
+    """Items that wait for the disk."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandEvent(Event):
+    """Someone asked the daemon for something, and what came of it."""
+
+    topic: ClassVar[str] = "command"
+    request_id: str
+    command: str
+    arguments: str
+    """As a JSON object."""
+    who: str
+    """As the client calls itself."""
+    key: str
+    """Name of the key that the client proved to own; empty on plain endpoints."""
+    ok: bool
+    reason: str
+    """Why not; empty where `ok`."""
+    scan_index: int
+    """First scan that it holds for."""
+
+
+AnyEvent = (
+    SlipEvent
+    | ContactEvent
+    | TextureEvent
+    | ScanEvent
+    | StatusEvent
+    | InfoEvent
+    | RecordingEvent
+    | CommandEvent
+)
+EVENT_TYPES: dict[str, type[Event]] = {kind.topic: kind for kind in get_args(AnyEvent)}

@@ -1,6 +1,8 @@
 """Plain logs that somebody else recorded: CSV with a header, or npz."""
 
 import csv
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +61,12 @@ def to_blocks(
     full_scale_volts : float
         Readings beyond it are marked invalid.
     """
-    rate_hz = rate_hz or float(1 / np.median(np.diff(time_s)))
+    spacing_s = float(np.median(np.diff(time_s)))
+    rate_hz = rate_hz or 1 / spacing_s
+    if not 0.1 < rate_hz * spacing_s < 10:
+        raise DataError(
+            f"a rate of {rate_hz:g} Hz, but rows are {spacing_s:g} s apart: leave it out, or mend time_s"
+        )
     steps = np.maximum(np.rint(np.diff(time_s) * rate_hz).astype(np.int64), 1)
     index = np.concatenate([[0], np.cumsum(steps)])
     items: list[ScanBlock | Gap] = []
@@ -89,15 +96,15 @@ def to_blocks(
 
 def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             missing = [name for name in ("time_s", "volts") if name not in archive]
             if missing:
                 raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
-            time_s = np.asarray(archive["time_s"], dtype=np.float64)
-            volts = np.asarray(archive["volts"], dtype=np.float64)
+            time_s = archive["time_s"].astype(np.float64, casting="same_kind")
+            volts = archive["volts"].astype(np.float64, casting="same_kind")
             if "valid" in archive:  # an export of ours: what is not valid is no reading
                 volts = np.where(archive["valid"], volts, np.nan)
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
     if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):
         raise DataError(
