@@ -15,8 +15,9 @@ Needs pyzmq and msgpack only. ::
 or, without asyncio, ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``
 """
 
-from tactiled.client.inbox import Fresh, Item, Lost, Malformed, Message, Restarted, Stale
-from tactiled.client.subscriber import DEFAULT_ENDPOINT, Client, Subscription, subscribe
+from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
+from tactiled.client.subscriber import Client, Subscription, subscribe
+from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
 __all__ = [
     "DEFAULT_ENDPOINT",
@@ -26,6 +27,7 @@ __all__ = [
     "Lost",
     "Malformed",
     "Message",
+    "Recovered",
     "Restarted",
     "Stale",
     "Subscription",

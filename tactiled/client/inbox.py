@@ -9,95 +9,12 @@ Ages compare the publisher's clock with ours: on one host they are the same; acr
 """
 
 import math
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import msgpack
-
-from tactiled.events.codec import MESSAGE_VERSION
-
-_MOST_TOPICS = 1024  # what a publisher of nonsense can make us remember
-_SAME_RUN_S = 1.0  # how well the uptimes of two statuses agree with the time between them, in one run
-
-
-@dataclass(frozen=True)
-class Message:
-    """One event.
-
-    Attributes
-    ----------
-    topic : str
-        ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``.
-    board : str
-        Serial number.
-    seq : int
-        Running number within board and topic.
-    timestamp : float
-        Instant that the event is about, epoch seconds.
-    data : dict
-        The whole map, as protocols/events/ describes it.
-    received_s : float
-        When we took it out of the socket, ``time.monotonic()``.
-    """
-
-    topic: str
-    board: str
-    seq: int
-    timestamp: float
-    data: dict[str, Any] = field(repr=False)
-    received_s: float
-    _age_received_s: float = field(repr=False)
-
-    @property
-    def age_s(self) -> float:
-        """How long ago the event was, now: it grows while the message is held."""
-        return self._age_received_s + time.monotonic() - self.received_s
-
-
-@dataclass(frozen=True)
-class Lost:
-    """Messages of a topic that were sent and will never arrive here.
-
-    When the daemon was restarted while nobody could tell, the count is that of the new run; `Restarted`
-    follows with its first status, within 0.1 s.
-    """
-
-    topic: str
-    board: str
-    count: int
-
-
-@dataclass(frozen=True)
-class Restarted:
-    """The daemon was started anew; how many messages fell in between cannot be known."""
-
-    board: str
-
-
-@dataclass(frozen=True)
-class Stale:
-    """From here on what is known may be old: do not act on touch until `Fresh`."""
-
-    reason: str
-    silent_s: float
-    """Age of what is newest."""
-
-
-@dataclass(frozen=True)
-class Fresh:
-    """The board runs, and what arrives is new."""
-
-
-@dataclass(frozen=True)
-class Malformed:
-    """Something arrived that is not one of our messages."""
-
-    reason: str
-
-
-Item = Message | Lost | Restarted | Stale | Fresh | Malformed
+from tactiled.client.catchup import CatchUp
+from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
+from tactiled.client.parse import message_of, parse_map
 
 
 class Inbox:
@@ -113,17 +30,23 @@ class Inbox:
         Silence, or age of the newest status, that counts as stale.
     now_s : float
         Monotonic clock at the start.
+    catch_up : bool
+        Whether what is missed can be asked for: `catch_up` has the requests, `answer` takes the replies.
     """
 
-    def __init__(self, topics: Sequence[str], board: str | None, stale_after_s: float, now_s: float) -> None:
+    def __init__(
+        self,
+        topics: Sequence[str],
+        board: str | None,
+        stale_after_s: float,
+        now_s: float,
+        catch_up: bool = False,
+    ) -> None:
         self._topics = frozenset(topics)
         self._board = board
         self._stale_after_s = stale_after_s
-        self.lost = 0
-        """Messages known to be lost."""
         self.malformed = 0
-        self._next_seq: dict[tuple[str, str], int] = {}
-        self._last_status: dict[str, Message] = {}
+        self.catch_up = CatchUp(catch_up, now_s)
         self._status_s = now_s
         self._state: Literal["unknown", "fresh", "stale"] = "unknown"
 
@@ -133,35 +56,61 @@ class Inbox:
 
     @property
     def deadline_s(self) -> float:
-        """When `tick` is due; inf when silence has been reported already."""
+        """When `tick` is due."""
+        return min(self.catch_up.deadline_s, self._silence_due_s)
+
+    @property
+    def _silence_due_s(self) -> float:
+        """When silence is to be reported; inf when it has been already."""
         return math.inf if self._state == "stale" else self._status_s + self._stale_after_s
 
     def receive(self, parts: Sequence[bytes], now_s: float, unix_s: float) -> list[Item]:
         """Items that a message from the socket gives; never raises, whatever it holds."""
         items = self.tick(now_s)  # when we slept: stale before any of what waited
         message = self._parse(parts, now_s, unix_s)
+        if isinstance(message, Message) and not self.catch_up.has_room(message):
+            message = Malformed(f"{message.topic}: more boards and topics than any daemon has")
         if isinstance(message, Malformed):
             self.malformed += 1
             return [*items, message]
         if message is None:
             return items
-        if message.topic == "status":
-            items += self._watch_run(message)
-        items += self._watch_sequence(message)
+        items += self.catch_up.watch_run(message)
         if message.topic == "status":
             items += self._watch_age(message, now_s, unix_s)
-        if not self._topics or message.topic in self._topics:
-            items.append(message)
+            for topic, count in _sent(message.data).items():
+                if self._is_wanted(topic):
+                    items += self.catch_up.expect((message.board, topic), count, now_s)
+        if self._is_wanted(message.topic):
+            items += self.catch_up.place(message, now_s)
         return items
+
+    def answer(self, payload: bytes, now_s: float, unix_s: float) -> list[Item]:
+        """Items that a reply of the daemon gives; never raises, whatever it holds."""
+        reply = parse_map(payload, "reply")
+        if isinstance(reply, Malformed):
+            self.malformed += 1
+            return [reply]
+        return [item for item in self.catch_up.answer(reply, now_s, unix_s) if self._is_for_us(item)]
 
     def tick(self, now_s: float) -> list[Item]:
         """Items that follow from nothing having come."""
-        if now_s < self.deadline_s:
-            return []
-        silent_s = now_s - self._status_s
-        return self._stale(
-            f"no status read for {silent_s:.1f} s: is tactiled running, are we keeping up?", silent_s
-        )
+        items = self.catch_up.tick(now_s)
+        if now_s >= self._silence_due_s:
+            silent_s = now_s - self._status_s
+            reason = f"no status read for {silent_s:.1f} s: is tactiled running, are we keeping up?"
+            items += self._stale(reason, silent_s)
+        return items
+
+    def _is_wanted(self, topic: str) -> bool:
+        return not self._topics or topic in self._topics
+
+    def _is_for_us(self, item: Item) -> bool:
+        """Whether what was retained is of a topic and a board that were asked for."""
+        if not isinstance(item, Recovered):
+            return True
+        message = item.message
+        return self._is_wanted(message.topic) and self._board in (None, message.board)
 
     def _parse(self, parts: Sequence[bytes], now_s: float, unix_s: float) -> Message | Malformed | None:
         """A message, None when it is not for us, or why it is none of ours."""
@@ -171,65 +120,16 @@ class Inbox:
         if len(path) != 3 or path[0] != "tactile":
             return Malformed(f"topic {path[0][:40]!r} is not tactile/BOARD/TOPIC")
         topic = path[2]
-        if self._topics and topic != "status" and topic not in self._topics:
+        if topic != "status" and not self._is_wanted(topic):
             return None
-        try:
-            data = msgpack.unpackb(parts[1])
-        except Exception as error:  # msgpack raises half a dozen kinds; a forged payload may find another
-            return Malformed(f"{topic}: not msgpack ({type(error).__name__})")
-        if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
-            return Malformed(f"{topic}: not a map with string keys")
-        if data.get("v") != MESSAGE_VERSION:
-            return Malformed(
-                f"{topic}: message version {data.get('v')!r:.20}, this client reads {MESSAGE_VERSION}"
-            )
-        seq, stamp, board = data.get("seq"), data.get("timestamp"), data.get("board")
-        if type(seq) is not int or seq < 0 or type(stamp) is not float or not math.isfinite(stamp):
-            return Malformed(f"{topic}: seq or timestamp is missing or no number")
-        if not isinstance(board, str):
-            return Malformed(f"{topic}: board is missing or no text")
+        data = parse_map(parts[1], topic)
+        message = data if isinstance(data, Malformed) else message_of(topic, data, now_s, unix_s)
+        if isinstance(message, Malformed):
+            return message
         # Before the daemon knows which board it has, its status names none.
-        if self._board is not None and board != self._board and (board, topic) != ("", "status"):
+        if self._board not in (None, message.board) and (message.board, topic) != ("", "status"):
             return None
-        if len(self._next_seq) >= _MOST_TOPICS and (board, topic) not in self._next_seq:
-            return Malformed(f"{topic}: more than {_MOST_TOPICS} topics")
-        return Message(topic, board, seq, stamp, data, now_s, unix_s - stamp)
-
-    def _watch_run(self, status: Message) -> list[Item]:
-        """Tell a daemon that was started anew by an uptime that does not fit the time that passed.
-
-        Either clock may vouch for the passed time: ours errs while a backlog is read, the publisher's when
-        it is set.
-        """
-        before = self._last_status.get(status.board)
-        uptime_s = status.data.get("uptime_s")
-        if not isinstance(uptime_s, float):
-            return []
-        self._last_status[status.board] = status
-        if before is None:
-            return []
-        ran_s = uptime_s - before.data["uptime_s"]
-        passed_s = (status.received_s - before.received_s, status.timestamp - before.timestamp)
-        if ran_s >= 0 and min(abs(ran_s - passed) for passed in passed_s) < _SAME_RUN_S:
-            return []
-        return self._restarted(status.board)
-
-    def _watch_sequence(self, message: Message) -> list[Item]:
-        items: list[Item] = []
-        key = (message.board, message.topic)
-        expected = self._next_seq.get(key, message.seq)
-        if message.seq < expected:
-            items += self._restarted(message.board)
-        elif message.seq > expected:
-            self.lost += message.seq - expected
-            items.append(Lost(message.topic, message.board, message.seq - expected))
-        self._next_seq[key] = message.seq + 1
-        return items
-
-    def _restarted(self, board: str) -> list[Item]:
-        for key in [key for key in self._next_seq if key[0] == board]:
-            del self._next_seq[key]
-        return [Restarted(board)]
+        return message
 
     def _watch_age(self, status: Message, now_s: float, unix_s: float) -> list[Item]:
         self._status_s = now_s
@@ -250,3 +150,15 @@ class Inbox:
             return []
         self._state = "stale"
         return [Stale(reason, silent_s)]
+
+
+def _sent(status: dict[str, Any]) -> dict[str, int]:
+    """How many messages of each topic there were, as a status says; nothing where it says nonsense."""
+    sent = status.get("sent")
+    if not isinstance(sent, dict):
+        return {}
+    return {
+        topic: count
+        for topic, count in sent.items()
+        if isinstance(topic, str) and type(count) is int and 0 <= count < 2**63
+    }

@@ -7,8 +7,9 @@ import time
 from collections.abc import Sequence
 from typing import TextIO
 
-from tactiled.client.inbox import Fresh, Item, Lost, Malformed, Message, Restarted, Stale
-from tactiled.client.subscriber import DEFAULT_ENDPOINT, Subscription
+from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
+from tactiled.client.subscriber import Subscription
+from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
 
 def listen(
@@ -66,11 +67,13 @@ def listen(
 
 
 def _json_line(item: Item) -> str | None:
-    """The message map and its topic; None for what is no message or no JSON."""
-    if not isinstance(item, Message):
+    """The message map, its topic, and whether it is old news; None for what is no message or no JSON."""
+    mark = {"recovered": True} if isinstance(item, Recovered) else {}
+    message = item.message if isinstance(item, Recovered) else item
+    if not isinstance(message, Message):
         return None
     try:
-        return json.dumps({"topic": item.topic, **item.data}, allow_nan=False)
+        return json.dumps({"topic": message.topic, **mark, **message.data}, allow_nan=False)
     except (TypeError, ValueError):  # bytes, ext or NaN: not from a tactiled of ours
         return None
 
@@ -87,5 +90,5 @@ def _words(item: Item) -> str:
             return "tactiled was restarted"
         case Malformed(reason=reason):
             return f"malformed: {reason}"
-        case Message(topic=topic):
+        case Message(topic=topic) | Recovered(message=Message(topic=topic)):
             return f"malformed: {topic} holds what JSON cannot say"

@@ -1,30 +1,50 @@
-"""Subscribing: `Client` for asyncio, `Subscription` for plain loops; both are a socket around an `Inbox`."""
+"""Subscribing: `Client` for asyncio, `Subscription` for plain loops; both are sockets around an `Inbox`."""
 
 import math
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Self
 
+import msgpack
 import zmq
 import zmq.asyncio
 
-from tactiled.client.inbox import Inbox, Item
-from tactiled.errors import ConfigError
-from tactiled.events.codec import topic_of
+from tactiled.client import connect
+from tactiled.client.inbox import Inbox
+from tactiled.client.items import Item
+from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 
-DEFAULT_ENDPOINT = "tcp://127.0.0.1:9872"
 STALE_AFTER_S = 0.5  # five statuses in a row
-_RECEIVE_HIGH_WATER = 2000  # as the publisher's: a sleep of some 18 s loses nothing
-_LARGEST_BYTES = 1 << 20  # our largest message is some 40 kB (4096 channels); libzmq drops who sends more
+_RETRY_MS = 10  # how soon a request is tried again for which there was no way
 
 
 class _Judged:
-    """What both kinds of subscription know of what they have read."""
+    """What both kinds of subscription know, and how they read their sockets.
 
-    def __init__(self, inbox: Inbox) -> None:
-        self._inbox = inbox
+    `_events` and `_control` are plain sockets, or the plain side of asyncio's.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        topics: Sequence[str],
+        board: str | None,
+        stale_after_s: float,
+        control: str | None,
+        keys: Path | str | None,
+    ) -> None:
+        self._endpoint = endpoint
+        self._topics = tuple(topics)
+        self._board = board
+        self._keys = None if keys is None else Path(keys)
+        self._control_endpoint = control_endpoint(endpoint) if control is None else control
+        now_s = time.monotonic()
+        self._inbox = Inbox(topics, board, stale_after_s, now_s, catch_up=bool(self._control_endpoint))
         self._items: deque[Item] = deque()
+        self._events: zmq.Socket[bytes] | None = None
+        self._control: zmq.Socket[bytes] | None = None
 
     @property
     def fresh(self) -> bool:
@@ -33,13 +53,52 @@ class _Judged:
 
     @property
     def lost(self) -> int:
-        """Messages known to be lost so far."""
-        return self._inbox.lost
+        """Messages so far that are beyond recovery."""
+        return self._inbox.catch_up.lost
+
+    @property
+    def recovered(self) -> int:
+        """Messages so far that were missed and fetched."""
+        return self._inbox.catch_up.recovered
 
     @property
     def malformed(self) -> int:
         """Messages so far that were none of ours."""
         return self._inbox.malformed
+
+    def _connect(self, events: zmq.Socket[Any], control: zmq.Socket[Any] | None) -> None:
+        connect.subscribe(events, self._endpoint, self._topics, self._board, self._keys)
+        self._events = zmq.Socket.shadow(events.underlying)
+        if control is not None:
+            connect.ask(control, self._control_endpoint, self._keys)
+            self._control = zmq.Socket.shadow(control.underlying)
+
+    def _read(self) -> None:
+        """Take one message and one reply, if they are there, and what follows from time passing."""
+        if self._control is not None and (parts := _take(self._control)):
+            self._items += self._inbox.answer(parts[-1], time.monotonic(), time.time())
+        if self._events is not None and (parts := _take(self._events)):
+            self._items += self._inbox.receive(parts, time.monotonic(), time.time())
+        self._items += self._inbox.tick(time.monotonic())
+        self._ask()
+
+    def _ask(self) -> None:
+        """Send what is to be asked, as far as there is a way."""
+        if self._control is not None:
+            for request in self._inbox.catch_up.unsent:
+                try:
+                    self._control.send(msgpack.packb(request), zmq.NOBLOCK)
+                except zmq.Again:
+                    return
+                self._inbox.catch_up.sent(request)
+
+    def _wait_ms(self, until_s: float | None = None) -> int:
+        """How long to wait for a message before something else is due; -1 for ever."""
+        due_s = min(self._inbox.deadline_s, math.inf if until_s is None else until_s)
+        wait_ms = -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
+        if self._inbox.catch_up.unsent and not 0 <= wait_ms < _RETRY_MS:
+            return _RETRY_MS
+        return wait_ms
 
 
 class Client(_Judged):
@@ -50,16 +109,22 @@ class Client(_Judged):
     endpoint : str
         Where the daemon publishes.
     topics : sequence of str
-        ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``; empty for all.
+        ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...;
+        empty for all.
     board : str, optional
         Only this board; spares the others' messages the way here.
     stale_after_s : float
         Silence, or age of the newest status, that is reported as `Stale`.
+    control : str, optional
+        Where the daemon takes requests, so that what is missed can be fetched. Left out: beside
+        `endpoint`, by the daemon's own rule. Empty: nothing is fetched, loss is only told.
+    keys : path, optional
+        Our file of `tactiled keys make`, for endpoints that other hosts can reach.
 
     Raises
     ------
     ConfigError
-        The endpoint is none.
+        The endpoint is none, or there are no keys in the file.
     """
 
     def __init__(
@@ -68,24 +133,29 @@ class Client(_Judged):
         topics: Sequence[str] = (),
         board: str | None = None,
         stale_after_s: float = STALE_AFTER_S,
+        control: str | None = None,
+        keys: Path | str | None = None,
     ) -> None:
-        self._endpoint = endpoint
-        self._topics = tuple(topics)
-        self._board = board
-        super().__init__(Inbox(topics, board, stale_after_s, time.monotonic()))
+        super().__init__(endpoint, topics, board, stale_after_s, control, keys)
 
     async def __aenter__(self) -> Self:
         self._context = zmq.asyncio.Context()
-        self._socket = self._context.socket(zmq.SUB)
+        self._poller = zmq.asyncio.Poller()
+        events = self._context.socket(zmq.SUB)
+        control = self._context.socket(zmq.DEALER) if self._control_endpoint else None
+        self._sockets = [sock for sock in (events, control) if sock is not None]
         try:
-            _connect(self._socket, self._endpoint, self._topics, self._board)
+            self._connect(events, control)
         except BaseException:
             await self.__aexit__()
             raise
+        for sock in self._sockets:
+            self._poller.register(sock, zmq.POLLIN)
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._socket.close(linger=0)
+        for sock in self._sockets:
+            sock.close(linger=0)
         self._context.term()
 
     def __aiter__(self) -> Self:
@@ -94,10 +164,8 @@ class Client(_Judged):
     async def __anext__(self) -> Item:
         while not self._items:
             # Poll, then take without waiting: a cancelled wait cannot take a message with it.
-            if await self._socket.poll(_wait_ms(self._inbox)):
-                parts = await self._socket.recv_multipart(zmq.NOBLOCK)
-                self._items += self._inbox.receive(parts, time.monotonic(), time.time())
-            self._items += self._inbox.tick(time.monotonic())
+            await self._poller.poll(self._wait_ms())
+            self._read()
         return self._items.popleft()
 
 
@@ -113,29 +181,35 @@ class Subscription(_Judged):
         topics: Sequence[str] = (),
         board: str | None = None,
         stale_after_s: float = STALE_AFTER_S,
+        control: str | None = None,
+        keys: Path | str | None = None,
     ) -> None:
-        super().__init__(Inbox(topics, board, stale_after_s, time.monotonic()))
+        super().__init__(endpoint, topics, board, stale_after_s, control, keys)
         self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.SUB)
+        self._poller = zmq.Poller()
+        self._sockets = [self._context.socket(zmq.SUB)]
+        if self._control_endpoint:
+            self._sockets.append(self._context.socket(zmq.DEALER))
         try:
-            _connect(self._socket, endpoint, topics, board)
+            self._connect(self._sockets[0], self._sockets[1] if self._control_endpoint else None)
         except BaseException:
             self.close()
             raise
+        for sock in self._sockets:
+            self._poller.register(sock, zmq.POLLIN)
 
     def next_item(self, until_s: float | None = None) -> Item | None:
         """The next item, or None when there is none before `until_s` (``time.monotonic()``)."""
         while not self._items:
-            if self._socket.poll(_wait_ms(self._inbox, until_s)):
-                parts = self._socket.recv_multipart(zmq.NOBLOCK)
-                self._items += self._inbox.receive(parts, time.monotonic(), time.time())
-            self._items += self._inbox.tick(time.monotonic())
+            self._poller.poll(self._wait_ms(until_s))
+            self._read()
             if until_s is not None and not self._items and time.monotonic() >= until_s:
                 return None
         return self._items.popleft()
 
     def close(self) -> None:
-        self._socket.close(linger=0)
+        for sock in self._sockets:
+            sock.close(linger=0)
         self._context.term()
 
     def __enter__(self) -> Self:
@@ -150,38 +224,21 @@ def subscribe(
     topics: Sequence[str] = (),
     board: str | None = None,
     stale_after_s: float = STALE_AFTER_S,
+    control: str | None = None,
+    keys: Path | str | None = None,
 ) -> Iterator[Item]:
     """Items from a daemon, as they come, for ever; parameters and errors as `Client`'s.
 
-    Connects when iteration begins; the socket is closed with the iterator.
+    Connects when iteration begins; the sockets are closed with the iterator.
     """
-    with Subscription(endpoint, topics, board, stale_after_s) as subscription:
+    with Subscription(endpoint, topics, board, stale_after_s, control, keys) as subscription:
         while (item := subscription.next_item()) is not None:
             yield item
 
 
-def _connect(socket: zmq.Socket[Any], endpoint: str, topics: Sequence[str], board: str | None) -> None:
-    socket.setsockopt(zmq.RCVHWM, _RECEIVE_HIGH_WATER)
-    socket.setsockopt(zmq.MAXMSGSIZE, _LARGEST_BYTES)
-    socket.setsockopt(zmq.IPV6, 1)
-    socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)  # a half-dead connection is dropped and made anew in 3 s
-    socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3000)
-    socket.setsockopt(zmq.LINGER, 0)
-    if board is None:
-        prefixes = ["tactile/"]  # the board comes before the topic: which topic it is, the inbox sees
-    else:
-        wanted = {*topics, "status"} if topics else {""}
-        prefixes = [topic_of(board, topic) for topic in sorted(wanted)] + [topic_of("", "status")]
-    for prefix in prefixes:
-        socket.subscribe(prefix)
+def _take(sock: zmq.Socket[bytes]) -> list[bytes]:
+    """A message that is there; empty when there is none."""
     try:
-        socket.connect(endpoint)
-    except zmq.ZMQError as error:
-        fault = f"{endpoint!r}: {error.strerror}; it should look like {DEFAULT_ENDPOINT}"
-        raise ConfigError("endpoint", [fault]) from None
-
-
-def _wait_ms(inbox: Inbox, until_s: float | None = None) -> int:
-    """How long to wait for a message before something else is due; -1 for ever."""
-    due_s = min(inbox.deadline_s, math.inf if until_s is None else until_s)
-    return -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
+        return sock.recv_multipart(zmq.NOBLOCK)
+    except zmq.Again:
+        return []

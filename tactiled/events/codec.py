@@ -24,9 +24,9 @@ def topic_of(board: str, event_topic: str) -> str:
     return f"tactile/{safe}/{event_topic}"
 
 
-def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float) -> dict[str, Any]:
-    """Message map of an event."""
-    message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board}
+def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> dict[str, Any]:
+    """Message map of an event; `run` tells the runs of a daemon apart, 0 where none runs (files)."""
+    message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board, "run": run}
     for field in dataclasses.fields(event):
         value = getattr(event, field.name)
         if field.name in _RENAMED:
@@ -48,9 +48,9 @@ def _plain(value: Any, kind: Any) -> Any:
     return value  # a Literal: the string itself
 
 
-def encode(event: Event, *, seq: int, board: str, unix_offset_s: float) -> tuple[bytes, bytes]:
+def encode(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> tuple[bytes, bytes]:
     """The two frames of a message: topic and payload."""
-    payload = msgpack.packb(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s))
+    payload = msgpack.packb(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=run))
     return topic_of(board, event.topic).encode(), payload
 
 

@@ -24,13 +24,15 @@ class Daemon:
         self.restart()
 
     def restart(self) -> None:
+        self.run = getattr(self, "run", 100) + 1
         self.started_s = self.now_s
         self.seq: dict[str, int] = {}
 
     def make(self, topic: str, **fields: Any) -> list[bytes]:
         seq = self.seq.get(topic, 0)
         self.seq[topic] = seq + 1
-        message = {"v": 1, "timestamp": self.now_s + UNIX_S, "seq": seq, "board": self.board, **fields}
+        head = {"v": 1, "timestamp": self.now_s + UNIX_S, "seq": seq, "board": self.board, "run": self.run}
+        message = {**head, **fields}
         return [f"tactile/{self.board or '-'}/{topic}".encode(), msgpack.packb(message)]
 
     def make_status(self, **fields: Any) -> list[bytes]:
@@ -129,7 +131,7 @@ def test_every_missing_number_is_counted(lost: list[int]) -> None:
             daemon.make("scan")
         items = daemon.read(daemon.make("scan"))
         told += sum(item.count for item in items if isinstance(item, Lost))
-    assert told == daemon.inbox.lost == sum(lost)
+    assert told == daemon.inbox.catch_up.lost == sum(lost)
 
 
 def test_joining_late_is_no_loss() -> None:
@@ -146,22 +148,42 @@ def test_a_restart_is_told_by_numbers_that_begin_again() -> None:
     daemon.restart()
     assert kinds(daemon.read(daemon.make("scan"))) == ["Restarted", "Message"]
     assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
-    assert daemon.inbox.lost == 0
+    assert daemon.inbox.catch_up.lost == 0
 
 
-def test_a_restart_is_told_by_the_uptime_where_numbers_have_overtaken() -> None:
-    daemon = Daemon(topics=("slip",))
+def test_a_restart_is_told_where_numbers_have_overtaken_and_what_was_said_since_counts_as_lost() -> None:
+    daemon = Daemon(topics=("slip", "scan"))
     for _ in range(5):
         daemon.now_s += 0.1
         daemon.status()
+        daemon.read(daemon.make("scan"))
     daemon.now_s += 20.0
     daemon.restart()
     for _ in range(300):  # not heard: our connection came back late
         daemon.now_s += 0.1
         daemon.make_status()
+        daemon.make("scan")
     items = daemon.status()
     assert kinds(items) == ["Stale", "Restarted", "Fresh"]
-    assert daemon.inbox.lost == 0
+    assert kinds(daemon.read(daemon.make("scan"))) == ["Lost", "Message"]
+    assert daemon.inbox.catch_up.lost == 300
+
+
+def test_a_status_tells_of_what_never_came() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.status(sent={"slip": 7, "scan": 900})  # joined here: what was before is no loss
+    assert daemon.status(sent={"slip": 7, "scan": 910}) == []
+    assert daemon.status(sent={"slip": 9, "scan": 920}) == [Lost("slip", "TS0001", 2)]
+    assert daemon.status(sent={"slip": 9, "scan": 930}) == []
+
+
+@pytest.mark.parametrize(
+    "sent", [None, [], 7, {"slip": -1}, {"slip": 1.5}, {"slip": True}, {b"slip": 3}, {"slip": 2**64 - 1}]
+)
+def test_nonsense_about_what_was_sent_is_passed_over(sent: Any) -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.status(sent={"slip": 0})
+    assert daemon.status(sent=sent) == []
 
 
 def test_a_step_of_the_wall_clock_is_no_restart() -> None:
@@ -182,7 +204,7 @@ def test_boards_and_topics_are_chosen() -> None:
     assert kinds(daemon.status(state="no-device", valid=False, reason="no such port")) == ["Stale"]
 
 
-GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001"}
+GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "run": 1}
 
 
 @pytest.mark.parametrize(
@@ -208,6 +230,8 @@ GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001"}
         [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": math.nan})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": "now"})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"board": None})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"run": "a"})],
+        [b"tactile/b/slip", msgpack.packb({**GOOD, "run": None})],
         [b"tactile/b/slip", msgpack.packb(GOOD) + b"\0"],
     ],
 )  # fmt: skip
@@ -225,7 +249,7 @@ plain = st.recursive(
     ),
     max_leaves=8,
 )
-KEYS = ["v", "seq", "timestamp", "board", "valid", "uptime_s", "age_s", "state", "reason"]
+KEYS = ["v", "seq", "timestamp", "board", "run", "valid", "sent", "age_s", "state", "reason"]
 
 
 @given(
@@ -269,10 +293,10 @@ def test_restart_forgets_only_that_board() -> None:
     daemon = Daemon()
     daemon.read(daemon.make("scan"))
     daemon.board = "TS0002"
-    daemon.seq = {}
+    daemon.restart()
     for _ in range(3):
         daemon.read(daemon.make("scan"))
-    daemon.seq = {}
+    daemon.restart()
     assert Restarted("TS0002") in daemon.read(daemon.make("scan"))
-    daemon.board, daemon.seq = "TS0001", {"scan": 4}
+    daemon.board, daemon.seq, daemon.run = "TS0001", {"scan": 4}, 101
     assert Lost("scan", "TS0001", 3) in daemon.read(daemon.make("scan"))

@@ -37,7 +37,8 @@ from tactiled.errors import ConfigError
 class Publisher:
     """A publisher in a thread: status at 20 Hz and a slip with each, until told otherwise."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, run: int = 1) -> None:
+        self.run = run
         self.extra: list[list[bytes]] = []
         self.silent = False
         self.skip = 0
@@ -60,7 +61,7 @@ class Publisher:
                     continue
                 seq += self.skip
                 self.skip = 0
-                head = {"v": 1, "timestamp": time.time(), "seq": seq, "board": "TS0001"}
+                head = {"v": 1, "timestamp": time.time(), "seq": seq, "board": "TS0001", "run": self.run}
                 status = {"valid": True, "uptime_s": time.monotonic() - started_s, "age_s": 0.0}
                 pub.send_multipart([b"tactile/TS0001/status", msgpack.packb(head | status)])
                 pub.send_multipart([b"tactile/TS0001/slip", msgpack.packb(head | {"state": "onset"})])
@@ -117,13 +118,13 @@ def test_asyncio_client_from_fresh_over_loss_and_silence_to_restart(endpoint: st
                 await collect(client, lambda _: client.fresh)
                 publisher.skip = 7
                 lost = (await collect(client, lambda item: isinstance(item, Lost)))[-1]
-                assert lost == Lost("status", "TS0001", 7)
+                assert lost == Lost("slip", "TS0001", 7)
                 publisher.silent = True
                 stale = (await collect(client, lambda item: isinstance(item, Stale)))[-1]
                 assert isinstance(stale, Stale)
                 assert not client.fresh
                 await asyncio.to_thread(publisher.close)
-                publisher = Publisher(endpoint)
+                publisher = Publisher(endpoint, run=2)
                 items = await collect(client, lambda item: isinstance(item, Fresh))
                 assert Restarted("TS0001") in items
                 assert client.fresh
@@ -221,6 +222,7 @@ def test_listen_says_what_json_cannot(endpoint: str, publisher: Publisher) -> No
         "timestamp": 1.0,
         "seq": 0,
         "board": "x",
+        "run": 1,
         "raw": b"\0",
         "nan": float("nan"),
     }

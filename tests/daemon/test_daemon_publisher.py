@@ -14,7 +14,8 @@ import pytest
 import zmq
 
 from tactiled import tomlfile
-from tactiled.daemon.publisher import Publisher, PublishParams, runtime_directory
+from tactiled.daemon.endpoints import runtime_directory
+from tactiled.daemon.publisher import Publisher, PublishParams
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.events.types import ContactEvent, ScanEvent
 

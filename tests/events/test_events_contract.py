@@ -16,7 +16,7 @@ from tactiled.events.types import EVENT_TYPES, Event
 
 KINDS = pytest.mark.parametrize("kind", EVENT_TYPES.values(), ids=EVENT_TYPES)
 RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
-HEAD = {"v": "int", "timestamp": "float64", "seq": "int", "board": "str"}
+HEAD = {"v": "int", "timestamp": "float64", "seq": "int", "board": "str", "run": "int"}
 
 
 @pytest.mark.parametrize(

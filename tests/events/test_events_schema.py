@@ -18,7 +18,7 @@ from tactiled.events.types import EVENT_TYPES, Candidate, Event
 
 KINDS = pytest.mark.parametrize("kind", EVENT_TYPES.values(), ids=EVENT_TYPES)
 RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
-HEAD = {"v": int, "timestamp": float, "seq": int, "board": str}
+HEAD = {"v": int, "timestamp": float, "seq": int, "board": str, "run": int}
 
 
 def schema_of(topic: str) -> dict[str, Any]:

@@ -1,0 +1,74 @@
+"""Sockets of a client: events in, requests out, with keys where the daemon asks for them."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from tactiled.errors import ConfigError
+from tactiled.events.codec import topic_of
+from tactiled.events.endpoints import DEFAULT_ENDPOINT
+
+_RECEIVE_HIGH_WATER = 2000  # as the publisher's: a sleep of some 18 s loses nothing
+_LARGEST_BYTES = 1 << 20  # our largest message is some 40 kB (4096 channels); libzmq drops who sends more
+_REQUEST_HIGH_WATER = 64
+_RECONNECT_MS = 30  # a request waits for the way to a daemon that comes back; libzmq's own is 100
+
+
+def subscribe(
+    sock: zmq.Socket[Any], endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None
+) -> None:
+    """Set a SUB socket up and connect it; parameters and errors as `Client`'s."""
+    sock.setsockopt(zmq.RCVHWM, _RECEIVE_HIGH_WATER)
+    if board is None:
+        prefixes = ["tactile/"]  # the board comes before the topic: which topic it is, the inbox sees
+    else:
+        wanted = {*topics, "status"} if topics else {""}
+        prefixes = [topic_of(board, topic) for topic in sorted(wanted)] + [topic_of("", "status")]
+    for prefix in prefixes:
+        sock.setsockopt(zmq.SUBSCRIBE, prefix.encode())
+    _connect(sock, endpoint, keys)
+
+
+def ask(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
+    """Set a DEALER socket up and connect it; a request is taken only while someone is there to read it."""
+    sock.setsockopt(zmq.SNDHWM, _REQUEST_HIGH_WATER)
+    sock.setsockopt(zmq.RCVHWM, _REQUEST_HIGH_WATER)
+    sock.setsockopt(zmq.IMMEDIATE, 1)
+    sock.setsockopt(zmq.RECONNECT_IVL, _RECONNECT_MS)
+    _connect(sock, endpoint, keys)
+
+
+def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
+    sock.setsockopt(zmq.MAXMSGSIZE, _LARGEST_BYTES)
+    sock.setsockopt(zmq.IPV6, 1)
+    sock.setsockopt(zmq.HEARTBEAT_IVL, 1000)  # a half-dead connection is dropped and made anew in 3 s
+    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3000)
+    sock.setsockopt(zmq.LINGER, 0)
+    if keys is not None:
+        public, secret, daemon = _read_keys(keys)
+        sock.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        sock.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        sock.setsockopt(zmq.CURVE_SERVERKEY, daemon)
+    try:
+        sock.connect(endpoint)
+    except zmq.ZMQError as error:
+        fault = f"{endpoint!r}: {error.strerror}; it should look like {DEFAULT_ENDPOINT}"
+        raise ConfigError("endpoint", [fault]) from None
+
+
+def _read_keys(path: Path) -> tuple[bytes, bytes, bytes]:
+    """Our public and secret key, and the daemon's public one, from what `tactiled keys make` wrote."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        public, secret, daemon = (document[name] for name in ("public_key", "secret_key", "daemon_key"))
+        keys = tuple(str(key).encode("ascii") for key in (public, secret, daemon))
+    except OSError as error:
+        raise ConfigError(str(path), [f"cannot be read: {error.strerror}"]) from None
+    except (ValueError, KeyError) as error:  # no TOML, no ASCII, a key that is not there
+        raise ConfigError(str(path), [f"is no file of `tactiled keys make`: {error}"]) from None
+    if any(len(key) != 40 for key in keys):
+        raise ConfigError(str(path), ["a key has 40 characters"])
+    return keys[0], keys[1], keys[2]

@@ -1,0 +1,33 @@
+"""Bytes of anyone to messages of ours, or the reason why they are none."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgpack
+
+from tactiled.client.items import Malformed, Message
+from tactiled.events.codec import MESSAGE_VERSION
+
+
+def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
+    """A msgpack map with string keys of a version that we read; never raises."""
+    try:
+        data = msgpack.unpackb(payload)
+    except Exception as error:  # msgpack raises half a dozen kinds; a forged payload may find another
+        return Malformed(f"{name}: not msgpack ({type(error).__name__})")
+    if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
+        return Malformed(f"{name}: not a map with string keys")
+    if data.get("v") != MESSAGE_VERSION:
+        return Malformed(f"{name}: version {data.get('v')!r:.20}, this client reads {MESSAGE_VERSION}")
+    return data
+
+
+def message_of(topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> Message | Malformed:
+    """A message of a map that was read just now; never raises."""
+    seq, stamp, board, run = data.get("seq"), data.get("timestamp"), data.get("board"), data.get("run")
+    if type(seq) is not int or seq < 0 or type(stamp) is not float or not math.isfinite(stamp):
+        return Malformed(f"{topic}: seq or timestamp is missing or no number")
+    if not isinstance(board, str) or type(run) is not int:
+        return Malformed(f"{topic}: board or run is missing, or not what it should be")
+    return Message(topic, board, seq, stamp, dict(data), now_s, unix_s - stamp)

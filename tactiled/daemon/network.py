@@ -1,0 +1,207 @@
+"""All sockets of the daemon: events go out, requests come in, and a gate where other hosts can reach them.
+
+A request costs at most some 0.3 ms and the server takes at most `REQUESTS_PER_S`, so whoever floods it fills
+a queue of his own and no more: ROUTER takes from its clients in turn. Nothing here is on the path from board
+to subscriber, and what a stalled client can make us keep is bounded by the queues below.
+
+One hole is libzmq's own: it keeps the frames of a message until the last one is there, and no option bounds
+how many. A peer that speaks the wire protocol by hand can fill our memory so; it must be a process of this
+host or own a key. ``MemoryMax=`` in the unit is the answer to that.
+"""
+
+import asyncio
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import zmq
+import zmq.asyncio
+
+from tactiled.daemon.control import Control, Do
+from tactiled.daemon.endpoints import bind
+from tactiled.daemon.publisher import Publisher, PublishParams, is_guarded
+from tactiled.daemon.requests import LONGEST_BYTES
+from tactiled.daemon.security import Gate, KeyFolder
+
+REQUESTS_PER_S = 500.0
+_BURST = 50  # requests at once before the pace holds: a client that catches up on every topic
+# Queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
+_HIGH_WATER = 16
+_MOST_FRAMES = 4  # of a request: identity, the empty one of REQ sockets, payload; and one that is too many
+
+
+class Network:
+    """Publisher and control server with what they share.
+
+    Parameters
+    ----------
+    params : PublishParams
+    do, settings : callable
+        See `Control`.
+
+    Raises
+    ------
+    ConfigError, OperatorError
+        An endpoint cannot be bound, or keys cannot be had; says what to do.
+    """
+
+    def __init__(
+        self,
+        params: PublishParams,
+        do: Do,
+        settings: Callable[[float], Mapping[str, Any]],
+        environ: Mapping[str, str] = os.environ,
+    ) -> None:
+        self._context: zmq.Context[Any] = zmq.Context()
+        self._gate: Gate | None = None
+        self._server: ControlServer | None = None
+        try:
+            if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
+                self._gate = Gate(self._context, KeyFolder(Path(params.keys or "")))
+            self.publisher = Publisher(params, environ, self._context, self._gate)
+            self.control = Control(self.publisher, do, settings)
+            self._server = ControlServer(params, self.control, self._context, self._gate, environ)
+        except BaseException:
+            self.close()
+            raise
+
+    async def run(self) -> None:
+        """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            if self._gate is not None:
+                group.create_task(self._gate.run())
+            if self._server is not None:
+                group.create_task(self._server.run())
+
+    def close(self) -> None:
+        """Let queued events leave, then close."""
+        if self._server is not None:
+            self._server.close()
+        if hasattr(self, "publisher"):
+            self.publisher.close()
+        if self._gate is not None:
+            self._gate.close()
+        self._context.term()
+
+
+class ControlServer:
+    """ROUTER sockets, bound, around a `Control`.
+
+    Parameters
+    ----------
+    params : PublishParams
+    control : Control
+    context : zmq.Context
+    gate : Gate, optional
+        Needed where endpoints are guarded.
+
+    Raises
+    ------
+    OperatorError
+        An endpoint cannot be bound; says what to do.
+    """
+
+    def __init__(
+        self,
+        params: PublishParams,
+        control: Control,
+        context: zmq.Context[Any],
+        gate: Gate | None = None,
+        environ: Mapping[str, str] = os.environ,
+    ) -> None:
+        self.unsent = 0
+        """Replies to clients that had left, or did not read."""
+        self._control = control
+        self._sockets: dict[bool, zmq.asyncio.Socket] = {}
+        try:
+            for endpoint in params.control:
+                guarded = is_guarded(params, endpoint)
+                if guarded not in self._sockets:
+                    self._sockets[guarded] = _make(context, gate if guarded else None)
+                bind(self._sockets[guarded], endpoint, environ)
+        except BaseException:
+            self.close()
+            raise
+
+    async def run(self) -> None:
+        """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            for sock in self._sockets.values():
+                group.create_task(self._serve(sock))
+
+    def close(self) -> None:
+        for sock in self._sockets.values():
+            sock.close(0)
+
+    async def _serve(self, sock: zmq.asyncio.Socket) -> None:
+        loop = asyncio.get_running_loop()
+        plain: zmq.Socket[bytes] = zmq.Socket.shadow(sock.underlying)
+        ready_s = loop.time()
+        while True:
+            await sock.poll()
+            frames = await _receive(plain)
+            if frames:
+                try:
+                    self._take(plain, frames, loop.time())
+                except Exception as error:  # a bug here must not cost anyone his sense of touch
+                    self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", loop.time())
+            # Never two requests without the loop in between, and no more of them than the pace allows.
+            ready_s = max(ready_s, loop.time() - _BURST / REQUESTS_PER_S) + 1 / REQUESTS_PER_S
+            await asyncio.sleep(max(0.0, ready_s - loop.time()))
+
+    def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
+        identity, *delimiter, payload = (frame.bytes for frame in frames)
+        if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or any(delimiter):
+            self._control.bad.add(f"{len(frames) - 1} frames: send one", now_s)
+            return
+
+        def respond(reply: bytes) -> None:
+            try:
+                sock.send_multipart([identity, *delimiter, reply], zmq.NOBLOCK)
+            except zmq.ZMQError:  # it has left, or does not read what it asked for
+                self.unsent += 1
+
+        self._control.take(payload, _key_of(frames[-1]), now_s, respond)
+
+
+async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
+    """One message, of which frames beyond `_MOST_FRAMES` are let fall; empty when there is none."""
+    frames: list[zmq.Frame] = []
+    dropped = 0
+    try:
+        while not frames or frames[-1].more:
+            frame = sock.recv(zmq.NOBLOCK, copy=False)
+            if len(frames) == _MOST_FRAMES:
+                frames.pop()
+                dropped += 1
+                if dropped % 100 == 0:
+                    await asyncio.sleep(0)  # a million frames must not stop the loop
+            frames.append(frame)
+    except zmq.Again:
+        pass
+    return frames
+
+
+def _key_of(frame: zmq.Frame) -> str:
+    """Name that the gate gave the client."""
+    try:
+        return str(frame.get("User-Id"))
+    except zmq.ZMQError:
+        return ""
+
+
+def _make(context: zmq.Context[Any], gate: Gate | None) -> zmq.asyncio.Socket:
+    sock = zmq.asyncio.Socket(context, zmq.ROUTER)
+    sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
+    sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
+    sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
+    sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot leave is counted
+    sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
+    sock.setsockopt(zmq.HEARTBEAT_IVL, 1000)
+    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3000)
+    sock.setsockopt(zmq.LINGER, 0)
+    sock.setsockopt(zmq.IPV6, 1)
+    if gate is not None:
+        gate.guard(sock)
+    return sock
