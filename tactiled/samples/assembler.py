@@ -51,6 +51,7 @@ class Assembler:
     """
 
     LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
+    LEAST_STEP_S = 1e-6  # between two stamps: one tick
     TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
 
     def __init__(self, layout: Layout, params: SampleParams | None = None, baud: int = 0) -> None:
@@ -181,7 +182,7 @@ class Assembler:
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back; time itself never does.
         time_s = max(time_s, self._not_before_s)
-        self._not_before_s = time_s + 0.1 / self._hello.rate_hz
+        self._not_before_s = time_s + self.LEAST_STEP_S
         self._newest_s, self._newest_sd_s = time_s, sd_s
         age_s = now_s - time_s
         # A scan of the future has a wrong time: as unfit to act on as one of the past.
