@@ -4,7 +4,7 @@ Each protocol of Wang, Chen, Mei 2019 runs in simulated time through firmware, l
 the published detectors. The scenes prescribe signals: what is compared is the estimators, not the sensor.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,7 +73,11 @@ def play(scene: Scene, seed: int) -> Run:
 
 def bench_paper(say: Callable[[str], None], *, seeds: int = 5) -> str:
     """Slip on a flat plate, and table 2 of the paper for simulation and for experiment."""
-    scenes = paper_scenes()
+    return compare(say, paper_scenes(), seeds=seeds)
+
+
+def compare(say: Callable[[str], None], scenes: Mapping[str, Scene], *, seeds: int) -> str:
+    """The paper's tables from scenes named as in `paper_scenes`."""
     runs: dict[str, list[Run]] = {}
     for name, scene in scenes.items():
         runs[name] = [play(scene, seed) for seed in range(seeds)]
@@ -106,7 +110,7 @@ def _slip_table(flat: dict[str, list[Run]]) -> str:
         onsets = [(event, run.truth.slips[0]) for run in runs for event in _onsets(run)]
         onset_ms = [1e3 * (event.onset_s - true.onset_s) for event, true in onsets]
         delay_ms = [1e3 * (event.detected_s - true.onset_s) for event, true in onsets]
-        turn_deg = [event.direction_deg - true.direction_deg for event, true in onsets]
+        turn_deg = [e.direction_deg - t.direction_deg for e, t in onsets if t.direction_deg is not None]
         rows.append(
             [
                 name,

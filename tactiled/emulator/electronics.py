@@ -79,17 +79,27 @@ def quarter_n(area_n: FloatArray, readout: Readout) -> FloatArray:
     return np.asarray(area_n * 0.25 / PART_OF_LOAD[readout])
 
 
-def spread_n(params: ElectronicsParams, side_n: FloatArray, azimuth_deg: FloatArray) -> FloatArray:
-    """Forces that the electrodes of a taxel read: each its own area's, and some of the mean.
+def spread_n(
+    params: ElectronicsParams, force_n: FloatArray, taxel: NDArray[np.int64], azimuth_deg: FloatArray
+) -> FloatArray:
+    """Forces that side electrodes read: each its own area's, and some of the mean of its taxel.
 
     Parameters
     ----------
-    side_n : (..., s) float64
-        On the areas of one taxel, at `azimuth_deg` (s,).
+    force_n : (n, s) float64
+        On the area of each side channel.
+    taxel, azimuth_deg : (s,)
+        Of each.
     """
     along_x = np.cos(np.deg2rad(azimuth_deg)) ** 2
     spread = params.spread_x * along_x + params.spread_y * (1 - along_x)
-    return np.asarray((1 - spread) * side_n + spread * side_n.mean(axis=-1, keepdims=True))
+    return np.asarray((1 - spread) * force_n + spread * (force_n @ _means(taxel)))
+
+
+def _means(taxel: NDArray[np.int64]) -> FloatArray:
+    """Matrix (s, s) that replaces each channel by the mean of its taxel."""
+    among = np.equal.outer(taxel, taxel).astype(np.float64)
+    return np.asarray(among / among.sum(axis=0))
 
 
 def hysteresis_gain(params: ElectronicsParams, load_n: FloatArray, peak_n: FloatArray) -> FloatArray:
@@ -116,8 +126,7 @@ def sampled_v(params: ElectronicsParams, volts: FloatArray, taxel: NDArray[np.in
         Of each channel. The first follows on the last of the same scan: one scan is much like the next.
     """
     if params.crosstalk:
-        among = np.equal.outer(taxel, taxel).astype(np.float64)
-        volts = volts + params.crosstalk * (volts @ (among / among.sum(axis=0)) - volts)
+        volts = volts + params.crosstalk * (volts @ _means(taxel) - volts)
     if params.unsettled:
         volts = volts + params.unsettled * (np.roll(volts, 1, axis=1) - volts)
     return volts

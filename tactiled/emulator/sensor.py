@@ -46,6 +46,9 @@ class Sensor:
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         kinds = np.array(array.channel_kind)
+        self._is_side = kinds == "side"
+        self._side_taxel = array.channel_taxel[self._is_side]
+        self._side_azimuth_deg = array.azimuth_deg[self._is_side]
         self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
         self._is_inverted = (array.sign < 0) & ~self._is_shear  # wired to the supply, not to ground
 
@@ -57,6 +60,12 @@ class Sensor:
         """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
         params = self._params
         force_n = self.contact.forces(time_s)
+        if isinstance(self.contact, PhysicalContact) and self._is_side.any():
+            quarter_n = electronics.quarter_n(force_n[:, self._is_side], self._motion.scene.readout)
+            force_n = force_n.copy()
+            force_n[:, self._is_side] = electronics.spread_n(
+                params, quarter_n, self._side_taxel, self._side_azimuth_deg
+            )
         crept = force_n * electronics.creep_gain(
             params, self._motion.relaxed_load_n(time_s, params.creep_time_s)
         )

@@ -13,11 +13,12 @@ from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])
+ONE_TAXEL = np.zeros(4, dtype=np.int64)
 
 
 def taxel_v(params: ElectronicsParams, side_n: FloatArray) -> FloatArray:
     """Volts of R1..R4 from the forces on the edge areas."""
-    quarter = electronics.spread_n(params, electronics.quarter_n(side_n, "edge"), AZIMUTH)
+    quarter = electronics.spread_n(params, electronics.quarter_n(side_n, "edge"), ONE_TAXEL, AZIMUTH)
     return electronics.divider_v(params, electronics.conductance_s(params, quarter))
 
 
@@ -72,11 +73,11 @@ def test_default_hold_of_20_newtons_reads_about_a_volt_on_edge_areas_too() -> No
 def test_spreading_keeps_the_sum_and_order(force_n: list[float]) -> None:
     sides = np.array(force_n)
     even = ElectronicsParams(spread_x=0.4, spread_y=0.4)
-    read = electronics.spread_n(even, sides, AZIMUTH)
+    read = electronics.spread_n(even, sides, ONE_TAXEL, AZIMUTH)
     assert read.sum() == pytest.approx(sides.sum(), abs=1e-9)
     assert np.ptp(read) <= np.ptp(sides) + 1e-12
     same = ElectronicsParams(spread_x=0.0, spread_y=0.0)
-    np.testing.assert_array_equal(electronics.spread_n(same, sides, AZIMUTH), sides)
+    np.testing.assert_array_equal(electronics.spread_n(same, sides, ONE_TAXEL, AZIMUTH), sides)
 
 
 def test_unloading_conducts_more_than_loading_and_warmth_less() -> None:
