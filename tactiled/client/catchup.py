@@ -3,7 +3,8 @@
 A hole shows in the numbers: of the topic itself, or of a status, which says what has been sent of every
 topic. The daemon is asked for what is missing, and until it has answered, what is newer of that topic waits:
 a millisecond on one host, `HOLD_S` at most. What the daemon no longer has, or does not answer for in
-time, is `Lost`. Nothing waits before the daemon has answered once: where nobody answers, loss is only told.
+time, is `Lost`. Then, and before the daemon has answered at all, nothing waits until it answers again: where
+nobody answers, loss is only told.
 
 Numbers begin anew with each run of the daemon (`run` in every message): the holes of the old run are given
 up, and everything of the new one is expected from number 0.
@@ -20,7 +21,7 @@ from tactiled.client.parse import message_of
 HOLD_S = (
     0.5  # longer than a reconnection to the daemon takes (0.1 s), shorter than anyone should wait for touch
 )
-PROBE_S = 1.0  # how often a daemon that has never answered is asked again
+PROBE_S = 1.0  # how often a daemon that does not answer is asked again
 _MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than come while one waits
 _MOST_TOPICS = 1024  # what a publisher of nonsense can make us remember
 
@@ -86,7 +87,8 @@ class CatchUp:
         items: list[Item] = []
         for key, line in self._lines.items():
             if now_s >= line.until_s:
-                items += self._settle(key, line, line.hole_end, now_s)
+                items += self._give_up(key, line)
+                self._answered, self._probe_s = False, now_s + PROBE_S
         return items
 
     def has_room(self, message: Message) -> bool:
@@ -107,7 +109,7 @@ class CatchUp:
         self._new_runs.add(board)
         for key, line in self._lines.items():
             if key[0] == board:
-                items += self._abandon(key, line)
+                items += self._give_up(key, line)
                 self._lines[key] = _Line(0)
         return [*items, Restarted(board)]
 
@@ -195,8 +197,8 @@ class CatchUp:
                 return items
             items += self._lose(key, line, hole_end)
 
-    def _abandon(self, key: Key, line: _Line) -> list[Item]:
-        """Give up all holes of a run that is over; what waits behind them is let go."""
+    def _give_up(self, key: Key, line: _Line) -> list[Item]:
+        """Nobody will fill the holes of a topic; what waits behind them is let go."""
         items: list[Item] = []
         self._forget(line)
         for message in line.held:

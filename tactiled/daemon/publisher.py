@@ -118,7 +118,7 @@ class Publisher:
         self.dropped = 0
         """Messages that the sockets themselves refused; subscribers see them as lost."""
         self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
-        self._context = zmq.Context() if context is None else None
+        self._context = zmq.Context() if context is None and params.endpoints else None
         self._sockets: dict[bool, zmq.Socket[Any]] = {}
         try:
             for endpoint in params.endpoints:

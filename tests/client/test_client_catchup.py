@@ -1,0 +1,391 @@
+"""Catching up, in simulated time: the daemon's own store and control answer, any message may be lost."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.client import Item, Lost, Message, Recovered, Restarted
+from tactiled.client.catchup import HOLD_S, PROBE_S
+from tactiled.client.inbox import Inbox
+from tactiled.daemon.control import Control
+from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.events import codec
+from tactiled.events.types import ContactEvent, Event, SlipEvent, StatusEvent
+
+UNIX_S = 1.7e9
+SLIP = SlipEvent(
+    time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01, direction_deg=30.0,
+    direction_sd_deg=2.0, confidence=1.0, taxels=(4,), detector="test", statistic=1.0, threshold=0.5,
+    valid=True, detected_s=0.0,
+)  # fmt: skip
+CONTACT = ContactEvent(time_s=0.0, state="loading", previous="none", taxels=(), valid=True)
+STATUS = StatusEvent(
+    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.01, clock_sd_s=0.0,
+    clock_rate_ppm=0.0, rate_hz=100.0, scans=1, frames_corrupt=0, scans_missing=0, scans_duplicate=0,
+    restarts=0, bytes_in=0, bytes_framed=0, bytes_discarded=0, bytes_pending=0, connects=1,
+    contact="sliding", slipping=True, uptime_s=1.0,
+)  # fmt: skip
+
+
+class World:
+    """A daemon without sockets, a client without sockets, and a way between them that may lose anything."""
+
+    def __init__(self, history_mb: float = 4.0, topics: tuple[str, ...] = ("slip", "contact")) -> None:
+        self.now_s = 100.0
+        self.history_mb = history_mb
+        self.inbox = Inbox(topics, None, 1e9, self.now_s, catch_up=True)
+        self.items: list[Item] = []
+        self.deaf = False
+        """Whether requests go nowhere."""
+        self.start()
+        self.items += self.inbox.tick(self.now_s)
+        self.exchange()
+
+    def start(self) -> None:
+        self.publisher = Publisher(PublishParams(endpoints=(), history_mb=self.history_mb))
+        self.control = Control(self.publisher, lambda *_: None, lambda _: {})
+        self.sent: dict[str, int] = {}
+        self.runs = [*getattr(self, "runs", []), self.publisher.run]
+
+    def publish(self, event: Event, *, heard: bool, board: str = "b") -> None:
+        seq = self.sent.get(event.topic, 0)
+        self.sent[event.topic] = seq + 1
+        self.publisher.send(event, board=board, unix_offset_s=UNIX_S)
+        frames = codec.encode(event, seq=seq, board=board, unix_offset_s=UNIX_S, run=self.publisher.run)
+        if heard:
+            self.items += self.inbox.receive(frames, self.now_s, self.now_s + UNIX_S)
+
+    def status(self, *, heard: bool = True) -> None:
+        self.publish(replace(STATUS, time_s=self.now_s, sent=self.publisher.sent("b")), heard=heard)
+
+    def exchange(self) -> None:
+        """Let requests and replies travel until there are none."""
+        while not self.deaf and (requests := self.inbox.catch_up.unsent):
+            for request in requests:
+                self.inbox.catch_up.sent(request)
+                replies: list[bytes] = []
+                self.control.take(msgpack.packb(request), "", self.now_s, replies.append)
+                for reply in replies:
+                    self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
+
+    def wait(self, duration_s: float) -> None:
+        self.now_s += duration_s
+        self.items += self.inbox.tick(self.now_s)
+
+    def story(self, topic: str = "slip") -> list[int | str]:
+        """What was yielded of a topic: numbers of live messages, ``r7`` recovered, ``lost 3``, restarts."""
+        out: list[int | str] = []
+        for item in self.items:
+            match item:
+                case Message(topic=t, seq=seq) if t == topic:
+                    out.append(seq)
+                case Recovered(message=Message(topic=t, seq=seq)) if t == topic:
+                    out.append(f"r{seq}")
+                case Lost(topic=t, count=count) if t == topic:
+                    out.append(f"lost {count}")
+                case Restarted():
+                    out.append("restarted")
+        return out
+
+
+def numbers(story: Iterable[int | str]) -> list[int]:
+    """Message numbers in the order they were yielded, live or recovered."""
+    return [int(str(s).removeprefix("r")) for s in story if str(s).removeprefix("r").isdigit()]
+
+
+def lost(story: Iterable[int | str]) -> int:
+    return sum(int(str(s).removeprefix("lost ")) for s in story if str(s).startswith("lost "))
+
+
+def test_a_gap_is_filled_before_what_is_newer() -> None:
+    world = World()
+    for heard in (True, True, False, False, True):
+        world.publish(SLIP, heard=heard)
+        world.exchange()
+    assert world.story() == [0, 1, "r2", "r3", 4]
+    assert world.inbox.catch_up.recovered == 2
+    assert world.inbox.catch_up.lost == 0
+
+
+def test_a_recovered_message_knows_its_age_and_is_no_message() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.now_s = 130.0
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    (old,) = [item for item in world.items if isinstance(item, Recovered)]
+    assert not isinstance(old, Message)
+    assert old.message.age_s >= 130.0  # its instant is 0
+
+
+def test_a_status_tells_of_a_loss_that_nothing_followed() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(SLIP, heard=False)
+    world.exchange()
+    assert world.story() == [0]
+    world.status()
+    world.exchange()
+    assert world.story() == [0, "r1"]
+
+
+def test_other_topics_do_not_wait_for_one() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.publish(CONTACT, heard=True)
+    assert world.story("contact") == [0]
+    assert world.story() == [0]
+    world.exchange()
+    assert world.story() == [0, "r1", 2]
+
+
+def test_what_the_store_let_go_is_lost_with_the_right_count() -> None:
+    world = World(history_mb=0.01)
+    world.publish(SLIP, heard=True)
+    for _ in range(500):
+        world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    story = world.story()
+    kept = len(story) - 3
+    assert kept > 5
+    assert story == [0, f"lost {500 - kept}", *[f"r{seq}" for seq in range(501 - kept, 501)], 501]
+    assert world.inbox.catch_up.lost == 500 - kept
+
+
+def test_a_daemon_that_does_not_answer_is_not_waited_for_long() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.deaf = True
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    assert world.story() == [0]
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.wait(HOLD_S)
+    assert world.story() == [0, "lost 1", 2, "lost 1", 4]
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)  # once is enough
+    assert world.story()[-2:] == ["lost 1", 6]
+    world.deaf = False
+    world.wait(PROBE_S)
+    world.exchange()
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    assert world.story()[-2:] == ["r7", 8]
+
+
+def test_nothing_waits_before_the_daemon_has_answered_once() -> None:
+    world = World.__new__(World)
+    world.history_mb, world.now_s, world.items, world.deaf = 4.0, 100.0, [], True
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.start()
+    for heard in (True, False, True):
+        world.publish(SLIP, heard=heard)
+    assert world.story() == [0, "lost 1", 2]
+    world.wait(PROBE_S)
+    world.deaf = False
+    world.exchange()
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    assert world.story() == [0, "lost 1", 2, "r3", 4]
+
+
+def test_a_late_answer_changes_nothing() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    (request,) = world.inbox.catch_up.unsent
+    world.inbox.catch_up.sent(request)
+    world.wait(HOLD_S)
+    world.control.take(
+        msgpack.packb(request), "", world.now_s,
+        lambda reply: world.items.extend(world.inbox.answer(reply, world.now_s, 0.0)),
+    )  # fmt: skip
+    assert world.story() == [0, "lost 1", 2]
+
+
+def test_one_who_comes_late_gets_the_newest_of_each_topic_and_loses_nothing() -> None:
+    world = World()
+    for _ in range(5):
+        world.publish(SLIP, heard=False)
+    world.publish(CONTACT, heard=False)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.items = world.inbox.tick(world.now_s)
+    world.exchange()
+    world.publish(SLIP, heard=True)
+    world.status()
+    assert world.story() == ["r4", 5]
+    assert world.story("contact") == []
+
+
+def test_what_is_retained_never_comes_after_what_is_newer() -> None:
+    world = World()
+    world.publish(SLIP, heard=False)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.items = world.inbox.tick(world.now_s)
+    world.publish(SLIP, heard=True)  # overtakes the reply
+    world.exchange()
+    assert world.story() == [1]
+
+
+def test_after_a_restart_the_new_run_is_fetched_from_its_beginning() -> None:
+    world = World()
+    for _ in range(3):
+        world.publish(SLIP, heard=True)
+    world.start()
+    for heard in (False, False, False, True):  # the number goes on as if nothing had happened
+        world.publish(SLIP, heard=heard)
+    world.exchange()
+    assert world.story() == [0, 1, 2, "restarted", "r0", "r1", "r2", 3]
+
+
+def test_a_restart_while_waiting_gives_the_old_hole_up() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.start()
+    world.exchange()  # the new run answers: it does not have what the old one said
+    assert world.story() == [0, "lost 1", 2]
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    assert world.story() == [0, "lost 1", 2, "restarted", 0]
+
+
+def test_a_restart_that_is_heard_first_lets_go_what_waits() -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    world.start()
+    world.publish(SLIP, heard=True)
+    world.exchange()
+    assert world.story() == [0, "lost 1", 2, "restarted", 0]
+
+
+Action = tuple[str, bool]
+actions = st.lists(
+    st.tuples(
+        st.sampled_from(["slip", "slip", "slip", "contact", "status", "exchange", "wait"]), st.booleans()
+    ),
+    max_size=80,
+)
+
+
+def play(world: World, story: list[Action]) -> None:
+    for what, heard in story:
+        if what == "slip":
+            world.publish(SLIP, heard=heard)
+        elif what == "contact":
+            world.publish(CONTACT, heard=heard)
+        elif what == "status":
+            world.status(heard=heard)
+        elif what == "exchange":
+            world.exchange()
+        else:
+            world.wait(0.01)
+
+
+@given(story=actions)
+@settings(deadline=None, max_examples=200)
+def test_within_the_store_everything_comes_once_and_in_order(story: list[Action]) -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    world.publish(CONTACT, heard=True)
+    play(world, story)
+    world.exchange()
+    world.status()
+    world.exchange()
+    assert numbers(world.story("slip")) == list(range(world.sent["slip"]))
+    assert numbers(world.story("contact")) == list(range(world.sent["contact"]))
+    assert world.inbox.catch_up.lost == 0
+    live = [seq for seq in world.story("slip") if isinstance(seq, int)]
+    assert live == sorted(live)
+
+
+@given(story=actions, restarts=st.lists(st.integers(0, 79), max_size=2))
+@settings(deadline=None, max_examples=200)
+def test_with_a_tiny_store_and_deafness_all_is_accounted_for(
+    story: list[Action], restarts: list[int]
+) -> None:
+    """In each run: what came and what is lost are all that there was, and numbers only grow."""
+    world = World(history_mb=0.01, topics=("slip",))
+    world.publish(SLIP, heard=True)
+    totals = []
+    for place, action in enumerate(story):
+        if place in restarts:
+            world.status()
+            totals.append(world.sent.get("slip", 0))
+            world.start()
+            world.status()
+        world.deaf = action[0] == "contact" or (world.deaf and action[0] != "exchange")
+        play(world, [action] * (1 + 20 * (place % 7 == 0)))
+    world.deaf = False
+    world.exchange()
+    world.status()
+    world.exchange()
+    totals.append(world.sent.get("slip", 0))
+    runs: list[list[int | str]] = [[]]
+    for entry in world.story("slip"):
+        if entry == "restarted":
+            runs.append([])
+        else:
+            runs[-1].append(entry)
+    assert len(runs) == len(totals)
+    for run, total in zip(runs, totals, strict=True):
+        assert numbers(run) == sorted(set(numbers(run)))
+        assert len(numbers(run)) + lost(run) == total
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["seq", "run", "board", "timestamp", "v"]), inner, max_size=5)
+    ),
+    max_leaves=10,
+)
+FIELDS = ["v", "id", "do", "ok", "run", "messages", "next_seq", "more"]
+
+
+@given(replies=st.lists(st.binary(max_size=40) | st.dictionaries(st.sampled_from(FIELDS), plain), max_size=8))
+@settings(deadline=None)
+def test_a_hostile_daemon_never_raises(replies: list[Any]) -> None:
+    world = World()
+    world.publish(SLIP, heard=True)
+    for reply in replies:
+        world.publish(SLIP, heard=False)
+        world.publish(SLIP, heard=True)
+        ids = [request["id"] for request in world.inbox.catch_up.unsent]
+        good = {"v": 1, "id": ids[0] if ids else "", "do": "events", "ok": True, "run": world.publisher.run}
+        payload = reply if isinstance(reply, bytes) else msgpack.packb({**good, **reply})
+        world.items += world.inbox.answer(payload, world.now_s, world.now_s)
+    world.wait(HOLD_S)
+    assert all(isinstance(item, Item) for item in world.items)
+    assert numbers(world.story())[-1] == 2 * len(replies)
+
+
+@pytest.mark.parametrize("catch_up", [False, True])
+def test_endless_holes_do_not_fill_the_memory(catch_up: bool) -> None:
+    world = World()
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=catch_up)
+    world.inbox.tick(world.now_s)
+    world.exchange()
+    world.deaf = True
+    for heard in [True, False] * 6000:
+        world.publish(SLIP, heard=heard)
+    line = world.inbox.catch_up._lines["b", "slip"]
+    assert len(line.held) <= 4001
+    assert len(world.inbox.catch_up.unsent) <= 2
