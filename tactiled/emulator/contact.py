@@ -1,24 +1,27 @@
 """The seam between a scene and the sensor: forces on the read-out area of every channel.
 
 A contact model is one rung of a ladder. It is asked for forces at each channel's own sampling instants,
-in any chunking and possibly twice, and must answer the same each time. Add a rung here by a class with
-`forces`, an entry in `RUNGS` and its name in `Scene.contact`.
+in any chunking and possibly twice, and must answer the same each time. Add a physical rung by a class in
+`mechanics`, an entry in `RUNGS` and its name in `scene.Contact`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.emulator.mechanics import bristle, lumped
+from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
+from tactiled.emulator.mechanics.auto import NOT_MODELLED, Candidate, Choice, choose
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.sides import Readout
 from tactiled.emulator.motion import Motion
-from tactiled.emulator.physical import ContactState, PhysicalContact
-from tactiled.emulator.scene import Grooves
+from tactiled.emulator.physical import Build, ContactState, PhysicalContact, rung_surface
+from tactiled.emulator.scene import Grooves, Scene
+from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 
@@ -64,20 +67,49 @@ def make_contact(motion: Motion, array: Array) -> ContactModel:
     Raises
     ------
     ConfigError
-        The rung cannot play this scene; says why.
+        No rung, or not the one that the scene names, can play it; says why.
     """
     scene = motion.scene
-    name = scene.contact
+    name = choose_rung(scene).rung if scene.contact == "auto" else scene.contact
     if name == "signal":
         return SignalContact(motion, array)
-    if name == "auto":
-        name = "lumped"
-    entry = RUNGS[name]
+    return PhysicalContact(motion, array, _builder(scene, name), RUNGS[name].step_s, name)
 
-    def build(surface: Surface, azimuth_deg: FloatArray, n_taxels: int) -> Rung:
-        return entry.build(surface, azimuth_deg, n_taxels, readout=scene.readout)
 
-    return PhysicalContact(motion, array, build, entry.step_s, name)
+def choose_rung(scene: Scene) -> Choice:
+    """What ``auto`` makes of a scene: the cheapest rung that meets its needs, and why.
+
+    Raises
+    ------
+    ConfigError
+        None does.
+    """
+    reason = scene.needs_mechanics
+    candidates = [Candidate("signal", {}, f"cannot play {reason}" if reason else "")]
+    candidates += [Candidate(n, rung.provides, _refusal(scene, n)) for n, rung in RUNGS.items()]
+    return choose(f"scene {scene.name}", scene.needs, scene.tolerance, candidates)
+
+
+def explain(scene: Scene) -> str:
+    """For people: which rung plays the scene, why, and what it does not model."""
+    if scene.contact == "auto":
+        return choose_rung(scene).explain()
+    return f"contact: {scene.contact}\n  the scene says so\n  not modelled: {NOT_MODELLED[scene.contact]}"
+
+
+def _builder(scene: Scene, name: str) -> Build:
+    build = RUNGS[name].build
+    return partial(build, readout=scene.readout)
+
+
+def _refusal(scene: Scene, name: str) -> str:
+    """Why a rung cannot be built for the plates of a scene; empty where it can."""
+    try:
+        for plate in Motion(scene).surfaces:
+            _builder(scene, name)(rung_surface(plate, name), np.zeros(1), 1)
+    except ConfigError as error:
+        return "; ".join(error.faults)
+    return ""
 
 
 class SignalContact:
@@ -212,6 +244,8 @@ class RungEntry:
 
 RUNGS: dict[str, RungEntry] = {
     "lumped": RungEntry(lumped.Lumped, lumped.PROVIDES, lumped.STEP_S),
+    "periodic": RungEntry(periodic.Periodic, periodic.PROVIDES, periodic.STEP_S),
     "bristle": RungEntry(bristle.Bristle, bristle.PROVIDES, bristle.STEP_S),
+    "compliance": RungEntry(compliance.Compliance, compliance.PROVIDES, compliance.STEP_S),
 }
 """Physical rungs, cheapest first. ``signal`` is none of them: it prescribes."""

@@ -141,7 +141,7 @@ class _Play:
         self._imposes = scene.held
         self._share = taxel_shares(motion, array)
         self._read = _Reader(motion, array)
-        surfaces = [_surface(plate, name) for plate in motion.surfaces]
+        surfaces = [rung_surface(plate, name) for plate in motion.surfaces]
         self._rungs = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
         middle = np.array([array.x_mm.mean(), array.y_mm.mean()])
         self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - middle
@@ -290,7 +290,8 @@ def taxel_shares(motion: Motion, array: Array) -> FloatArray:
     return np.asarray(share / share.sum())
 
 
-def _surface(plate: Flat | Grooves, rung: str) -> Surface:
+def rung_surface(plate: Flat | Grooves, rung: str) -> Surface:
+    """A scene's plate as a rung sees it; `ConfigError` for grooves as deep as the bump is high."""
     if isinstance(plate, Flat):
         return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
     if plate.depth_mm >= BUMP_MM:

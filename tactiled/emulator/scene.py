@@ -265,13 +265,17 @@ class Scene(Params):
     @model_validator(mode="after")
     def _not_prescribed(self) -> Self:
         """What needs mechanics."""
-        if self.contact == "signal":
-            reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, Rotate | Load)]
-            reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
-            reasons += ["an object"] * (self.held_object is not None)
-            if reasons:
-                raise ValueError(f'contact = "signal" prescribes and cannot play {reasons[0]}; use "auto"')
+        if self.contact == "signal" and (reason := self.needs_mechanics):
+            raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "auto"')
         return self
+
+    @property
+    def needs_mechanics(self) -> str:
+        """What of this scene cannot be prescribed; empty where all can."""
+        reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, Rotate | Load)]
+        reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
+        reasons += ["a held object"] * (self.held_object is not None)
+        return reasons[0] if reasons else ""
 
     @property
     def duration_s(self) -> float:

@@ -1,5 +1,6 @@
 """When does it slip? Instants read off the share of the contact that slips and the tangential load."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ GROSS_SHARE = 0.9
 # A tangential load grows or falls where it changes by more than this part of the normal load: under the first
 # percent of any friction, over rounding.
 _GROWS = 0.002
+_BEGINNING_MM = 0.5  # beyond presliding: what comes after may turn
 _MOST_EPISODES = 10_000  # an hour of stick-slip at 3 Hz; beyond, the oldest are forgotten
 
 
@@ -28,7 +30,7 @@ class Episode:
     end_s : float or None
         Less than 10 % slips again; None while it goes on.
     x_mm, y_mm : float
-        Way of the skin over the surface since `incipient_s`.
+        Way of the skin over the surface since `incipient_s`, its first half millimetre.
     """
 
     shear_s: float
@@ -40,10 +42,10 @@ class Episode:
 
     @property
     def direction_deg(self) -> float | None:
-        """Direction of the way made; None without one (the skin turned on the spot)."""
-        if np.hypot(self.x_mm, self.y_mm) < 1e-9:
+        """Direction in which it began; None without one (the skin turned on the spot)."""
+        if math.hypot(self.x_mm, self.y_mm) < 1e-9:
             return None
-        return float(np.rad2deg(np.arctan2(self.y_mm, self.x_mm)))
+        return math.degrees(math.atan2(self.y_mm, self.x_mm))
 
 
 class SlipWatch:
@@ -105,7 +107,8 @@ class SlipWatch:
         if share < INCIPIENT_SHARE:
             now.end_s = crossed(INCIPIENT_SHARE)
             return
-        now.x_mm += x - x0
-        now.y_mm += y - y0
+        if math.hypot(now.x_mm, now.y_mm) < _BEGINNING_MM:
+            now.x_mm += x - x0
+            now.y_mm += y - y0
         if now.gross_s is None and share >= GROSS_SHARE:
             now.gross_s = crossed(GROSS_SHARE) if before < GROSS_SHARE else t

@@ -44,7 +44,7 @@ class TrueSlip:
     end_s : float
         Infinite while it goes on.
     direction_deg : float or None
-        None where the skin turned on the spot.
+        In which it began; None where the skin turned on the spot.
     surface : Flat or Grooves
     shear_s, incipient_s, gross_s : float or None
         The tangential load begins to grow; 10 % and 90 % of the contact area slip. None where the scene
@@ -106,9 +106,9 @@ class Truth:
     @property
     def slips(self) -> list[TrueSlip]:
         """Gross slips; on a physical rung as far as the scene has been played."""
-        if self.scene.contact == "signal":
-            return self._prescribed_slips
-        return [slip for slip in self.episodes if slip.gross_s is not None]
+        if isinstance(self.contact, PhysicalContact):
+            return [slip for slip in self.episodes if slip.gross_s is not None]
+        return self._prescribed_slips
 
     @property
     def episodes(self) -> list[TrueSlip]:

@@ -75,24 +75,24 @@ class Stepper:
         place = np.maximum(time_s, 0.0) / self._step_s
         below = np.floor(place).astype(np.int64)
         part = place - below
-        out = np.empty(time_s.shape if time_s.ndim == 2 else (len(time_s), len(self._row(0)[columns])))
-        for number in np.unique(below // self._block):
-            index = np.nonzero(below // self._block == number)
+        block = below // self._block
+        out = np.empty(time_s.shape) if time_s.ndim == 2 else None
+        for number in np.unique(block):
+            index = np.nonzero(block == number)
             step = below[index] - number * self._block
             # One row more than the block: the last point's right neighbour.
-            rows = np.concatenate([self._rows(int(number)), self._row((int(number) + 1) * self._block)[None]])
+            rows = np.concatenate([self._rows(int(number)), self._rows(int(number) + 1)[:1]])
             if time_s.ndim == 2:
                 column = np.asarray(columns)[index[1]]
                 low, high = rows[step, column], rows[step + 1, column]
-                out[index] = low + part[index] * (high - low)
+                weight = part[index]
             else:
                 low, high = rows[step][:, columns], rows[step + 1][:, columns]
-                out[index] = low + part[index][:, None] * (high - low)
-        return out
-
-    def _row(self, k: int) -> FloatArray:
-        row: FloatArray = self._rows(k // self._block)[k % self._block]
-        return row
+                weight = part[index][:, None]
+            if out is None:
+                out = np.empty((len(time_s), low.shape[1]))
+            out[index] = low + weight * (high - low)
+        return np.empty((0, 0)) if out is None else out
 
     def _rows(self, number: int) -> FloatArray:
         if number < self._made and number not in self._blocks:
