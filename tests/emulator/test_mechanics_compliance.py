@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface, TaxelForces
-from tactiled.emulator.mechanics.compliance import Compliance
+from tactiled.emulator.mechanics.compliance import PROVIDES, Compliance
 from tactiled.emulator.mechanics.fem.reference import ReferenceRun, load_reference
 from tactiled.emulator.mechanics.skin import shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver
@@ -55,10 +55,14 @@ def test_a_flat_slide_agrees_with_finite_elements(run: str) -> None:
     hold_n = reference.sides("half")[columns["travel_x_mm"] == 0][-1, 0]
     assert np.abs(seen["side_n"] - reference.sides("half")).max() < 0.05 * hold_n
     friction_n = reference.surface.friction * LOAD_N
-    assert np.abs(seen["tangential_n"][:, 0] - columns["tangential_x_n"]).max() < 0.06 * friction_n
-    # A ring of nodes slips at once in either mesh, a sixth of the contact: only the mean can agree better.
+    assert (
+        np.abs(seen["tangential_n"][:, 0] - columns["tangential_x_n"]).max()
+        < PROVIDES["tangential-force"] * friction_n
+    )
+    # A ring of nodes slips at once in either mesh, a sixth of the contact, and a node that this rung lets go
+    # creeps for a while under the penalty of the finite elements' contact.
     knee = (columns["travel_x_mm"] > 0) & (columns["slipping"] < 1)
-    assert np.abs(seen["slipping"] - columns["slipping"])[knee].mean() < 0.1
+    assert np.abs(seen["slipping"] - columns["slipping"])[knee].mean() < PROVIDES["incipient-slip"]
     assert not seen["warnings"].any()
 
 
