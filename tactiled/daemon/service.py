@@ -10,20 +10,27 @@ import logging
 import math
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Self
 
 from tactiled.array import Array
 from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.commands import Commands, Done
 from tactiled.daemon.connection import Connection
 from tactiled.daemon.diagnosis import LineWatch
 from tactiled.daemon.health import info_event, status_event
+from tactiled.daemon.network import Network
 from tactiled.daemon.notify import Notifier
-from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.recorder import Recorder
+from tactiled.daemon.requests import Command as Request
 from tactiled.daemon.session import Session, SessionParams
 from tactiled.daemon.source import PortParams, check_url
 from tactiled.errors import TactiledError
 from tactiled.events.types import BoardState, Event, ScanEvent
-from tactiled.pipeline import Pipeline, check_hello
+from tactiled.pipeline import Output, Pipeline, check_hello
+from tactiled.recording.contents import Read
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
@@ -44,9 +51,12 @@ class ServiceParams(Params):
     session: SessionParams = SessionParams()
     publish: PublishParams = PublishParams()
 
+    def without_publishing(self) -> Self:
+        """The same, but nobody is told: for one who only records."""
+        return self.model_copy(update={"publish": PublishParams(endpoints=())})
+
 
 Reload = Callable[[], ServiceParams]
-Tap = Callable[[bytes, float], None]
 
 
 class Service:
@@ -61,8 +71,8 @@ class Service:
     array : Array
     reload : callable, optional
         Reads the configuration again (SIGHUP) and gives what it says now.
-    tap : callable, optional
-        Gets every read of the port with its arrival time, before anything else does: a recorder.
+    recorder : Recorder, optional
+        Told of every read of the port, of what came of it, and of all that is said beside.
 
     Raises
     ------
@@ -77,7 +87,7 @@ class Service:
         layout: Layout,
         array: Array,
         reload: Reload | None = None,
-        tap: Tap | None = None,
+        recorder: Recorder | None = None,
     ) -> None:
         check_url(params.port.url)
         self._params = params
@@ -85,7 +95,7 @@ class Service:
         self._layout = layout
         self._array = array
         self._reload = reload
-        self._tap = tap
+        self._recorder = recorder
         self._encoder = Encoder(layout)
         self._line = LineWatch(layout.name, self._baud)
         self._session = Session(
@@ -95,7 +105,14 @@ class Service:
             params.port.url, self._baud, opened=self._opened, received=self._received, lost=self._lost
         )
         self._clock = EpochClock()
-        self._publisher = Publisher(params.publish)
+        self._commands = Commands(
+            pipeline,
+            self._session,
+            self._tuned,
+            None if recorder is None else lambda on: recorder.switch(on, pipeline.hello),
+        )
+        self._network = Network(params.publish, self._asked, self._commands.settings)
+        self._publisher = self._network.publisher
         self._notifier = Notifier()
         self._said: tuple[BoardState, str] = (self._session.state, self._session.reason(0.0))
         self._timer: asyncio.TimerHandle | None = None
@@ -106,7 +123,8 @@ class Service:
         """Serve until `stop`; an error in the data path ends the service instead of being served around."""
         loop = asyncio.get_running_loop()
         self._end: asyncio.Future[None] = loop.create_future()
-        tasks = [asyncio.create_task(self._connection.run()), asyncio.create_task(self._report())]
+        parts = (self._connection.run(), self._report(), self._network.run())
+        tasks = [asyncio.create_task(part) for part in parts]
         try:
             self._notifier.ready()
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -121,7 +139,7 @@ class Service:
             await asyncio.gather(*tasks, return_exceptions=True)
             if self._timer is not None:
                 self._timer.cancel()
-            self._publisher.close()
+            self._network.close()
             self._notifier.close()
 
     def stop(self) -> None:
@@ -167,13 +185,18 @@ class Service:
         commands: list[Command] = []
         scanned = False
         self._line.received(now_s)
-        if self._tap is not None:
-            self._tap(data, now_s)
-        for item in self._pipeline.receive_data(data, now_s):
+        outputs: list[Output] = []
+        try:
+            outputs = self._pipeline.receive_data(data, now_s)
+        finally:  # bytes that break us are those that must be looked at later
+            if self._recorder is not None:
+                read = Read(now_s, self._clock.offset_s, data)
+                self._recorder.received(read, outputs, self._pipeline.hello)
+        for item in outputs:
             if isinstance(item, Event):
                 if session.accepted:
                     scanned = scanned or isinstance(item, ScanEvent)
-                    self._publish(item)
+                    self._send(item)
             elif isinstance(item, Hello):
                 commands += session.greeted(item, now_s)
                 self._next_info_s = now_s
@@ -185,10 +208,20 @@ class Service:
         self._notifier.alive(now_s)
         self._act(commands)
 
+    def _send(self, event: Event) -> None:
+        """Publish what the pipeline found; the recorder has it with the bytes that it was found in."""
+        self._publisher.send(event, board=self._board, unix_offset_s=self._clock.offset_s)
+
     def _publish(self, event: Event) -> None:
+        """Publish, and record, what the daemon says itself."""
+        self._send(event)
+        if self._recorder is not None:
+            self._recorder.said(event, self._board, self._clock.offset_s)
+
+    @property
+    def _board(self) -> str:
         hello = self._session.hello
-        board = hello.board_serial if hello is not None else self._params.session.board_serial or ""
-        self._publisher.send(event, board=board, unix_offset_s=self._clock.offset_s)
+        return hello.board_serial if hello is not None else self._params.session.board_serial or ""
 
     def _act(self, commands: list[Command]) -> None:
         """Send what the session asks for, tell the world of a new state, and set the next deadline."""
@@ -198,6 +231,7 @@ class Service:
         said = (self._session.state, self._session.reason(now_s))
         if said != self._said:
             self._announce(*said, now_s)
+        self._commands.look(now_s)
         deadline_s = self._session.deadline_s
         # An armed timer is moved only when it would come too late: at 100 Hz it is hardly ever touched.
         if self._timer is None or self._timer.when() > deadline_s:
@@ -231,6 +265,26 @@ class Service:
         if new_state:
             self._publish_status(now_s)  # a controller learns of a stall now, not at the next tick
 
+    # ---- what clients ask for ----------------------------------------------------------------------
+
+    def _asked(self, request: Request, key: str, now_s: float, done: Done) -> None:
+        """Do a command, say in the events what came of it, and tell who asked."""
+
+        def finish(reason: str) -> None:
+            self._publish(self._commands.event(request, key, reason, time.monotonic()))
+            done(reason)
+
+        self._commands.do(request, now_s, finish)
+        self._act([])
+
+    def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
+        """A command changed what the detectors go by, and brought events."""
+        if self._recorder is not None:
+            hello, offset_s = self._pipeline.hello, self._clock.offset_s
+            self._recorder.commanded(name, arguments, events, hello, now_s, offset_s)
+        for event in events:
+            self._send(event)
+
     # ---- the connection ----------------------------------------------------------------------------
 
     def _opened(self) -> None:
@@ -242,6 +296,9 @@ class Service:
     def _lost(self, reason: str) -> None:
         if self._session.state != "no-device":
             self._pipeline.disconnected()
+            if self._recorder is not None:
+                now_s = time.monotonic()
+                self._recorder.disconnected(now_s, self._clock.offset_s, self._pipeline.hello)
         self._session.lost(reason)
         self._act([])
 
@@ -265,6 +322,8 @@ class Service:
             if now_s >= self._next_info_s and self._session.hello is not None:
                 self._next_info_s = now_s + INFO_PERIOD_S
                 self._publish(info_event(self._session.hello, self._layout, self._array, now_s))
+            if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
+                self._publish(recording)
             if now_s >= next_look_s:
                 next_look_s = now_s + CLOCK_PERIOD_S
                 if step_s := self._clock.follow():
@@ -281,7 +340,14 @@ class Service:
             started_s=self._started_s,
             connects=self._connection.connects,
         )
-        self._publish(event)
+        settings = self._pipeline.tuning
+        self._publish(
+            replace(
+                event,
+                inhibited_s=settings.inhibited_s(now_s),
+                sent=self._publisher.sent(self._board),
+            )
+        )
 
 
 async def serve(
@@ -290,14 +356,17 @@ async def serve(
     layout: Layout,
     array: Array,
     reload: Reload | None = None,
-    tap: Tap | None = None,
+    recorder: Recorder | None = None,
+    duration_s: float | None = None,
 ) -> None:
-    """Run the daemon until SIGTERM or SIGINT; SIGHUP reloads."""
-    service = Service(params, pipeline, layout, array, reload, tap)
+    """Run the daemon for `duration_s` or until SIGTERM or SIGINT; SIGHUP reloads."""
+    service = Service(params, pipeline, layout, array, reload, recorder)
     loop = asyncio.get_running_loop()
     handlers = {signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload}
     for number, handler in handlers.items():
         loop.add_signal_handler(number, handler)
+    if duration_s is not None:
+        loop.call_later(duration_s, service.stop)
     try:
         await service.run()
     finally:
@@ -311,7 +380,8 @@ def run_service(
     layout: Layout,
     array: Array,
     reload: Reload | None = None,
-    tap: Tap | None = None,
+    recorder: Recorder | None = None,
+    duration_s: float | None = None,
 ) -> int:
     """Run the daemon; 0 after a wanted end.
 
@@ -320,5 +390,5 @@ def run_service(
     OperatorError
         Something that must be mended first (an endpoint in use, a URL that is none).
     """
-    asyncio.run(serve(params, pipeline, layout, array, reload, tap))
+    asyncio.run(serve(params, pipeline, layout, array, reload, recorder, duration_s))
     return 0

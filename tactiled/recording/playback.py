@@ -23,6 +23,7 @@ from tactiled.recording.replay import Pace
 
 _POLL_S = 0.02
 _SETTLE_S = 0.2  # drivers throw away what they find in the first moments after opening
+_EMPTY_LOOKS = 10  # in a row: bytes on their way through the kernel are in no queue that can be asked
 _DRAIN_S = 5.0  # for the driver to take the last bytes before the port goes away under it
 
 
@@ -127,10 +128,10 @@ def _drain(device: str) -> None:
     slave = os.open(device, os.O_RDWR | os.O_NOCTTY)
     try:
         until_s = time.monotonic() + _DRAIN_S
-        while time.monotonic() < until_s:
+        empty_looks = 0
+        while empty_looks < _EMPTY_LOOKS and time.monotonic() < until_s:
             (waiting,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, bytes(4)))
-            if not waiting:
-                return
+            empty_looks = 0 if waiting else empty_looks + 1
             time.sleep(_POLL_S)
     finally:
         os.close(slave)

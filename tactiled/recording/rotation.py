@@ -136,7 +136,10 @@ class Rotation:
         try:
             append(self._writer)
         except OSError as error:
-            self._fail(error, now_s)
+            reason = (
+                f"{self._writer.active}: {error.strerror}; what is in it can be had with tactiled recover"
+            )
+            self._fail(reason, now_s)
             return False
         return True
 
@@ -170,7 +173,11 @@ class Rotation:
     def _look(self, hello: bytes, now_s: float) -> None:
         """After a sync: is the part long enough, is the disk too full?"""
         assert self._writer is not None
-        self._free_mb = free_mb(self._path.parent)
+        try:
+            self._free_mb = free_mb(self._path.parent)
+        except DataError as error:
+            self._fail(str(error), now_s)
+            return
         size_mb = self._writer.size_bytes / _MB
         if self._free_mb < self._params.min_free_mb:
             if self._leave(now_s):
@@ -192,7 +199,7 @@ class Rotation:
                 return
             self._open(hello, now_s)
         except DataError as error:
-            self._state, self._reason, self._due_s = "failed", str(error), now_s + RETRY_S
+            self._fail(str(error), now_s)
         else:
             self._state, self._reason = "recording", ""
 
@@ -213,14 +220,13 @@ class Rotation:
         self._writer = None
         return True
 
-    def _fail(self, error: OSError, now_s: float) -> None:
+    def _fail(self, reason: str, now_s: float) -> None:
         """The disk takes no more: leave the part as it is, and try a new one later."""
-        assert self._writer is not None
-        writer, self._writer = self._writer, None
-        writer.abandon()
-        self._bytes_before += writer.size_bytes
-        self._state, self._due_s = "failed", now_s + RETRY_S
-        self._reason = f"{writer.active}: {error.strerror}; what is in it can be had with tactiled recover"
+        if self._writer is not None:
+            self._writer.abandon()
+            self._bytes_before += self._writer.size_bytes
+            self._writer = None
+        self._state, self._reason, self._due_s = "failed", reason, now_s + RETRY_S
 
 
 def part_path(path: Path, part: int) -> Path:

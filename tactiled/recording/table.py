@@ -103,7 +103,7 @@ def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
             time_s = archive["time_s"].astype(np.float64, casting="same_kind")
             volts = archive["volts"].astype(np.float64, casting="same_kind")
             if "valid" in archive:  # an export of ours: what is not valid is no reading
-                volts = np.where(archive["valid"], volts, np.nan)
+                volts = np.where(np.broadcast_to(archive["valid"], volts.shape), volts, np.nan)
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
     if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):

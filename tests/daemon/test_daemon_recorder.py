@@ -1,0 +1,226 @@
+"""The recorder beside the service: whatever the disk does, handing over never waits; losses are said."""
+
+import itertools
+import logging
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tactiled.daemon import recorder as recorder_module
+from tactiled.daemon.recorder import Recorder
+from tactiled.errors import DataError
+from tactiled.events.types import RecordingEvent
+from tactiled.recording.contents import Header, Input, Item, Read, Said, load_source
+from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.recover import recover
+from tactiled.recording.rotation import RecordParams
+
+HEADER = Header(load_source("board-v1", "wang2019-3x3"))
+PARAMS = RecordParams(sync_s=0.05, min_free_mb=0)
+PATIENCE_S = 10.0
+LATER_S = itertools.count(1000.0, 1000.0)
+
+
+def read(k: int) -> Read:
+    return Read(k * 0.01, 1.7e9, bytes([k % 256]) * 5)
+
+
+def until(what: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
+
+
+def report(recorder: Recorder) -> RecordingEvent:
+    """What it says now, whether or not it is due."""
+    event = recorder.report(next(LATER_S))
+    assert event is not None
+    return event
+
+
+class StuckDisk:
+    """`os.fsync` that does not return until it is let go."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.free = threading.Event()
+        self.entered = threading.Event()
+        self._fsync = os.fsync
+        monkeypatch.setattr(os, "fsync", self._stuck)
+
+    def _stuck(self, descriptor: int) -> None:
+        self.entered.set()
+        self.free.wait(PATIENCE_S)
+        self._fsync(descriptor)
+
+
+def items(path: Path) -> list[Item]:
+    return list(read_items(path))
+
+
+def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
+    reads = [read(k) for k in range(1000)]
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        for item in reads:
+            recorder.received(item, (), None)
+        recorder.disconnected(10.0, 1.7e9, None)
+        recorder.said(report(recorder), "B1", 1.7e9)
+    *got, lost, said = items(tmp_path / "a.mcap")
+    assert got == reads
+    assert isinstance(lost, Input)
+    assert lost.name == "disconnected"
+    assert isinstance(said, Said)
+    assert (said.board, said.event.topic, said.origin) == ("B1", "recording", "daemon")
+    assert recorder.reads_dropped == 0
+
+
+def test_a_stuck_disk_is_not_waited_for_and_what_it_costs_is_marked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        disk = StuckDisk(monkeypatch)
+        recorder.received(read(0), (), None)
+        assert disk.entered.wait(PATIENCE_S)
+        for k in range(1, 201):
+            recorder.received(read(k), (), None)  # returns, though nothing is written
+        dropped = recorder.reads_dropped
+        assert dropped >= 150
+        assert report(recorder).reads_dropped == dropped
+        assert report(recorder).reads_waiting == 50
+        disk.free.set()
+        until(lambda: report(recorder).reads_waiting == 0)
+        recorder.received(read(201), (), None)
+    (mark,) = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Input)]
+    got = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Read)]
+    assert (mark.name, mark.values()) == ("dropped", {"reads": dropped, "bytes": 5 * dropped})
+    assert got == [read(k) for k in range(201 - dropped)] + [read(201)]
+    assert items(tmp_path / "a.mcap").index(mark) == len(got) - 1
+    assert f"{dropped} more reads are in no file" in caplog.text
+
+
+def test_a_disk_stuck_for_good_does_not_keep_us_from_ending(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(recorder_module, "_CLOSE_S", 0.1)
+    recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
+    disk = StuckDisk(monkeypatch)
+    recorder.received(read(0), (), None)
+    assert disk.entered.wait(PATIENCE_S)
+    recorder.close()
+    assert f"tactiled recover {tmp_path / 'a.mcap'}.active" in caplog.text
+    disk.free.set()
+    until(lambda: (tmp_path / "a.mcap").exists())
+    recorder.close()
+
+
+def test_a_disk_that_fails_later_is_said_and_survived(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        recorder.received(read(0), (), None)
+        until(lambda: report(recorder).bytes_written > 0)
+
+        def broken(_: int) -> None:
+            raise OSError(30, "Read-only file system")
+
+        monkeypatch.setattr(os, "fsync", broken)
+        recorder.received(read(1), (), None)
+        until(lambda: report(recorder).state == "failed")
+        assert "Read-only file system" in report(recorder).reason
+        for k in range(2, 12):
+            recorder.received(read(k), (), None)
+        until(lambda: recorder.reads_dropped == 10)
+    assert caplog.text.count("recording stopped") == 1
+    assert "Read-only file system" in caplog.text
+    monkeypatch.undo()
+    saved = recover(tmp_path / "a.mcap.active")
+    assert items(saved.path)[0] == read(0)
+
+
+def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
+    """/dev/full behind the name: every write fails as on a disk without room."""
+    recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
+    stream = recorder._scribe._rotation._writer._stream  # type: ignore[union-attr]
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, stream.fileno())
+    os.close(full)
+    for k in range(100):
+        recorder.received(read(k), (), None)
+    until(lambda: report(recorder).state == "failed")
+    assert "No space left on device" in report(recorder).reason
+    recorder.received(read(100), (), None)
+    until(lambda: recorder.reads_dropped >= 1)
+    recorder.close()
+
+
+def test_a_place_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) -> None:
+    sysfs = Path("/sys")  # takes no files, not even from root
+    with pytest.raises(DataError, match=r"/sys/a\.mcap\.active: cannot be written \(.*choose a place"):
+        Recorder(PARAMS, HEADER, sysfs / "a.mcap")
+    with pytest.raises(DataError, match="No such file or directory; make it, or record elsewhere"):
+        Recorder(PARAMS.model_copy(update={"directory": str(tmp_path / "none")}), HEADER)
+
+
+def test_switched_on_and_off_while_running(tmp_path: Path) -> None:
+    params = PARAMS.model_copy(update={"directory": str(tmp_path)})
+    with Recorder(params, HEADER) as recorder:
+        recorder.received(read(0), (), None)
+        assert recorder.switch(True, None) == ""  # it is on already
+        assert recorder.switch(False, None) == ""
+        recorder.received(read(1), (), None)
+        until(lambda: report(recorder).state == "off")
+        assert recorder.switch(True, None) == ""
+        recorder.received(read(2), (), None)
+        until(lambda: report(recorder).state == "recording")
+        assert recorder.switch(True, None) == ""
+    first, second = sorted(tmp_path.glob("*.mcap"))
+    assert (items(first), items(second)) == ([read(0)], [read(2)])
+    assert (read_header(first).fresh, read_header(second).fresh) == (True, False)
+    with Recorder(PARAMS, HEADER) as recorder:
+        assert "set record.directory" in recorder.switch(True, None)
+        recorder.received(read(0), (), None)
+        assert report(recorder).state == "off"
+
+
+def test_switched_on_where_nothing_can_be_written_is_said(tmp_path: Path) -> None:
+    place = tmp_path / "usb"
+    place.mkdir()
+    with Recorder(PARAMS.model_copy(update={"directory": str(place)}), HEADER) as recorder:
+        recorder.switch(False, None)
+        until(lambda: report(recorder).state == "off")
+        shutil.rmtree(place)
+        assert recorder.switch(True, None) == ""
+        until(lambda: report(recorder).state == "failed")
+        assert "No such file or directory" in report(recorder).reason
+
+
+def test_reports_come_each_second_and_at_changes(tmp_path: Path) -> None:
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        assert recorder.report(100.0) is not None
+        assert recorder.report(100.5) is None
+        assert recorder.report(101.0) is not None
+        recorder.switch(False, None)
+        until(lambda: recorder._scribe.progress.state == "off")
+        changed = recorder.report(101.1)
+        assert changed is not None
+        assert changed.state == "off"
+
+
+def test_a_fault_of_ours_ends_the_recording_not_the_service(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        monkeypatch.setattr(recorder._scribe, "take", lambda *_: 1 / 0)
+        with caplog.at_level(logging.ERROR):
+            recorder.received(read(0), (), None)
+            until(lambda: report(recorder).state == "failed")
+        recorder.received(read(1), (), None)
+    assert "ZeroDivisionError" in caplog.text
+    monkeypatch.undo()
+    assert items(tmp_path / "a.mcap") == []

@@ -1,0 +1,87 @@
+"""Exported tables hold every scan exactly, and are read again."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import HEADER, items, record, simulated_reads
+
+from tactiled.errors import DataError
+from tactiled.events.types import ScanEvent
+from tactiled.offline import detect_file
+from tactiled.recording.contents import Said
+from tactiled.recording.export import export_csv, export_npz
+from tactiled.recording.table import read_table
+from tactiled.recording.writer import RecordingWriter
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "a.mcap"
+    record(path, simulated_reads(7.5))
+    return path
+
+
+def scans_of(recording: Path) -> list[ScanEvent]:
+    said = [item.event for item in items(recording) if isinstance(item, Said)]
+    return [event for event in said if isinstance(event, ScanEvent)]
+
+
+def test_every_number_survives(tmp_path: Path, recording: Path) -> None:
+    scans = scans_of(recording)
+    time_s = np.array([scan.time_s for scan in scans])
+    valid = np.array([scan.valid for scan in scans])
+    volts = np.where(valid, np.array([scan.volts for scan in scans]), np.nan)
+    assert export_csv([recording], tmp_path / "a.csv") == len(scans)
+    assert export_npz([recording], tmp_path / "a.npz") == len(scans)
+    for name in ("a.csv", "a.npz"):
+        got_s, got_volts = read_table(tmp_path / name)
+        assert np.array_equal(got_s, time_s)
+        assert np.array_equal(got_volts, volts, equal_nan=True)
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
+        assert np.array_equal(archive["valid"], valid)
+        assert np.array_equal(archive["index"], [scan.index for scan in scans])
+        assert archive["channel_name"].shape == (36,)
+        assert np.all(archive["time_s"] + archive["unix_offset_s"] > 1.7e9)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz"])
+def test_detect_finds_the_same_in_the_table(
+    tmp_path: Path, recording: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    {"a.csv": export_csv, "a.npz": export_npz}[name]([recording], tmp_path / name)
+    capsys.readouterr()
+    detect_file(recording)
+    ours = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    detect_file(tmp_path / name)
+    table = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(e["topic"], e["state"]) for e in table] == [(e["topic"], e["state"]) for e in ours]
+    # A table does not say when within a scan each channel was sampled: that much an onset may move.
+    scan_s = 0.01
+    assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=scan_s)
+
+
+def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
+    volts = np.ones((3, 2))
+    valid = np.array([[True, False], [True, True], [False, True]])
+    np.savez(tmp_path / "v.npz", time_s=np.arange(3.0), volts=volts, valid=valid)
+    _, got = read_table(tmp_path / "v.npz")
+    assert np.isnan(got).tolist() == (~valid).tolist()
+    np.savez(tmp_path / "w.npz", time_s=np.arange(3.0), volts=volts, valid=valid[:, :1].repeat(5, axis=1))
+    with pytest.raises(DataError, match=r"w\.npz: cannot be read as npz"):
+        read_table(tmp_path / "w.npz")
+
+
+def test_what_cannot_be_exported_says_why_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
+    with RecordingWriter(tmp_path / "empty.mcap", HEADER):
+        pass
+    with pytest.raises(DataError, match="holds no scans"):
+        export_csv([tmp_path / "empty.mcap"], tmp_path / "e.csv")
+    assert not (tmp_path / "e.csv").exists()
+    (tmp_path / "mine.csv").write_text("mine")
+    with pytest.raises(DataError, match=r"mine\.csv: exists already"):
+        export_csv([recording], tmp_path / "mine.csv")
+    assert (tmp_path / "mine.csv").read_text() == "mine"
+    with pytest.raises(DataError, match="cannot be written: No such file"):
+        export_npz([recording], tmp_path / "none" / "a.npz")

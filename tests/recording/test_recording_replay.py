@@ -1,0 +1,241 @@
+"""Run again, a recording gives the events that were live: bit for bit, whatever the file looks like."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType, Writer
+from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads
+
+from tactiled.errors import DataError
+from tactiled.events.codec import decode, encode
+from tactiled.events.types import Event
+from tactiled.pipeline import Pipeline
+from tactiled.recording import writer as writer_module
+from tactiled.recording.contents import Input, Read
+from tactiled.recording.recover import recover
+from tactiled.recording.replay import Pace, replay
+from tactiled.recording.rotation import RecordParams, part_path
+from tactiled.recording.scribe import Handed, Scribe
+from tactiled.wire.frames import Hello
+
+
+@pytest.fixture(scope="module")
+def reads() -> list[Read]:
+    """Long enough for contact and slip, with events of every kind that the demo has by then."""
+    return simulated_reads(7.5)
+
+
+def hand_over(scribe: Scribe, told: list[Read | Input], pipeline: Pipeline) -> list[Event]:
+    """As the service does it, with the clock of the recording; gives the events that were live."""
+    live: list[Event] = []
+    for item in told:
+        if isinstance(item, Read):
+            outputs = pipeline.receive_data(item.data, item.arrival_s)
+            now_s = item.arrival_s
+        elif item.name == "disconnected":
+            pipeline.disconnected()
+            outputs, now_s = [], item.time_s
+        else:
+            reason, events = pipeline.command(item.name, item.values(), item.time_s)
+            assert not reason
+            outputs, now_s = list(events), item.time_s
+        live += [output for output in outputs if isinstance(output, Event)]
+        scribe.take(Handed(item, outputs, pipeline.hello, "", UNIX_OFFSET_S), now_s)
+        scribe.tick(now_s)
+    return live
+
+
+def messages(events: list[Event], board: str) -> list[str]:
+    """JSON lines as a live subscriber prints them, through the very bytes that it gets."""
+    seqs: dict[str, int] = {}
+    lines = []
+    for event in events:
+        seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
+        topic, message = decode(*encode(event, seq=seq, board=board, unix_offset_s=UNIX_OFFSET_S))
+        lines.append(json.dumps({"topic": topic, **message}))
+    return lines
+
+
+def board_of(reads: list[Read]) -> str:
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    hellos = [o for r in reads for o in pipeline.receive_data(r.data, r.arrival_s) if isinstance(o, Hello)]
+    return hellos[0].board_serial
+
+
+def test_lines_are_those_of_a_live_subscriber(tmp_path: Path, reads: list[Read]) -> None:
+    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    live = hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+    scribe.end(reads[-1].arrival_s)
+    assert {event.topic for event in live} >= {"scan", "contact", "slip"}
+    lines: list[str] = []
+    verdict = replay([tmp_path / "a.mcap"], lines.append)
+    assert lines == messages(live, board_of(reads))
+    assert (verdict.compared, verdict.difference, verdict.is_good) == (len(live), "", True)
+    slips: list[str] = []
+    replay([tmp_path / "a.mcap"], slips.append, topics=("slip",))
+    assert slips == [line for line in lines if '"topic": "slip"' in line]
+
+
+@pytest.mark.parametrize("chunk_bytes", [200, 5_000, 10_000_000])
+def test_any_grouping_into_chunks_gives_the_same(
+    tmp_path: Path, reads: list[Read], chunk_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer_module, "_CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr("os.fsync", lambda _: None)
+    record(tmp_path / "a.mcap", reads, sync_every=10**9)
+    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
+    assert verdict.is_good
+    assert verdict.compared > len(reads)
+
+
+def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: list[Read]) -> None:
+    """Rotated in the middle of frames and of the slip; the cable pulled; commands in between."""
+    told: list[Read | Input] = []
+    commands = {
+        100: ("tare", {"force": True}),
+        300: ("speed", {"speed_mm_s": 7.0}),
+        500: ("thresholds", {"values": {"slip.threshold_volts": 0.003}}),
+        600: ("inhibit", {"duration_s": 0.3}),
+    }
+    for k, read in enumerate(reads):
+        half = len(read.data) // 2
+        told += [
+            Read(read.arrival_s, UNIX_OFFSET_S, read.data[:half]),
+            Read(read.arrival_s + 1e-4, UNIX_OFFSET_S, read.data[half:]),
+        ]
+        if k in commands:
+            name, arguments = commands[k]
+            told.append(Input(read.arrival_s + 2e-4, UNIX_OFFSET_S, name, json.dumps(arguments)))
+        if k == 400:
+            told.append(Input(read.arrival_s + 2e-4, UNIX_OFFSET_S, "disconnected"))
+            told.append(Read(read.arrival_s + 1.0e-3, UNIX_OFFSET_S, hello_of(reads)))
+    path = tmp_path / "a.mcap"
+    params = RecordParams(max_file_s=1.0, sync_s=0.1, min_free_mb=0)
+    scribe = Scribe(params, HEADER, path, reads[0].arrival_s)
+    live = hand_over(scribe, told, Pipeline(SOURCE.layout, SOURCE.array))
+    scribe.end(reads[-1].arrival_s)
+    parts = [part_path(path, k) for k in range(1, scribe.progress.parts + 1)]
+    assert len(parts) >= 6
+    verdict = replay(parts, lambda _: None)
+    assert verdict.words() == f"{len(live)} events came again bit for bit"
+    later = replay(parts[2:], lambda _: None)
+    assert not later.fresh
+    assert "give the parts before it too" in later.words()
+    with pytest.raises(DataError, match=r"a\.003\.mcap: is not the part that follows"):
+        replay([parts[0], parts[2]], lambda _: None)
+
+
+def hello_of(reads: list[Read]) -> bytes:
+    """The bytes up to the first scan: the board's introduction."""
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    for read in reads:
+        if any(isinstance(o, Hello) for o in pipeline.receive_data(read.data, read.arrival_s)):
+            return read.data
+    raise AssertionError("the board never said hello")
+
+
+def test_a_later_part_alone_still_has_its_scans(tmp_path: Path, reads: list[Read]) -> None:
+    params = RecordParams(max_file_s=1.0, sync_s=0.1, min_free_mb=0)
+    scribe = Scribe(params, HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+    scribe.end(reads[-1].arrival_s)
+    lines: list[str] = []
+    replay([tmp_path / "a.003.mcap"], lines.append, topics=("scan",))
+    assert len(lines) > 90
+
+
+def test_a_recording_begun_in_the_middle_of_a_run_says_so(tmp_path: Path, reads: list[Read]) -> None:
+    params = RecordParams(directory=str(tmp_path), min_free_mb=0)
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    scribe = Scribe(params.model_copy(update={"directory": None}), HEADER, None, 0.0)
+    hand_over(scribe, list(reads[:300]), pipeline)
+    assert not list(tmp_path.iterdir())
+    scribe = Scribe(params, HEADER, tmp_path / "first.mcap", 0.0)
+    scribe.begin(pipeline.hello, reads[300].arrival_s)
+    hand_over(scribe, list(reads[300:]), pipeline)
+    scribe.end(reads[-1].arrival_s)
+    (path,) = tmp_path.glob("tactile-*Z.mcap")
+    lines: list[str] = []
+    verdict = replay([path], lines.append, topics=("scan",))
+    assert len(lines) > 400
+    assert not verdict.fresh
+    assert "began in the middle of a run" in verdict.words()
+
+
+def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: list[Read]) -> None:
+    path, cut = tmp_path / "a.mcap", tmp_path / "cut.mcap"
+    record(path, reads)
+    data = path.read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    saved = recover(cut)
+    whole: list[str] = []
+    half: list[str] = []
+    replay([path], whole.append)
+    verdict = replay([saved.path], half.append)
+    assert verdict.is_good
+    assert half == whole[: len(half)]
+    assert len(half) > len(whole) // 4
+
+
+def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
+    """Written anew with one event changed in the last place: the check is not blind."""
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
+    for k, read in enumerate(reads[:200]):
+        outputs = pipeline.receive_data(read.data, read.arrival_s)
+        if k == 150:
+            changed = Read(read.arrival_s, read.unix_offset_s, read.data[:-9] + b"?" + read.data[-8:])
+            scribe.take(Handed(changed, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
+        else:
+            scribe.take(Handed(read, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
+    scribe.end(1.0)
+    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
+    assert not verdict.is_good
+    assert verdict.compared < 200
+    assert f"they differ at {reads[150].arrival_s:.6f} s: live" in verdict.words()
+
+
+def test_behind_dropped_reads_nothing_is_claimed(tmp_path: Path, reads: list[Read]) -> None:
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
+    for k, read in enumerate(reads[:300]):
+        outputs = pipeline.receive_data(read.data, read.arrival_s)
+        if 100 <= k < 105:
+            continue
+        dropped = (5, 5 * len(read.data)) if k == 105 else (0, 0)
+        scribe.take(Handed(read, outputs, pipeline.hello, "", UNIX_OFFSET_S, dropped), read.arrival_s)
+    scribe.end(1.0)
+    (mark,) = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Input)]
+    assert (mark.name, mark.values()["reads"]) == ("dropped", 5)
+    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
+    assert verdict.is_good
+    assert verdict.compared < 105
+    assert "compared up to where the recorder dropped 5 reads" in verdict.words()
+
+
+def test_speed_is_that_of_the_recording_times_a_factor() -> None:
+    now_s, slept = 50.0, []
+
+    def sleep(duration_s: float) -> None:
+        nonlocal now_s
+        slept.append(duration_s)
+        now_s += duration_s
+
+    pace = Pace(2.0, sleep, lambda: now_s)
+    for time_s in (1000.0, 1001.0, 1001.0, 1004.0):
+        pace.wait(time_s)
+    assert sum(slept) == pytest.approx(2.0)
+    Pace(0.0, sleep, lambda: now_s).wait(1.0)
+    assert sum(slept) == pytest.approx(2.0)
+
+
+def test_mcap_files_of_others_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as stream:
+        other = Writer(stream, compression=CompressionType.NONE)
+        other.start()
+        other.add_metadata("tactiled", {"layout": "{}"})
+        other.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(DataError, match="a recording of another tactiled"):
+        replay([path], lambda _: None)

@@ -1,0 +1,173 @@
+"""A recording in parts: each part stands alone, together they are one; a disk that refuses is survived."""
+
+import contextlib
+import os
+import resource
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from recordings import HEADER, items, simulated_reads
+
+from tactiled.errors import DataError
+from tactiled.recording import rotation
+from tactiled.recording.contents import Read
+from tactiled.recording.reader import read_header
+from tactiled.recording.recover import recover
+from tactiled.recording.rotation import RETRY_S, RecordParams, Rotation, part_path
+
+NO_GUARD = {"min_free_mb": 0.0}
+
+
+def noise(n_bytes: int, time_s: float) -> Read:
+    """Bytes that do not compress."""
+    return Read(time_s, 0.0, os.urandom(n_bytes))
+
+
+def write_all(target: Rotation, reads: list[Read]) -> list[bool]:
+    taken = []
+    for read in reads:
+        taken.append(target.write(lambda writer, read=read: writer.read(read), read.arrival_s))  # type: ignore[misc]
+        target.tick(b"", read.arrival_s)
+    return taken
+
+
+def state(target: Rotation) -> str:
+    return target.progress.state
+
+
+def parts_of(path: Path) -> list[Path]:
+    return [part for k in range(1, 100) if (part := part_path(path, k)).exists()]
+
+
+def test_parts_by_time_are_one_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    reads = simulated_reads(3.0)
+    start_s = reads[0].arrival_s
+    target = Rotation(path, RecordParams(max_file_s=1.0, sync_s=0.2, **NO_GUARD), HEADER, start_s)
+    assert all(write_all(target, reads))
+    target.close(reads[-1].arrival_s)
+    parts = parts_of(path)
+    assert [part.name for part in parts] == ["a.mcap", "a.002.mcap", "a.003.mcap"]
+    headers = [read_header(part) for part in parts]
+    assert [(h.part, h.fresh) for h in headers] == [(1, True), (2, False), (3, False)]
+    assert len({h.run for h in headers}) == 1
+    assert [item for part in parts for item in items(part)] == reads
+    assert sorted(tmp_path.iterdir()) == sorted(parts)
+
+
+def test_parts_by_size(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    target = Rotation(path, RecordParams(max_file_mb=0.05, sync_s=0.1, **NO_GUARD), HEADER, 0.0)
+    reads = [noise(2000, k * 0.1) for k in range(100)]
+    assert all(write_all(target, reads))
+    progress = target.progress
+    target.close(10.0)
+    parts = parts_of(path)
+    assert len(parts) == progress.parts > 3
+    assert all(part.stat().st_size < 70_000 for part in parts)
+    assert sum(part.stat().st_size for part in parts) == target.progress.bytes_written
+    assert [item for part in parts for item in items(part)] == reads
+
+
+def test_the_disk_guard_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room_mb = 1000.0
+    monkeypatch.setattr(rotation, "free_mb", lambda _: room_mb)
+    target = Rotation(tmp_path / "a.mcap", RecordParams(min_free_mb=500.0), HEADER, 0.0)
+    first = [noise(10, k * 0.5) for k in range(4)]
+    assert all(write_all(target, first))
+    room_mb = 499.0
+    assert write_all(target, [noise(10, 3.5)]) == [True]  # seen only when it is synced
+    assert state(target) == "no-room"
+    assert "499 MB left, less than record.min_free_mb = 500" in target.progress.reason
+    assert (tmp_path / "a.mcap").exists()
+    room_mb = 540.0  # not yet a tenth more
+    assert write_all(target, [noise(10, 5.0), noise(10, 6.0)]) == [False, False]
+    room_mb = 560.0
+    assert write_all(target, [noise(10, 7.5), noise(10, 8.0)]) == [False, True]
+    assert (state(target), target.progress.reason) == ("recording", "")
+    target.close(9.0)
+    assert state(target) == "off"
+    assert len(items(tmp_path / "a.002.mcap")) == 1
+    room_mb = 1.0
+    with pytest.raises(DataError, match=r"1 MB left, less than record\.min_free_mb = 500: make room"):
+        Rotation(tmp_path / "b.mcap", RecordParams(), HEADER, 0.0)
+
+
+@contextlib.contextmanager
+def limited_by_size(directory: Path) -> Iterator[Path]:
+    """A place where no file may grow beyond 100 kB: writes fail as on a full disk, for any user."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))  # Python ignores SIGXFSZ: EFBIG it is
+    try:
+        yield directory
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextlib.contextmanager
+def small_disk(directory: Path) -> Iterator[Path]:
+    """A tmpfs of 256 kB; where this user may not mount one, `limited_by_size`."""
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tactiled-test", str(directory)]
+    if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode:
+        with limited_by_size(directory):
+            yield directory
+        return
+    try:
+        yield directory
+    finally:
+        subprocess.run(["umount", "-l", str(directory)], check=True)
+
+
+@pytest.mark.parametrize("full_disk", [limited_by_size, small_disk])
+def test_a_full_disk_costs_what_was_not_synced_and_nothing_else(
+    tmp_path: Path, full_disk: "type[contextlib.AbstractContextManager[Path]]"
+) -> None:
+    directory = tmp_path / "disk"
+    directory.mkdir()
+    with full_disk(directory) as place:  # type: ignore[call-arg]
+        path = place / "a.mcap"
+        target = Rotation(path, RecordParams(sync_s=1.0, **NO_GUARD), HEADER, 0.0)
+        reads = [noise(5000, k * 0.1) for k in range(100)]
+        taken = write_all(target, reads)
+        assert state(target) == "failed"
+        assert "tactiled recover" in target.progress.reason
+        n_taken = taken.index(False)
+        assert not any(taken[n_taken:])
+        saved = recover(part_path(path, 1).with_name("a.mcap.active"), tmp_path / "saved.mcap")
+        again = items(saved.path)
+        assert again == reads[: len(again)]
+        assert n_taken - 11 <= len(again) <= n_taken  # what came since the last sync, 1 s before
+        (place / "a.mcap.active").unlink()  # someone made room
+        assert write_all(target, [noise(10, 10.0 + RETRY_S), noise(10, 11.0 + RETRY_S)]) == [False, True]
+        assert state(target) == "recording"
+        target.close(30.0)
+        assert len(items(place / "a.002.mcap")) == 1
+
+
+def test_a_disk_that_was_full_from_the_start_is_refused_and_left_clean(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+    try:
+        with pytest.raises(DataError, match=r"a\.mcap\.active: cannot be written"):
+            Rotation(tmp_path / "a.mcap", RecordParams(**NO_GUARD), HEADER, 0.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> None:
+    place = tmp_path / "usb"
+    place.mkdir()
+    params = RecordParams(max_file_s=1.0, sync_s=0.5, **NO_GUARD)
+    target = Rotation(place / "a.mcap", params, HEADER, 0.0)
+    assert write_all(target, [noise(10, 0.0)]) == [True]
+    place.rename(tmp_path / "gone")
+    taken = write_all(target, [noise(10, 1.0), noise(10, 2.0)])
+    assert taken == [True, False]
+    assert state(target) == "failed"
+    (tmp_path / "gone").rename(place)
+    assert write_all(target, [noise(10, 2.5 + RETRY_S), noise(10, 3.0 + RETRY_S)]) == [False, True]
+    target.close(20.0)
+    assert state(target) == "off"
