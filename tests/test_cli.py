@@ -22,7 +22,13 @@ def tactiled(
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("verb", ["demo", "run", "emulate", "listen", "detect", "bench", "check-config"])
+VERBS = [
+    "demo", "run", "emulate", "listen", "detect", "bench", "check-config",
+    "record", "replay", "recover", "export",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", VERBS)
 def test_help_of_each_verb_has_an_example(verb: str) -> None:
     done = tactiled(verb, "--help")
     assert done.returncode == 0
@@ -42,6 +48,15 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["detect", "none.csv"], "none.csv"),
         (["check-config"], "FILE"),
         (["bench", "none"], "none"),
+        (["record", "a.mcap"], "--config FILE, or --port PORT"),
+        (["record", "none/a.mcap", "--port", "x"], "none: No such file or directory; make it"),
+        (["replay"], "FILES"),
+        (["replay", "none.mcap"], "none.mcap: cannot be read"),
+        (["replay", "bad.toml"], "bad.toml: not a recording of tactiled"),
+        (["replay", "none.mcap", "--link", "x", "--verify"], "--link plays bytes"),
+        (["recover", "bad.toml"], "bad.toml: not a recording of tactiled"),
+        (["export", "bad.toml"], "--csv OUT, --npz OUT or both"),
+        (["export", "none.mcap", "--csv", "x.csv"], "none.mcap: cannot be read"),
         (["frobnicate"], "frobnicate"),
     ],
 )

@@ -73,6 +73,7 @@ class Network:
                 group.create_task(self._gate.run())
             if self._server is not None:
                 group.create_task(self._server.run())
+            await asyncio.Event().wait()  # for ever, also where there is nothing to serve
 
     def close(self) -> None:
         """Let queued events leave, then close."""

@@ -187,7 +187,7 @@ class InfoEvent(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingEvent(Event):
-    """How the recording is; published each second, and at each change, where there is one."""
+    """How the recording is; published each second, and at each change."""
 
     topic: ClassVar[str] = "recording"
     state: Literal["off", "recording", "no-room", "failed"]

@@ -1,0 +1,121 @@
+"""Recordings by real processes: killed, recovered, run again, played to a daemon."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.system
+PATIENCE_S = 30.0
+
+
+class Bench:
+    """A folder with an emulated board in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.board = folder / "board"
+        self.environ = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+        for name in ("NOTIFY_SOCKET", "RUNTIME_DIRECTORY"):
+            self.environ.pop(name, None)
+
+    def command(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [sys.executable, "-m", "tactiled", *arguments], cwd=self.folder, env=self.environ,
+            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+
+    @contextmanager
+    def process(self, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+        with subprocess.Popen(
+            [sys.executable, "-m", "tactiled", *arguments], cwd=self.folder, env=self.environ,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        ) as child:  # fmt: skip
+            try:
+                yield child
+            finally:
+                child.kill()
+
+    def until_bigger_than(self, path: Path, n_bytes: int) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not path.exists() or path.stat().st_size < n_bytes:
+            assert time.monotonic() < until_s, f"{path} does not grow"
+            time.sleep(0.02)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path)
+    with made.process("emulate", "--scene", "rest", "--link", str(made.board)):
+        until_s = time.monotonic() + PATIENCE_S
+        while not made.board.is_symlink():
+            assert time.monotonic() < until_s
+            time.sleep(0.02)
+        yield made
+
+
+def test_killed_recovered_and_run_again(bench: Bench) -> None:
+    file = bench.folder / "a.mcap"
+    active = bench.folder / "a.mcap.active"
+    with bench.process("record", "a.mcap", "--port", str(bench.board)) as recorder:
+        bench.until_bigger_than(active, 60_000)  # some seconds, so several syncs
+        refused = bench.command("record", "a.mcap", "--port", str(bench.board))
+        assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
+        assert "another recorder is writing it" in refused.stderr
+        busy = bench.command("recover", "a.mcap.active")
+        assert (busy.returncode, "writing it right now" in busy.stderr) == (2, True)
+        recorder.send_signal(signal.SIGKILL)
+        recorder.wait(PATIENCE_S)
+        killed_unix_s = time.time()
+    before = active.read_bytes()
+    recovered = bench.command("recover", "a.mcap.active")
+    assert recovered.returncode == 0, recovered.stderr
+    assert "up to 1 s in memory" in recovered.stderr
+    assert active.read_bytes() == before
+    verified = bench.command("replay", "a.mcap", "--verify")
+    assert (verified.returncode, verified.stdout) == (0, ""), verified.stderr
+    assert "events came again bit for bit" in verified.stderr
+    lines = [json.loads(line) for line in bench.command("replay", "a.mcap", "-t", "scan").stdout.splitlines()]
+    assert [line["seq"] for line in lines] == list(range(len(lines)))
+    # Lost is what came after the last sync, 1 s apart, with a machine that may be busy.
+    assert 0 <= killed_unix_s - lines[-1]["timestamp"] < 3.0
+    data = file.read_bytes()
+    (bench.folder / "cut.mcap").write_bytes(data[: len(data) // 2])
+    assert bench.command("recover", "cut.mcap").returncode == 0
+    assert bench.command("replay", "cut.recovered.mcap", "--verify").returncode == 0
+
+
+def test_recorded_for_a_while_exported_and_played_to_a_daemon(bench: Bench) -> None:
+    done = bench.command("record", "a.mcap", "--port", str(bench.board), "--seconds", "3")
+    assert done.returncode == 0, done.stderr
+    exported = bench.command("export", "a.mcap", "--csv", "a.csv", "--npz", "a.npz")
+    assert exported.returncode == 0, exported.stderr
+    scans = len((bench.folder / "a.csv").read_text().splitlines()) - 1
+    assert f"a.npz: {scans} scans" in exported.stderr
+    assert scans > 100
+    assert bench.command("detect", "a.csv").returncode == 0
+    with bench.process("replay", "a.mcap", "--link", str(bench.folder / "played")) as player:
+        again = bench.command("record", "b.mcap", "--port", str(bench.folder / "played"), "--seconds", "4")
+        assert again.returncode == 0, again.stderr
+        player.wait(PATIENCE_S)
+    assert bench.command("export", "b.mcap", "--csv", "b.csv").returncode == 0
+    rows = [
+        [line.split(",")[1:] for line in (bench.folder / name).read_text().splitlines()[1:]]
+        for name in ("a.csv", "b.csv")
+    ]
+    assert len(rows[1]) >= 100
+    assert rows[0][-len(rows[1]) :] == rows[1]
+
+
+def test_without_a_board_it_says_so(tmp_path: Path) -> None:
+    done = Bench(tmp_path).command("record", "a.mcap", "--port", str(tmp_path / "none"), "--seconds", "0.5")
+    assert done.returncode == 1
+    assert "no such port" in done.stderr
+    assert "a.mcap: 0 scans" in done.stderr
