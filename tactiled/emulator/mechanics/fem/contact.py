@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-PENALTY = 20.0  # of the surface's own nodal stiffness: overlap stays below 1 um at 3 N
-PENALTY_SLIP = 5.0  # elastic creep before a point slips, likewise
+# Stiffness of contact and of sticking, over the mean stiffness of a surface point. Five times more moves the
+# forces by less than 0.3 % and the approach by 1.5 um, and takes four times as long on grooves (points that touch
+# and part in turn).
+PENALTY, PENALTY_SLIP = 4.0, 1.0
 TOLERANCE = 1e-6  # residual over reaction
+MOST_STEPS = 8  # what converges takes 4 or 5; what has not by then goes round in circles
 MOST_HALVINGS = 7
 
 
@@ -167,7 +170,7 @@ class Bench:
             ext0=values,
             solver=_solve,
             tol=TOLERANCE,
-            maxiter=16,
+            maxiter=MOST_STEPS,
             verbose=0,
         )
         self._field = result.x
