@@ -2,7 +2,7 @@
 
 Needs pyzmq and msgpack only. ::
 
-    from tactiled.client import Client, Fresh, Lost, Message, Stale
+    from tactiled.client import Client, Message, Stale
 
     async with Client("tcp://127.0.0.1:9872", topics=("slip",)) as client:
         async for item in client:
@@ -12,22 +12,29 @@ Needs pyzmq and msgpack only. ::
                 case Stale(reason=reason):
                     hold_without_touch(reason)
 
-or, without asyncio, ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``
+`Recovered` is a message that was missed and fetched: old news. `Lost` is what is beyond recovery. To tell the
+daemon something: ``AsyncCommander().send("inhibit", duration_s=0.4)``.
+
+Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
 """
 
+from tactiled.client.commander import AsyncCommander, Commander, Reply
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Client, Subscription, subscribe
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
 __all__ = [
     "DEFAULT_ENDPOINT",
+    "AsyncCommander",
     "Client",
+    "Commander",
     "Fresh",
     "Item",
     "Lost",
     "Malformed",
     "Message",
     "Recovered",
+    "Reply",
     "Restarted",
     "Stale",
     "Subscription",

@@ -26,7 +26,8 @@ from tactiled.tomlfile import Params
 # anything, and costs us at most about 2 MB.
 _SEND_HIGH_WATER = 2000
 _LINGER_MS = 300  # enough for queued events to leave over loopback; a dead subscriber delays our end no more
-_LONGEST_SUBSCRIPTION = 256  # bytes; all that a subscriber may send us: a topic is some 30
+# All that a subscriber may send us: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
+_LONGEST_SUBSCRIPTION = 1024
 
 
 class PublishParams(Params):

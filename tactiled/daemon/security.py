@@ -179,7 +179,7 @@ class Gate:
         address, key = "?", b""
         if version == b"1.0" and len(rest) == 5:
             domain, address_raw, _, mechanism, credentials = rest
-            address = address_raw.decode(errors="replace")
+            address = address_raw.decode(errors="replace").removeprefix("::ffff:")  # IPv4 on an IPv6 socket
             if domain == _ZAP_DOMAIN and mechanism == b"CURVE" and len(credentials) == 32:
                 key = z85.encode(credentials)
                 name = self._keys.clients().get(key)

@@ -1,0 +1,478 @@
+"""Requests and replies, with and without sockets: what is asked is given, and nobody hostile breaks it."""
+
+import asyncio
+import contextlib
+import json
+import os
+import socket
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+import zmq.asyncio
+from boards import descriptors
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from tactiled import resources
+from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
+from tactiled.daemon import network as network_module
+from tactiled.daemon.complaints import PERIOD_S
+from tactiled.daemon.control import REPLY_BYTES, Control
+from tactiled.daemon.network import Network
+from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.daemon.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, parse
+from tactiled.events.types import ContactEvent
+
+CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "state": {},
+    "events": {"board": "b", "topic": "contact", "first_seq": 0},
+    "tare": {"force": True},
+    "speed": {"speed_mm_s": 5},
+    "inhibit": {"duration_s": 0.5},
+    "thresholds": {"values": {"slip.threshold_volts": 0.003}},
+    "rate": {"rate_hz": 200.0},
+    "record": {"on": True},
+    "mark": {"text": "now"},
+}
+
+
+def request(do: str, id_: str = "r1", **arguments: Any) -> bytes:
+    packed: bytes = msgpack.packb({"v": 1, "id": id_, "do": do, **arguments})
+    return packed
+
+
+class Desk:
+    """A `Control` without sockets, and the commands that reached it."""
+
+    def __init__(self) -> None:
+        self.publisher = Publisher(PublishParams(endpoints=()))
+        self.done: list[Command] = []
+        self.refuse = ""
+        self.later: list[Callable[[str], None]] | None = None
+        self.control = Control(self.publisher, self.do, lambda _: {"speed_mm_s": 0.0})
+
+    def do(self, command: Command, _key: str, _now_s: float, done: Callable[[str], None]) -> None:
+        self.done.append(command)
+        if self.later is None:
+            done(self.refuse)
+        else:
+            self.later.append(done)
+
+    def ask(self, payload: bytes, key: str = "", now_s: float = 0.0) -> list[dict[str, Any]]:
+        replies: list[bytes] = []
+        self.control.take(payload, key, now_s, replies.append)
+        return [msgpack.unpackb(reply) for reply in replies]
+
+
+@pytest.mark.parametrize("do", REQUESTS)
+def test_every_request_is_answered_with_its_id(do: str) -> None:
+    desk = Desk()
+    (reply,) = desk.ask(request(do, "my-id", **EXAMPLES[do]))
+    assert (reply["v"], reply["id"], reply["do"], reply["ok"], reply["reason"]) == (1, "my-id", do, True, "")
+    assert reply["run"] == desk.publisher.run
+    assert len(desk.done) == (do not in ("state", "events"))
+
+
+def test_state_is_the_newest_of_each_topic_as_it_was_published() -> None:
+    desk = Desk()
+    for _ in range(3):
+        desk.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+    (reply,) = desk.ask(request("state"))
+    (message,) = reply["messages"].values()
+    assert list(reply["messages"]) == ["tactile/b/contact"]
+    assert (message["seq"], message["run"], message["state"]) == (2, desk.publisher.run, "loading")
+    assert reply["settings"] == {"speed_mm_s": 0.0}
+
+
+def test_events_come_in_parts_of_bounded_size() -> None:
+    desk = Desk()
+    for _ in range(3000):
+        desk.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+    seqs: list[int] = []
+    first_seq, parts = 5, 0
+    while True:
+        payload = request("events", board="b", topic="contact", first_seq=first_seq)
+        replies: list[bytes] = []
+        desk.control.take(payload, "", 0.0, replies.append)
+        assert len(replies[0]) < REPLY_BYTES + 1000
+        reply = msgpack.unpackb(replies[0])
+        seqs += [message["seq"] for message in reply["messages"]]
+        parts += 1
+        if not reply["more"]:
+            break
+        first_seq = reply["next_seq"]
+    assert seqs == list(range(5, 3000))
+    assert parts > 1
+    (reply,) = desk.ask(request("events", board="b", topic="no", first_seq=0))
+    assert not reply["ok"]
+    assert "slip" in reply["reason"]
+
+
+def test_a_command_is_done_once_for_an_id() -> None:
+    desk = Desk()
+    first = desk.ask(request("speed", speed_mm_s=5.0))
+    assert desk.ask(request("speed", speed_mm_s=5.0)) == first
+    assert len(desk.done) == 1
+    (reply,) = desk.ask(request("speed", speed_mm_s=6.0))
+    assert (reply["ok"], reply["reason"]) == (False, "id: was used for another request")
+    assert desk.ask(request("speed", "r2", speed_mm_s=6.0))[0]["ok"]
+    assert desk.ask(request("speed", speed_mm_s=7.0), key="other")[0]["ok"]  # ids are each client's own
+    assert len(desk.done) == 3
+
+
+def test_a_refusal_is_repeated_too() -> None:
+    desk = Desk()
+    desk.refuse = "something is in contact"
+    assert desk.ask(request("tare"))[0]["reason"] == "something is in contact"
+    desk.refuse = ""
+    assert desk.ask(request("tare"))[0]["reason"] == "something is in contact"
+    assert desk.ask(request("tare", "r2"))[0]["ok"]
+
+
+def test_whoever_repeats_a_command_in_progress_is_answered_when_it_is_done() -> None:
+    desk = Desk()
+    desk.later = []
+    replies: list[bytes] = []
+    for _ in range(30):
+        desk.control.take(request("rate", rate_hz=200.0), "", 0.0, replies.append)
+    assert replies == []
+    (done,) = desk.later
+    done("the board refused")
+    assert 1 < len(replies) < 10
+    assert {msgpack.unpackb(reply)["reason"] for reply in replies} == {"the board refused"}
+
+
+def test_ids_do_not_fill_the_memory() -> None:
+    desk = Desk()
+    for number in range(3000):
+        desk.ask(request("mark", f"id-{number}", text="x"))
+    assert len(desk.control._asked) <= 1000
+
+
+@pytest.mark.parametrize(
+    ("payload", "says"),
+    [
+        (b"", "not msgpack"),
+        (b"\xc1", "not msgpack"),
+        (b"\x91" * 10_000, "not msgpack"),
+        (b"\xdf\xff\xff\xff\xff", "not msgpack"),
+        (b"x" * (LONGEST_BYTES + 1), "at most"),
+        (msgpack.packb([1]), "not a map"),
+        (msgpack.packb({b"do": "state"}), "not a map"),
+        (msgpack.packb({}), "do: None is none of state, events"),
+        (msgpack.packb({"do": [1] * 5000}), "do: "),
+        (request("state").replace(b"\xa1v\x01", b"\xa1v\x02"), "v: 2"),
+        (request("state").replace(b"\xa1v\x01", b"\xa1v\xc3"), "v: True"),
+        (request("state", ""), "id: "),
+        (request("state", "x" * 65), "id: "),
+        (request("state", surplus=1), "surplus: unknown key"),
+        (request("speed", speed=5), "use speed_mm_s"),
+        (request("speed", speed_mm_s="5"), "speed_mm_s: "),
+        (request("speed", speed_mm_s=True), "speed_mm_s: "),
+        (request("speed", speed_mm_s=float("nan")), "speed_mm_s: "),
+        (request("speed", speed_mm_s=2**64 - 1), "speed_mm_s: "),
+        (request("inhibit", duration_s=61.0), "duration_s: "),
+        (request("inhibit", duration_s=-1.0), "duration_s: "),
+        (request("thresholds", values={}), "values: "),
+        (request("thresholds", values={str(n): 1.0 for n in range(33)}), "values: "),
+        (request("thresholds", values={"a": None}), "values.a: "),
+        (request("mark", text=""), "text: "),
+        (request("mark", text="x" * 1001), "text: "),
+        (request("events", board="b", topic="slip", first_seq=-1), "first_seq: "),
+        (request("events", board="b", topic="slip", first_seq=2**63), "first_seq: "),
+        (request("rate", rate_hz=0.0), "rate_hz: "),
+    ],
+)
+def test_what_is_no_request_is_refused_and_the_field_named(payload: bytes, says: str) -> None:
+    desk = Desk()
+    (reply,) = desk.ask(payload)
+    assert not reply["ok"]
+    assert says in reply["reason"]
+    assert len(reply["reason"]) <= 500
+    assert desk.done == []
+    assert desk.control.bad.count == 1
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text() | st.integers(0, 9), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+fields = st.dictionaries(
+    st.sampled_from(sorted({field for example in EXAMPLES.values() for field in example}))
+    | st.text(max_size=5),
+    plain,
+    max_size=3,
+)
+
+
+@given(
+    payloads=st.lists(
+        st.binary(max_size=80)
+        | st.tuples(st.sampled_from(sorted(REQUESTS)), fields).map(
+            lambda pair: request(pair[0], **{k: v for k, v in pair[1].items() if k != "do"})
+        )
+        | plain.map(lambda value: msgpack.packb(value)),
+        max_size=10,
+    )
+)
+@settings(deadline=None, max_examples=300)
+def test_any_bytes_are_answered_once_and_never_raise(payloads: list[bytes]) -> None:
+    desk = Desk()
+    for payload in payloads:
+        (reply,) = desk.ask(payload)
+        assert reply["ok"] == (reply["reason"] == "")
+        VALIDATORS["reply"].validate(reply)
+
+
+def schema(name: str) -> Draft202012Validator:
+    loaded = json.loads(resources.shipped("protocols", "control", f"{name}.schema.json").read_text())
+    Draft202012Validator.check_schema(loaded)
+    return Draft202012Validator(loaded)
+
+
+VALIDATORS = {name: schema(name) for name in ("request", "reply")}
+
+
+@given(do=st.sampled_from(sorted(REQUESTS)), extra=fields, example=st.booleans())
+@settings(deadline=None, max_examples=400)
+def test_the_schema_and_the_daemon_agree_on_what_a_request_is(
+    do: str, extra: dict[str, Any], example: bool
+) -> None:
+    document = {"v": 1, "id": "r1", "do": do, **(EXAMPLES[do] if example else {}), **extra}
+    document["do"] = do
+    taken = isinstance(parse(msgpack.packb(document)), Request)
+    assert taken == VALIDATORS["request"].is_valid(plain_json(document))
+
+
+def plain_json(value: Any) -> Any:
+    """As JSON knows it: what JSON cannot say becomes what no schema allows."""
+    if isinstance(value, dict):
+        return {str(k): plain_json(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [plain_json(v) for v in value]
+    if isinstance(value, bytes) or (isinstance(value, float) and value - value != 0):
+        return None
+    return value
+
+
+def test_complaints_are_counted_and_said_at_a_bounded_rate(caplog: pytest.LogCaptureFixture) -> None:
+    desk = Desk()
+    for number in range(1000):
+        desk.ask(b"\xc1", now_s=number * 2 * PERIOD_S / 1000)
+    assert desk.control.bad.count == 1000
+    assert len(caplog.records) == 2
+    assert "499 more" in caplog.text
+
+
+# ---- with sockets ----------------------------------------------------------------------------------
+
+
+class Server:
+    """A `Network` in this process."""
+
+    def __init__(self, tmp_path: Path, **params: Any) -> None:
+        self.descriptors = descriptors()
+        self.endpoint = f"ipc://{tmp_path}/events.ipc"
+        self.control = f"ipc://{tmp_path}/control.ipc"
+        self.done: list[Command] = []
+        self.network = Network(
+            PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda _: {"speed_mm_s": 0.0}
+        )
+
+    def do(self, command: Command, _key: str, _now_s: float, done: Callable[[str], None]) -> None:
+        self.done.append(command)
+        done("")
+
+    def send(self, n: int = 1) -> None:
+        for _ in range(n):
+            self.network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+
+
+def serve(server: Server, story: Callable[[], Any]) -> None:
+    """Run a story beside the server; nothing may be left over."""
+
+    async def main() -> None:
+        serving = asyncio.create_task(server.network.run())
+        try:
+            async with asyncio.timeout(20):
+                await story()
+            assert not serving.done()
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            server.network.close()
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    asyncio.run(main())
+    assert descriptors() == server.descriptors
+
+
+def rss_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    while not condition():
+        await asyncio.sleep(0.005)
+
+
+def test_a_client_that_was_deaf_misses_nothing(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+    items: list[Item] = []
+
+    async def story() -> None:
+        async with Client(server.endpoint, topics=("contact",)) as client:
+
+            async def read() -> None:
+                async for item in client:
+                    items.append(item)
+
+            reading = asyncio.create_task(read())
+            while not any(isinstance(item, Message) for item in items):
+                server.send()
+                await asyncio.sleep(0.01)
+            client._events.setsockopt(zmq.UNSUBSCRIBE, b"tactile/")  # type: ignore[union-attr]
+            await asyncio.sleep(0.1)
+            server.send(500)
+            client._events.setsockopt(zmq.SUBSCRIBE, b"tactile/")  # type: ignore[union-attr]
+            await asyncio.sleep(0.1)
+            server.send()
+            total = server.network.publisher.sent("b").contact
+            await until(lambda: bool(seqs()) and seqs()[-1] == total - 1)
+            assert client.recovered >= 500
+            assert client.lost == 0
+            reading.cancel()
+            await asyncio.gather(reading, return_exceptions=True)
+
+    def seqs() -> list[int]:
+        messages = [item.message if isinstance(item, Recovered) else item for item in items]
+        return [message.seq for message in messages if isinstance(message, Message)]
+
+    serve(server, story)
+    assert seqs() == list(range(seqs()[0], seqs()[-1] + 1))
+    assert not [item for item in items if isinstance(item, Lost)]
+
+
+def test_commands_over_sockets(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        async with AsyncCommander(server.endpoint, who="test") as daemon:
+            assert (await daemon.send("mark", text="hello")).ok
+            refused = await daemon.send("mark", text="")
+            assert not refused.ok
+            assert refused.reason.startswith("text: ")
+        assert [command.who for command in server.done] == ["test"]
+
+    serve(server, story)
+
+
+@pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
+def test_any_zmq_client_can_ask(tmp_path: Path, kind: int) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        with zmq.asyncio.Context() as context, context.socket(kind) as sock:
+            sock.linger = 0
+            sock.connect(server.control)
+            await sock.send(request("state"))
+            assert msgpack.unpackb(await sock.recv())["ok"]
+
+    serve(server, story)
+
+
+def test_hostile_clients_cost_nobody_else_anything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
+    monkeypatch.setattr(network_module, "REQUESTS_PER_S", 5000.0)
+    server = Server(tmp_path)
+    server.send(3000)
+
+    async def story() -> None:
+        context = zmq.asyncio.Context()
+        try:
+            evil = [context.socket(zmq.DEALER) for _ in range(4)]
+            for sock in evil:
+                sock.setsockopt(zmq.LINGER, 0)
+                sock.setsockopt(zmq.SNDHWM, 10)
+                sock.connect(server.control)
+            await asyncio.sleep(0.1)
+            before = rss_bytes()
+            greedy = request("events", board="b", topic="contact", first_seq=0)
+            for turn in range(300):
+                floods = (
+                    [request("mark", f"id-{turn}", text="x" * 900)],  # an id each
+                    [b"\x93" * 3000],
+                    [b"f"] * 2000,  # many frames
+                    [greedy],  # and never reads
+                )
+                for sock, frames in zip(evil, floods, strict=True):
+                    with contextlib.suppress(zmq.Again):
+                        await sock.send_multipart(frames, zmq.NOBLOCK)
+                await asyncio.sleep(0.001)
+            async with AsyncCommander(server.endpoint) as daemon:
+                began_s = time.monotonic()
+                assert (await daemon.send("mark", text="still there")).ok
+                assert time.monotonic() - began_s < 5.0
+            assert rss_bytes() - before < 40e6
+            assert server.network.control.bad.count > 0
+            big = context.socket(zmq.DEALER)
+            big.setsockopt(zmq.LINGER, 0)
+            big.connect(server.control)
+            await big.send(b"x" * (LONGEST_BYTES + 1))  # libzmq drops who sends more
+            assert not await big.poll(200)
+            async with AsyncCommander(server.endpoint) as daemon:
+                assert (await daemon.send("state")).ok
+        finally:
+            context.destroy(linger=0)
+
+    serve(server, story)
+
+
+def test_raw_bytes_on_the_port_are_no_harm(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        with socket.socket(socket.AF_UNIX) as junk, socket.socket(socket.AF_UNIX) as mute:
+            junk.connect(str(tmp_path / "control.ipc"))
+            mute.connect(str(tmp_path / "control.ipc"))  # connects and never says anything
+            junk.sendall(b"GET / HTTP/1.1\r\n\r\n" + struct.pack(">Q", 2**63))
+            await asyncio.sleep(0.1)
+            async with AsyncCommander(server.endpoint) as daemon:
+                assert (await daemon.send("state")).ok
+
+    serve(server, story)
+
+
+def test_an_error_of_ours_costs_a_request_and_no_more(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    server = Server(tmp_path)
+
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("a bug")
+
+    server.network.control._do = broken
+
+    async def story() -> None:
+        async with AsyncCommander(server.endpoint) as daemon:
+            with pytest.raises(Exception, match="no answer"):
+                await daemon.send("mark", text="x", timeout_s=0.2)
+            assert (await daemon.send("state")).ok
+        assert "report it" in caplog.text
+
+    serve(server, story)
+
+
+def test_bad_is_what_it_says() -> None:
+    assert parse(b"\xc0") == Bad("not a map with string keys")

@@ -1,0 +1,296 @@
+"""Keys: made, listed, let in, shut out; and nothing that other hosts can reach without them."""
+
+import asyncio
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+from boards import descriptors
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled import tomlfile
+from tactiled.client import AsyncCommander, Client, Message
+from tactiled.daemon import network as network_module
+from tactiled.daemon import publisher as publisher_module
+from tactiled.daemon.network import Network
+from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.requests import Command
+from tactiled.daemon.security import Gate, KeyFolder
+from tactiled.errors import ConfigError, OperatorError
+from tactiled.events.types import ContactEvent
+
+CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> KeyFolder:
+    keys = KeyFolder(tmp_path / "keys")
+    keys.make("left", tmp_path / "left.toml")
+    return keys
+
+
+def test_making_a_client_makes_the_daemon_too_and_secrets_stay_secret(
+    folder: KeyFolder, tmp_path: Path
+) -> None:
+    public, secret = folder.pair()
+    assert len(public) == len(secret) == 40
+    assert zmq.curve_public(secret) == public
+    assert list(folder.clients().values()) == ["left"]
+    for path, mode in (("keys/daemon.toml", 0o600), ("left.toml", 0o600), ("keys/clients/left.toml", 0o644)):
+        assert stat.S_IMODE((tmp_path / path).stat().st_mode) == mode
+    assert "secret" not in (tmp_path / "keys/clients/left.toml").read_text()
+    assert secret.decode() not in (tmp_path / "left.toml").read_text()
+    folder.make("right", tmp_path / "right.toml")
+    assert folder.pair() == (public, secret)
+    assert sorted(folder.clients().values()) == ["left", "right"]
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "../x", ".hidden", "daemon", "a b", "x" * 64, "é"])
+def test_what_is_no_name_is_refused(folder: KeyFolder, tmp_path: Path, name: str) -> None:
+    with pytest.raises(OperatorError, match="letters, digits"):
+        folder.make(name, tmp_path / "out.toml")
+
+
+def test_nothing_is_overwritten_and_nothing_half_made(folder: KeyFolder, tmp_path: Path) -> None:
+    before = (tmp_path / "left.toml").read_text()
+    with pytest.raises(OperatorError, match=r"left\.toml: exists"):
+        folder.make("left", tmp_path / "left.toml")
+    with pytest.raises(OperatorError, match=r"clients/left\.toml: exists"):
+        folder.make("left", tmp_path / "other.toml")
+    assert not (tmp_path / "other.toml").exists()
+    assert (tmp_path / "left.toml").read_text() == before
+    with pytest.raises(OperatorError, match="cannot be written"):
+        folder.make("new", tmp_path / "no" / "such" / "folder.toml")
+    assert "new" not in folder.clients().values()
+
+
+def test_a_daemon_without_a_good_pair_does_not_start(folder: KeyFolder, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="tactiled keys make"):
+        KeyFolder(tmp_path / "none").pair()
+    path = folder.path / "daemon.toml"
+    path.chmod(0o640)
+    with pytest.raises(ConfigError, match="others can read the secret key: chmod 600"):
+        folder.pair()
+    path.chmod(0o600)
+    path.write_text('public_key = "short"\n')
+    with pytest.raises(ConfigError, match="secret_key: missing"):
+        folder.pair()
+
+
+def test_a_client_file_that_is_none_shuts_out_itself_only(
+    folder: KeyFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    (folder.path / "clients" / "bad.toml").write_text("public_key = 7\n")
+    (folder.path / "clients" / "worse.toml").write_bytes(b"\xff\xfe")
+    assert list(folder.clients().values()) == ["left"]
+    assert "bad.toml: public_key" in caplog.text
+    assert "worse.toml" in caplog.text
+
+
+def test_whoever_is_removed_is_shut_out_without_a_restart(folder: KeyFolder) -> None:
+    assert folder.clients()
+    (folder.path / "clients" / "left.toml").unlink()
+    assert folder.clients() == {}
+
+
+@contextmanager
+def gate(folder: KeyFolder) -> Iterator[Gate]:
+    with zmq.Context() as context:
+        opened = Gate(context, folder)
+        yield opened
+        opened.close()
+
+
+@given(request=st.lists(st.binary(max_size=40), max_size=9))
+@settings(deadline=None)
+def test_whatever_asks_is_answered_and_not_let_in(
+    tmp_path_factory: pytest.TempPathFactory, request: list[bytes]
+) -> None:
+    path = tmp_path_factory.mktemp("keys")
+    keys = KeyFolder(path / "keys")
+    keys.make("left", path / "left.toml")
+    with gate(keys) as opened:
+        reply = opened.answer(request, 0.0)
+        assert len(reply) == 6
+        assert reply[2] == b"400"
+        assert opened.denied.count == 1
+
+
+def test_another_domain_or_mechanism_is_not_let_in_even_with_the_key(folder: KeyFolder) -> None:
+    (key,) = folder.clients()
+    raw = zmq.utils.z85.decode(key)
+    with gate(folder) as opened:
+        good = [b"1.0", b"7", b"tactiled", b"10.0.0.2", b"", b"CURVE", raw]
+        assert opened.answer(good, 0.0) == [b"1.0", b"7", b"200", b"OK", b"left", b""]
+        for place, other in (
+            (0, b"2.0"),
+            (2, b""),
+            (2, b"other"),
+            (5, b"PLAIN"),
+            (5, b"NULL"),
+            (6, raw[:31]),
+        ):
+            assert opened.answer([*good[:place], other, *good[place + 1 :]], 0.0)[2] == b"400"
+
+
+class Server:
+    """A network whose loopback endpoint counts as one that other hosts can reach."""
+
+    def __init__(self, tmp_path: Path, port: int, folder: KeyFolder) -> None:
+        self.descriptors = descriptors()
+        self.wide = f"tcp://127.0.0.1:{port}"
+        self.local = f"ipc://{tmp_path}/events.ipc"
+        self.keys_used: list[str] = []
+        params = PublishParams(endpoints=(self.wide, self.local), keys=str(folder.path))
+        self.network = Network(params, self.do, lambda _: {})
+
+    def do(self, _command: Command, key: str, _now_s: float, done: Callable[[str], None]) -> None:
+        self.keys_used.append(key)
+        done("")
+
+    def run(self, story: Callable[[], Any]) -> None:
+        async def main() -> None:
+            serving = asyncio.create_task(self.network.run())
+            try:
+                async with asyncio.timeout(20):
+                    await story()
+            finally:
+                serving.cancel()
+                await asyncio.gather(serving, return_exceptions=True)
+                self.network.close()
+
+        asyncio.run(main())
+        assert descriptors() == self.descriptors
+
+    async def hears(self, endpoint: str, keys: Path | None, patience_s: float) -> bool:
+        """Whether a client hears what is published."""
+        async with Client(endpoint, topics=("contact",), control="", keys=keys) as client:
+            try:
+                async with asyncio.timeout(patience_s):
+                    while True:
+                        self.network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+                        try:
+                            async with asyncio.timeout(0.02):
+                                if isinstance(await anext(client), Message):
+                                    return True
+                        except TimeoutError:
+                            continue
+            except TimeoutError:
+                return False
+
+
+@pytest.fixture
+def server(tmp_path: Path, folder: KeyFolder, monkeypatch: pytest.MonkeyPatch) -> Server:
+    def is_guarded(params: PublishParams, endpoint: str) -> bool:
+        return params.keys is not None and endpoint.startswith("tcp://")
+
+    monkeypatch.setattr(publisher_module, "is_guarded", is_guarded)
+    monkeypatch.setattr(network_module, "is_guarded", is_guarded)
+    with zmq.Context() as context, context.socket(zmq.PUB) as probe:
+        port = probe.bind_to_random_port("tcp://127.0.0.1", min_port=20_000, max_port=40_000)
+    return Server(tmp_path, port, folder)
+
+
+def test_a_client_of_the_folder_hears_and_commands_under_its_name(server: Server, tmp_path: Path) -> None:
+    async def story() -> None:
+        keys = tmp_path / "left.toml"
+        assert await server.hears(server.wide, keys, 10.0)
+        async with AsyncCommander(server.wide, keys=keys) as daemon:
+            assert (await daemon.send("mark", text="hello")).ok
+        assert server.keys_used == ["left"]
+
+    server.run(story)
+
+
+def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
+    server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stranger = KeyFolder(tmp_path / "elsewhere")
+    stranger.make("left", tmp_path / "stranger.toml")
+    daemon_key = next(
+        line for line in (tmp_path / "left.toml").read_text().splitlines() if line.startswith("daemon_key")
+    )
+    forged = tmp_path / "forged.toml"  # a pair of his own, and the true daemon's public key
+    lines = (tmp_path / "stranger.toml").read_text().splitlines()[:2]
+    forged.write_text("\n".join([*lines, daemon_key]))
+
+    async def story() -> None:
+        assert not await server.hears(server.wide, forged, 0.5)
+        assert "client denied: 127.0.0.1" in caplog.text
+        assert not await server.hears(server.wide, tmp_path / "stranger.toml", 0.3)  # trusts another daemon
+        assert not await server.hears(server.wide, None, 0.3)
+        async with AsyncCommander(server.wide, keys=forged) as daemon:
+            with pytest.raises(OperatorError, match="no answer"):
+                await daemon.send("mark", timeout_s=0.3, text="x")
+        assert server.keys_used == []
+        assert await server.hears(server.wide, tmp_path / "left.toml", 10.0)
+
+    server.run(story)
+
+
+def test_what_only_this_host_can_reach_needs_no_key(server: Server) -> None:
+    async def story() -> None:
+        assert await server.hears(server.local, None, 10.0)
+        async with AsyncCommander(server.local) as daemon:
+            assert (await daemon.send("mark", text="x")).ok
+        assert server.keys_used == [""]
+
+    server.run(story)
+
+
+def test_a_forged_daemon_is_not_believed(server: Server, tmp_path: Path) -> None:
+    """Someone at our address with keys of his own: the client takes nothing from him."""
+    keys = tmp_path / "left.toml"
+    text = keys.read_text()
+    other = zmq.curve_keypair()[0].decode()
+    forged = tmp_path / "other-daemon.toml"
+    forged.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{other}"\n')
+
+    async def story() -> None:
+        assert not await server.hears(server.wide, forged, 0.5)
+
+    server.run(story)
+
+
+def test_wide_endpoints_want_keys_or_an_explicit_word(tmp_path: Path) -> None:
+    def parse(**extra: Any) -> PublishParams:
+        return tomlfile.parse({"endpoints": ["tcp://0.0.0.0:9872"], **extra}, PublishParams, "t.toml")
+
+    with pytest.raises(ConfigError, match="tactiled keys make"):
+        parse()
+    assert parse(keys="/etc/tactiled/keys").control == ("tcp://0.0.0.0:9873",)
+    parse(allow_plaintext_on_network=True)
+    with pytest.raises(ConfigError, match=r"tcp://0\.0\.0\.0:1 can be reached"):
+        tomlfile.parse({"control_endpoints": ["tcp://0.0.0.0:1"]}, PublishParams, "t.toml")
+    with pytest.raises(ConfigError, match=r"daemon\.toml: cannot be read"):
+        Network(parse(keys=str(tmp_path)), lambda *_: None, lambda _: {})
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no file of `tactiled keys make`"),
+        ('public_key = "a"', "no file of"),
+        ("public_key = [", "no file of"),
+        ('public_key = "a"\nsecret_key = "b"\ndaemon_key = "c"', "40 characters"),
+        ('public_key = "é"\nsecret_key = "b"\ndaemon_key = "c"', "no file of"),
+    ],
+)
+def test_a_client_with_a_bad_file_is_told_so(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "k.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=says):
+        asyncio.run(_enter(path))
+    with pytest.raises(ConfigError, match="cannot be read"):
+        asyncio.run(_enter(tmp_path / "none.toml"))
+
+
+async def _enter(keys: Path) -> None:
+    async with Client(f"ipc://{os.devnull}.ipc", keys=keys):
+        pass
