@@ -66,7 +66,8 @@ class Column:
 
 
 def _strength(seen: Spectrum) -> tuple[bool, float]:
-    return seen.status == "ok", float((seen.amplitude_volts[seen.peak] ** 2).sum())
+    # Beyond the band or not, a ripple that is there counts for more than a trend or nothing.
+    return seen.status in ("ok", "aliased"), float((seen.amplitude_volts[seen.peak] ** 2).sum())
 
 
 def _resistors(array: Array, taxels: list[int]) -> list[NDArray[np.int64]]:

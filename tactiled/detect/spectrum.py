@@ -1,4 +1,10 @@
-"""Amplitude spectrum of a window, and the ripple in it: the 2019 paper's frequency of largest amplitude."""
+"""Amplitude spectrum of a window, and the ripple in it: the 2019 paper's frequency of largest amplitude.
+
+Ripples above the low-pass are beyond what the procedure looks for. Where the largest one is, what lies below
+may be its harmonics mirrored at half the scan rate: "aliased". A ripple whose own frequency is above half the
+scan rate shows its mirror image alone, and no spectrum can tell that from a ripple: grooves finer than
+``2 v / rate`` (1 mm at 50 mm/s and 100 Hz) may be taken for coarser ones.
+"""
 
 from dataclasses import dataclass
 
@@ -56,7 +62,7 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     volts_per_step : float
         Grid of the readings: what a noiseless signal has for noise.
     low_pass_hz : float
-        Ripples above are not looked for, but for one near half the scan rate: that is "aliased".
+        Ripples above are not looked for; where the largest one is there, that is "aliased".
     """
     n, n_taxels = volts.shape
     time = np.arange(n) - (n - 1) / 2
@@ -76,8 +82,9 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     if not clear[peak] or (peak + 1 < len(power) and power[peak + 1] > power[peak]):
         peak = 0
     status: TextureStatus = "ok"
-    top = int(np.argmax(power[1:])) + 1 if len(power) > 1 else 0
-    if clear[top] and frequency_hz[top] > _ALIASED * rate_hz:
+    # Slow bins left out: beside creep, a ripple above would pass for a slow one of too few periods.
+    top = int(np.argmax(power[_MIN_PERIODS:])) + _MIN_PERIODS if len(power) > _MIN_PERIODS else 0
+    if clear[top] and not in_band[top]:
         status, peak = "aliased", top
     elif not peak:
         status = "low-snr"
