@@ -90,14 +90,17 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 @click.option(
     "--timeout", "timeout_s", type=click.FloatRange(0), help="Stop after so many seconds; 1 if nothing came."
 )
-def listen(endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None) -> None:
+@click.option("--keys", type=FILE, help="Our file of `tactiled keys make`.")
+def listen(
+    endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None, keys: Path | None
+) -> None:
     """Print what a daemon publishes, one JSON line a message.
 
     Example: tactiled listen --topic slip --topic texture
     """
     from tactiled.client.listen import listen as run_listener
 
-    sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s))
+    sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s, keys=keys))
 
 
 @cli.command()
@@ -312,6 +315,72 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
     for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
         if out is not None:
             click.echo(f"{out}: {write(files, out)} scans", err=True)
+
+
+@cli.command()
+@click.argument("name")
+@click.argument("fields", nargs=-1, metavar="[FIELD=VALUE]...")
+@click.option("--endpoint", default="tcp://127.0.0.1:9872", show_default=True, help="Where it publishes.")
+@click.option("--who", default="command line", show_default=True, help="Our name, for the record.")
+@click.option("--keys", type=FILE, help="Our file of `tactiled keys make`.")
+def command(name: str, fields: tuple[str, ...], endpoint: str, who: str, keys: Path | None) -> None:
+    """Ask a running daemon for something, and print its reply as JSON; 1 when it refused.
+
+    NAME is tare, speed, inhibit, thresholds, rate, record, mark or state; fields: protocols/control.md.
+
+    Example: tactiled command thresholds slip.threshold_volts=0.003
+    """
+    from tactiled.client.commander import Commander, fields_of
+
+    arguments = fields_of(name, fields)
+    with Commander(endpoint, who, keys=keys) as daemon:
+        reply = daemon.send(name, **arguments)
+    click.echo(json.dumps(reply.data))
+    if not reply.ok:
+        click.echo(f"{name}: {reply.reason}", err=True)
+    sys.exit(0 if reply.ok else 1)
+
+
+@cli.group()
+def keys() -> None:
+    """Keys of those who may connect from other hosts: one folder a daemon, named in publish.keys.
+
+    Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
+    """
+
+
+FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
+
+
+@keys.command("make")
+@click.argument("name")
+@FOLDER
+@click.option("--out", type=FILE, help="What the client carries; default: NAME.toml here.")
+def keys_make(name: str, folder: Path, out: Path | None) -> None:
+    """Make the keys of a client, and the daemon's if there are none. Move the file to the client's host.
+
+    Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
+    """
+    from tactiled.daemon.security import KeyFolder
+
+    carry = out or Path(f"{name}.toml")
+    KeyFolder(folder).make(name, carry)
+    click.echo(f"{carry}: for {name}, secret; {folder} lets it in", err=True)
+
+
+@keys.command("list")
+@FOLDER
+def keys_list(folder: Path) -> None:
+    """Print who may connect, one JSON line a client.
+
+    Example: tactiled keys list --folder /etc/tactiled/keys
+    """
+    from tactiled.daemon.security import KeyFolder
+
+    folder_keys = KeyFolder(folder)
+    click.echo(f"{folder}: the daemon is {folder_keys.pair()[0].decode()}", err=True)
+    for key, name in sorted(folder_keys.clients().items(), key=lambda entry: entry[1]):
+        click.echo(json.dumps({"name": name, "public_key": key.decode()}))
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ def tactiled(
 
 VERBS = [
     "demo", "run", "emulate", "listen", "detect", "bench", "check-config",
-    "record", "replay", "recover", "export",
+    "record", "replay", "recover", "export", "command", "keys",
 ]  # fmt: skip
 
 
@@ -57,6 +57,9 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["recover", "bad.toml"], "bad.toml: not a recording of tactiled"),
         (["export", "bad.toml"], "--csv OUT, --npz OUT or both"),
         (["export", "none.mcap", "--csv", "x.csv"], "none.mcap: cannot be read"),
+        (["command", "tare", "force"], "FIELD=VALUE"),
+        (["keys", "make", "a/b"], "letters"),
+        (["keys", "list"], "tactiled keys make"),
         (["frobnicate"], "frobnicate"),
     ],
 )

@@ -4,8 +4,10 @@ A command that got no reply is sent again with the same id, which the daemon doe
 so a reply lost on the way never makes a command happen twice.
 """
 
+import json
 import secrets
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -172,3 +174,23 @@ class AsyncCommander(_Connected):
 
     async def __aexit__(self, *_: object) -> None:
         self.close()
+
+
+def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:
+    """Arguments of a request from words like ``speed_mm_s=5``; values are JSON, or else text.
+
+    Raises
+    ------
+    OperatorError
+        A word has no ``=``.
+    """
+    fields: dict[str, Any] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals or not name:
+            raise OperatorError(f"{word}: say FIELD=VALUE, as in speed_mm_s=5")
+        try:
+            fields[name] = json.loads(text)
+        except ValueError:
+            fields[name] = text
+    return {"values": fields} if do == "thresholds" else fields

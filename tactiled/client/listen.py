@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TextIO
 
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
@@ -19,6 +20,7 @@ def listen(
     *,
     count: int | None = None,
     timeout_s: float | None = None,
+    keys: Path | None = None,
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> int:
@@ -26,7 +28,7 @@ def listen(
 
     Parameters
     ----------
-    endpoint, topics, board
+    endpoint, topics, board, keys
         As for `Client`.
     count : int, optional
         End after so many messages.
@@ -46,7 +48,7 @@ def listen(
     until_s = None if timeout_s is None else time.monotonic() + timeout_s
     printed = 0
     try:
-        with Subscription(endpoint, topics, board) as subscription:
+        with Subscription(endpoint, topics, board, keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)
                 if item is None:

@@ -1,0 +1,56 @@
+"""The subscriber in protocols/control.md runs as it is printed, and misses nothing."""
+
+import asyncio
+import re
+import sys
+from pathlib import Path
+
+from tactiled import resources
+from tactiled.daemon.network import Network
+from tactiled.daemon.publisher import PublishParams
+from tactiled.events.types import ContactEvent
+
+CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
+
+
+def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
+    page = resources.shipped("protocols", "control.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    script = code.replace("tcp://127.0.0.1:9872", endpoint).replace(
+        "tcp://127.0.0.1:9873", f"ipc://{tmp_path}/control.ipc"
+    )
+    heard = tmp_path / "heard"
+
+    async def main() -> None:
+        network = Network(PublishParams(endpoints=(endpoint,)), lambda *_: None, lambda _: {})
+        serving = asyncio.create_task(network.run())
+        with heard.open("w") as out:
+            child = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stdout=out)
+        try:
+            async with asyncio.timeout(30):
+                while "now contact" not in heard.read_text():
+                    network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+                    await asyncio.sleep(0.02)
+                for turn in range(3):
+                    sockets, network.publisher._sockets = network.publisher._sockets, {}
+                    for _ in range(400 * turn + 1):
+                        network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+                    network.publisher._sockets = sockets
+                    network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+                last = network.publisher.sent("b").contact - 1
+                while f"now contact {last}\n" not in heard.read_text():
+                    await asyncio.sleep(0.02)
+            assert child.returncode is None
+        finally:
+            child.kill()
+            await child.wait()
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            network.close()
+        lines = heard.read_text().splitlines()
+        seqs = [int(line.rsplit(" ", 1)[1]) for line in lines]
+        assert seqs == list(range(seqs[0], last + 1))
+        assert sum(line.startswith("missed") for line in lines) == 1 + 401 + 801
+
+    asyncio.run(main())
