@@ -112,6 +112,7 @@ def listen(
 @click.option("--faults", type=FILE, help="TOML of what goes wrong on the line.")
 @click.option("--seed", default=0, show_default=True, help="Of the faults.")
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
+@click.option("--explain", "explains", is_flag=True, help="Only say which contact model plays it, and why.")
 def emulate(
     scene: str,
     link: Path | None,
@@ -121,6 +122,7 @@ def emulate(
     faults: Path | None,
     seed: int,
     scans: bool,
+    explains: bool,
 ) -> None:
     """Be a board: play a scene on a pty or a TCP port, and tell the truth about it on stdout.
 
@@ -133,10 +135,16 @@ def emulate(
     from tactiled.emulator.shell import run_emulator
     from tactiled.wire.layout import load_layout
 
+    played = load_scene(scene)
+    if explains:
+        from tactiled.emulator.contact import explain
+
+        click.echo(explain(played))
+        return
     if (link is None) == (tcp is None):
         raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
     run_emulator(
-        load_scene(scene),
+        played,
         load_layout(protocol),
         link=link,
         tcp=tcp,
@@ -148,21 +156,47 @@ def emulate(
     )
 
 
+BENCHES = ("clock", "paper", "contact", "faults", "soak")
+
+
 @cli.command()
-@click.argument("name", type=click.Choice(["clock", "paper"]))
-@click.option("--quick", is_flag=True, help="Fewer seeds: a minute at most, coarser numbers.")
-def bench(name: str, quick: bool) -> None:
+@click.argument("name", type=click.Choice(BENCHES))
+@click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
+@click.option("--plot", type=FILE, help="contact: also write a picture, errors against cost.")
+def bench(name: str, quick: bool, plot: Path | None) -> None:
     """Measure, and print the table that README shows.
 
-    clock: how true are the instants of scans? paper: the published experiments, ours beside theirs.
+    clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
+    what each contact model costs and what it gets wrong. faults: what a bad line costs, and for how long.
+    soak: days of board time.
 
     Example: tactiled bench clock
     """
-    from tactiled.bench.clock import bench_clock
-    from tactiled.bench.paper import bench_paper
+    from importlib import import_module
 
-    measure = {"clock": bench_clock, "paper": bench_paper}[name]
-    click.echo(measure(lambda words: click.echo(words, err=True), seeds=2 if quick else 10))
+    if plot is not None and name != "contact":
+        raise click.UsageError("--plot is for `bench contact`")
+    measure = getattr(import_module(f"tactiled.bench.{name}"), f"bench_{name}")
+    more = {"picture": plot} if name == "contact" else {}
+    click.echo(measure(lambda words: click.echo(words, err=True), quick=quick, **more))
+
+
+@cli.command("fit-material")
+@click.argument("file", type=FILE)
+@click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
+def fit_material(file: Path, level: float) -> None:
+    """Fit Yeoh's three constants to a stress-strain curve, and say where the material stays stable.
+
+    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). JSON on stdout,
+    words on stderr.
+
+    Example: tactiled fit-material rubber.csv
+    """
+    from tactiled.emulator.mechanics.fit import fit_material_file
+
+    fit = fit_material_file(file, level)
+    click.echo(json.dumps(fit.as_map(), allow_nan=False))
+    click.echo(fit.in_words(), err=True)
 
 
 @cli.command("check-config")

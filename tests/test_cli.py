@@ -23,7 +23,7 @@ def tactiled(
 
 
 VERBS = [
-    "demo", "run", "emulate", "listen", "detect", "bench", "check-config",
+    "demo", "run", "emulate", "listen", "detect", "bench", "fit-material", "check-config",
     "record", "replay", "recover", "export", "command", "keys",
 ]  # fmt: skip
 

@@ -71,9 +71,9 @@ def play(scene: Scene, seed: int) -> Run:
     return Run(np.array(volts), np.array(times), events, simulation.truth)
 
 
-def bench_paper(say: Callable[[str], None], *, seeds: int = 5) -> str:
+def bench_paper(say: Callable[[str], None], *, quick: bool) -> str:
     """Slip on a flat plate, and table 2 of the paper for simulation and for experiment."""
-    return compare(say, paper_scenes(), seeds=seeds)
+    return compare(say, paper_scenes(), seeds=2 if quick else 10)
 
 
 def compare(say: Callable[[str], None], scenes: Mapping[str, Scene], *, seeds: int) -> str:
