@@ -1,6 +1,7 @@
 """A recording cut at any byte gives all that was synced before the cut, and nothing else."""
 
 import contextlib
+import os
 from pathlib import Path
 
 import pytest
@@ -35,14 +36,15 @@ def test_cut_at_every_byte(
     monkeypatch.setattr("os.fsync", lambda _: None)  # thousands of files need not outlive a power cut
     data, all_items, synced = whole
     cut, out = tmp_path / "cut.mcap.active", tmp_path / "cut.mcap"
-    described = 0
-    for size in range(len(data)):
-        cut.write_bytes(data[:size])
-        if not described:
+    cut.write_bytes(data)
+    described = len(data)
+    for size in range(len(data) - 1, -1, -1):
+        os.truncate(cut, size)
+        if described == size + 1:
             with contextlib.suppress(DataError):
                 read_header(cut)
                 described = size
-        if not described:
+        if size < described:
             with pytest.raises(DataError, match="cut before its description"):
                 recover(cut)
             assert not out.exists()
