@@ -54,7 +54,7 @@ def _value(extra: Disturbance, time_s: FloatArray) -> FloatArray:
     if extra.shape == "ramp":
         return np.asarray(extra.amplitude * part)
     if extra.shape == "pulse":
-        return np.asarray(extra.amplitude * np.sin(np.pi * part) ** 2)
+        return np.asarray(extra.amplitude * np.sin(np.pi * part) ** 2 * (part < 1))  # sin(pi) is no zero
     swell = np.clip(np.minimum(part, 1 - part) / _SWELL, 0.0, 1.0)
     wave = np.sin(2 * np.pi * extra.frequency_hz * since_s)
     return np.asarray(extra.amplitude * swell * swell * (3 - 2 * swell) * wave)

@@ -156,7 +156,10 @@ class Emulator:
         t0_s = self._port.board.scene_start_s
         if t0_s is not None and not self._is_scene_reported:
             self._is_scene_reported = True
-            self._report({"what": "scene", **Truth(self._scene, t0_s).to_map()})
+            self._report({"what": "scene", **self._truth(t0_s).to_map()})
+
+    def _truth(self, t0_s: float) -> Truth:
+        return Truth(self._scene, t0_s, self._port.contact, self._port.array)
 
     def _report_slips(self) -> None:
         """Slips on a physical rung, each once it has ended, with all its instants."""
@@ -165,8 +168,7 @@ class Emulator:
             return
         known = contact.watch.count
         if self._slips_reported < known:
-            truth = Truth(self._scene, t0_s, contact, self._port.array)
-            done = truth.episodes[self._slips_reported - known :]
+            done = self._truth(t0_s).episodes[self._slips_reported - known :]
             for slip in itertools.takewhile(lambda slip: math.isfinite(slip.end_s), done):
                 self._report({"what": "slip", **plain_slip(slip)})
                 self._slips_reported += 1

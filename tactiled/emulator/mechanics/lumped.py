@@ -27,8 +27,8 @@ FloatArray = NDArray[np.float64]
 _CURVE_N, _CURVE_EXPONENT = 47.3, 1.86
 BUMP_MM = 0.4  # rim and cap, assumed geometry: pressed deeper, the plate meets the base
 # Travel from rest to gross slip over friction times indentation. Finite elements on a flat plate slip fully
-# after 0.26 mm at friction 0.6, 1.667 N and 0.168 mm of indentation (fem-coarse-flat-0.6.json).
-REACH = 2.5
+# after 0.265 mm at friction 0.6, 1.667 N and 0.168 mm of indentation (fem-coarse-flat-0.6.json).
+REACH = 2.65
 _ELEMENTS = 20  # shares of slip come in steps of 5 %
 _PATCH_MM = 0.83  # contact radius of the finite elements at 1.667 N, over which the side weights are averaged
 _TOUCHING = 1e-12  # N; below it division by the force means nothing
@@ -41,12 +41,12 @@ STEP_S = 2.5e-3  # four to a scan: what is between them is interpolated
 # within presliding).
 PROVIDES: dict[str, float] = {
     "direction": 0.045,
-    "gross-slip": 0.115,
-    "incipient-slip": 0.18,
+    "gross-slip": 0.08,
+    "incipient-slip": 0.175,
     "absolute-force": 0.075,
     "left-right": 0.05,
-    "tangential-force": 0.04,
-    "transients": 0.08,
+    "tangential-force": 0.02,
+    "transients": 0.06,
 }
 
 

@@ -1,0 +1,60 @@
+"""Random families keep their promise: what slips slips, what is quiet never does."""
+
+import numpy as np
+import pytest
+
+from tactiled.emulator.contact import choose_rung
+from tactiled.emulator.families import FAMILIES, QUIET, SLIPPING
+from tactiled.emulator.physical import PhysicalContact
+from tactiled.emulator.truth import Truth
+
+SEEDS = (0, 1)
+
+
+FLAT = sorted(FAMILIES.keys() - {"grooves"})
+
+
+def test_grooves_are_slid_over() -> None:
+    scene = SLIPPING["grooves"](0)
+    (slip,) = Truth(scene.with_changes(contact="signal", needs=[])).slips
+    assert slip.surface == scene.surface
+
+
+@pytest.mark.parametrize("name", sorted(SLIPPING.keys() & set(FLAT)))
+def test_slipping_families_slip(name: str) -> None:
+    for seed in SEEDS:
+        truth = Truth(SLIPPING[name](seed))
+        assert isinstance(truth.contact, PhysicalContact)
+        assert truth.slips, seed
+        for slip in truth.slips:
+            instants = [slip.shear_s, slip.incipient_s, slip.gross_s, slip.end_s]
+            known = [instant for instant in instants if instant is not None]
+            assert known == sorted(instants, key=lambda instant: instant or 0.0), seed
+
+
+@pytest.mark.parametrize("name", QUIET)
+def test_quiet_families_never_slip_as_a_whole(name: str) -> None:
+    for seed in SEEDS:
+        truth = Truth(QUIET[name](seed))
+        assert truth.slips == [], seed
+        assert isinstance(truth.contact, PhysicalContact)
+        assert not truth.contact.has_fallen
+        assert truth.state(np.array([truth.scene.duration_s])).load_n[0] > 0
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_seed_is_a_scene(name: str) -> None:
+    family = FAMILIES[name]
+    assert family(3) == family(3)
+    assert family(3) != family(4)
+    assert family(3).name == f"{name}-3"
+
+
+def test_families_do_not_share_their_luck() -> None:
+    frictions = {family(0).surface.friction for family in FAMILIES.values()}
+    assert len(frictions) == len(FAMILIES)
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_flat_families_run_on_the_cheapest_physical_rung(name: str) -> None:
+    assert choose_rung(FAMILIES[name](7)).rung == "lumped"

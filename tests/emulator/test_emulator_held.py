@@ -1,0 +1,256 @@
+"""A held object: Newton's law, a grip that a controller moves, and the socket over which it does."""
+
+import json
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import load_array
+from tactiled.emulator.contact import make_contact
+from tactiled.emulator.control import ControlLines, control_link
+from tactiled.emulator.links import PtyLink
+from tactiled.emulator.motion import Motion
+from tactiled.emulator.physical import PhysicalContact
+from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.shell import Emulator
+from tactiled.emulator.simulate import Simulation
+from tactiled.emulator.truth import Truth
+from tactiled.errors import ConfigError
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command
+from tactiled.wire.layout import load_layout
+
+V1 = load_layout("board-v1")
+PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}  # friction bears 6 N
+
+
+def load(tangential_n: float, duration_s: float = 0.5, **rest: Any) -> dict[str, Any]:
+    return {"kind": "load", "duration_s": duration_s, "tangential_n": tangential_n, **rest}
+
+
+def held(*phases: dict[str, Any], **rest: Any) -> Scene:
+    document = {"name": "held", "contact": "lumped", "held_object": {}, "phases": list(phases), **rest}
+    return Scene.model_validate(document)
+
+
+def contact(scene: Scene) -> PhysicalContact:
+    model = make_contact(Motion(scene), load_array("wang2019-3x3"))
+    assert isinstance(model, PhysicalContact)
+    return model
+
+
+@given(st.floats(0.05, 0.9), st.floats(-180, 180), st.floats(0.02, 20.0))
+@settings(max_examples=10, deadline=None)
+def test_below_the_limit_friction_balances_the_load(
+    part: float, direction_deg: float, mass_kg: float
+) -> None:
+    pulled = load(6.0 * part, 2.0, direction_deg=direction_deg)
+    hold = {"kind": "hold", "duration_s": 2.0}
+    truth = Truth(held(PRESS, pulled, hold, held_object={"mass_kg": mass_kg}))
+    state = truth.state(np.array([4.4]))
+    x, y = -state.tangential_n[0].sum(axis=0)
+    assert complex(x, y) == pytest.approx(6.0 * part * np.exp(1j * np.deg2rad(direction_deg)), abs=0.1)
+    assert np.linalg.norm(state.velocity_mm_s) < 0.1
+    assert truth.slips == []
+
+
+def test_beyond_the_limit_it_accelerates_as_newton_says() -> None:
+    scene = held(
+        PRESS,
+        load(9.0, 0.001),
+        {"kind": "hold", "duration_s": 0.5},
+        held_object={"mass_kg": 2.0, "fall_mm": 500},
+    )
+    state = Truth(scene).state(np.array([0.7, 0.9]))
+    acceleration = np.diff(state.velocity_mm_s[:, 0])[0] / 0.2
+    assert acceleration == pytest.approx((9.0 - 6.0) / 2.0 * 1e3, rel=0.01)
+
+
+def test_a_grip_that_rises_in_time_keeps_the_object_and_one_that_does_not_loses_it() -> None:
+    scene = load_scene("grasp")
+
+    def play(raise_grip: bool) -> Truth:
+        simulation = Simulation(scene, V1)
+        for _ in simulation:
+            if raise_grip:
+                state = simulation.truth.state(np.array([simulation.now_s]))
+                if state.slipping_share[0] > 0.3:
+                    simulation.grip(float(state.load_n[0]) * 1.2)
+        return simulation.truth
+
+    lost, kept = play(False), play(True)
+    assert len(lost.slips) == 1
+    assert lost.travel_mm(np.array([lost.t0_s + 14.0]))[0, 1] == pytest.approx(20.0)
+    assert kept.slips == []
+    assert kept.travel_mm(np.array([kept.t0_s + 14.0]))[0, 1] < 0.5
+
+
+def test_the_same_commands_at_the_same_instants_give_the_same_bits() -> None:
+    def play() -> list[tuple[float, bytes]]:
+        simulation = Simulation(load_scene("grasp"), V1, duration_s=6.0)
+        out = []
+        for k, arrival in enumerate(simulation):
+            if k % 50 == 20:
+                simulation.grip(10.0 + 0.1 * k)
+            out.append(arrival)
+        return out
+
+    assert play() == play()
+
+
+def test_what_a_controller_said_is_played_again_with_the_past() -> None:
+    model = contact(held(PRESS, load(3.0), {"kind": "hold", "duration_s": 20.0}))
+    for time_s in np.arange(0, 2, 0.01):
+        if 0.99 < time_s < 1.01:
+            model.grip(18.0)
+        model.state(np.array([time_s]))
+    instants = np.arange(0.9, 1.5, 0.01)
+    first = model.state(instants)
+    model.state(np.array([15.0]))
+    again = model.state(instants)
+    np.testing.assert_array_equal(first.load_n, again.load_n)
+    np.testing.assert_array_equal(first.travel_mm, again.travel_mm)
+    assert first.load_n[0] == 10.0
+    assert first.load_n[-1] == pytest.approx(18.0)
+
+
+def test_fingers_follow_no_faster_than_they_can() -> None:
+    model = contact(
+        held(PRESS, load(1.0), {"kind": "hold", "duration_s": 2.0}, held_object={"grip_rate_n_s": 20.0})
+    )
+    model.play_until(1.0)
+    model.grip(20.0)
+    grip_n = model.state(np.arange(1.1, 1.9, 0.01)).load_n
+    assert np.diff(grip_n).max() <= 0.2 + 1e-9
+    assert grip_n[-1] == pytest.approx(20.0)
+
+
+def test_a_dragged_object_sticks_and_slips() -> None:
+    truth = Truth(load_scene("stick-slip"))
+    assert len(truth.slips) >= 5
+    assert all(slip.direction_deg == 0.0 for slip in truth.slips)
+    # The spring follows 20 mm; friction takes up to 7.5 N / 2 N/mm of it.
+    assert 16.0 < truth.travel_mm(np.array([21.0]))[0, 0] < 20.0
+
+
+def test_an_object_let_go_has_fallen() -> None:
+    scene = held(PRESS, load(3.0), {"kind": "lift", "duration_s": 0.5}, {"kind": "rest", "duration_s": 1.0})
+    model = contact(scene)
+    model.play_until(2.4)
+    assert model.has_fallen
+    assert np.hypot(*model.state(np.array([2.4])).travel_mm[0]) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("phases", "rest", "finding"),
+    [
+        ([PRESS, load(1.0)], {"held_object": None}, "add .held_object"),
+        ([load(1.0)], {}, "needs contact"),
+        ([PRESS, {"kind": "slide", "duration_s": 1, "speed_mm_s": 1}], {}, "spring_n_mm"),
+        ([PRESS, {"kind": "rotate", "duration_s": 1, "angle_deg": 1}], {}, "does not turn"),
+        ([PRESS], {"held": "displacement"}, "grip on an object is a force"),
+        ([PRESS | {"surface": {"kind": "flat", "friction": 0.3}}], {}, "one surface"),
+    ],
+)
+def test_impossible_holds_are_refused(phases: list[Any], rest: dict[str, Any], finding: str) -> None:
+    with pytest.raises(ValueError, match=finding):
+        held(*phases, **rest)
+
+
+def test_grips_that_cannot_be_are_refused() -> None:
+    model = contact(held(PRESS))
+    for force_n in (-1.0, float("nan"), float("inf"), 1e9):
+        with pytest.raises(ConfigError, match="not a force from 0 to 2000 N"):
+            model.grip(force_n)
+    plain = Simulation(load_scene("demo"), V1)
+    with pytest.raises(ConfigError, match="nothing to grip"):
+        plain.grip(1.0)
+
+
+LINES = [
+    b'{"grip_n": 12.5}',
+    b"",
+    b"{}",
+    b"nonsense",
+    b'{"grip": 1}',
+    b"[]",
+    b'{"grip_n": "much"}',
+    b'{"grip_n": -4}',
+    b'{"grip_n": true}',
+]
+
+
+def test_control_lines_answer_each_line_however_it_is_cut() -> None:
+    text = b"\n".join(LINES) + b"\n"
+    lines = ControlLines(contact(held(PRESS, load(1.0))))
+    whole = lines.receive(text, 0.3)
+    again = ControlLines(contact(held(PRESS, load(1.0))))
+    assert b"".join(again.receive(text[k : k + 1], 0.3) for k in range(len(text))) == whole
+    answers = [json.loads(line) for line in whole.splitlines()]
+    assert [answer["ok"] for answer in answers] == [True, True, False, False, False, False, False, False]
+    assert answers[1]["scene_s"] == 0.3
+    assert {"grip_n", "slipping", "travel_mm", "normal_n", "fallen"} < answers[1].keys()
+    assert json.loads(lines.receive(b"x" * 5000, 0.3))["ok"] is False
+
+
+@given(st.binary(max_size=60))
+@settings(max_examples=50, deadline=None)
+def test_any_bytes_get_lines_of_json(data: bytes) -> None:
+    lines = ControlLines(CONTACT)
+    for line in lines.receive(data + b"\n", 0.0).splitlines():
+        assert isinstance(json.loads(line)["ok"], bool)
+
+
+CONTACT = contact(held(PRESS))
+
+
+@pytest.mark.parametrize("kind", ["unix", "tcp"])
+def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind: str) -> None:
+    reports: list[dict[str, Any]] = []
+    ready = threading.Event()
+
+    def report(what: dict[str, Any]) -> None:
+        reports.append(what)
+        ready.set()
+
+    address = f"unix://{tmp_path}/control" if kind == "unix" else "tcp://127.0.0.1:0"
+    scene = held(PRESS, load(2.0), {"kind": "hold", "duration_s": 60.0})
+    emulator = Emulator(scene, V1, PtyLink(None), report=report, control=control_link(address))
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        assert ready.wait(5)
+        place = reports[0]["control"]
+        if kind == "unix":
+            peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            peer.connect(place.removeprefix("unix://"))
+        else:
+            host, port = place.removeprefix("socket://").split(":")
+            peer = socket.create_connection((host, int(port)))
+        peer.settimeout(5)
+        board = os.open(reports[0]["device"], os.O_RDWR | os.O_NOCTTY)
+        with peer, peer.makefile("rwb") as lines:
+            grip_n, end_s = 0.0, time.monotonic() + 10
+            while grip_n != 21.0 and time.monotonic() < end_s:  # 0.1 s after the scene has begun
+                os.write(board, Encoder(V1).encode(Command("start", 1)))  # unheard while the board boots
+                lines.write(b'{"grip_n": 21.0}\n')
+                lines.flush()
+                answer = json.loads(lines.readline())
+                assert answer["ok"]
+                grip_n = answer["grip_n"]
+                time.sleep(0.01)
+        assert grip_n == 21.0
+        os.close(board)
+    finally:
+        emulator.stop()
+        thread.join(5)
+    assert not thread.is_alive()
+    assert not (tmp_path / "control").exists()

@@ -1,0 +1,220 @@
+"""Scenes on physical rungs: instants of slip, motion that cannot be prescribed, and what is refused."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import Array, load_array
+from tactiled.emulator.contact import choose_rung, explain, make_contact
+from tactiled.emulator.motion import Motion
+from tactiled.emulator.physical import PhysicalContact
+from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.simulate import Simulation
+from tactiled.emulator.truth import Truth
+from tactiled.errors import ConfigError
+from tactiled.wire.layout import load_layout
+
+WANG = load_array("wang2019-3x3")
+PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 15.0}
+HOLD = {"kind": "hold", "duration_s": 1.0}
+SLIDE = {"kind": "slide", "duration_s": 3.0, "speed_mm_s": 1.0}
+
+
+def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
+    return Scene.model_validate({"name": "test", "contact": "lumped", "phases": list(phases), **rest})
+
+
+def contact(played: Scene, array: Array = WANG) -> PhysicalContact:
+    model = make_contact(Motion(played), array)
+    assert isinstance(model, PhysicalContact)
+    return model
+
+
+@pytest.mark.parametrize("rung", ["lumped", "bristle"])
+def test_instants_of_slip_follow_mindlin(rung: str) -> None:
+    # At 15 N a taxel goes in by 0.17 mm and slips fully after some 0.27 mm, a tenth of it after a tenth.
+    (slip,) = Truth(scene(PRESS, HOLD, SLIDE, HOLD, contact=rung)).slips
+    assert slip.shear_s == pytest.approx(2.0, abs=0.01)
+    assert slip.incipient_s == pytest.approx(2.025, abs=0.01)
+    assert slip.gross_s == pytest.approx(2.245, abs=0.03)
+    assert slip.end_s == pytest.approx(5.0, abs=0.01)
+    assert slip.direction_deg == pytest.approx(0.0, abs=1e-9)
+    assert slip.onset_s == slip.incipient_s
+
+
+def test_pressing_and_holding_slip_nowhere() -> None:
+    truth = Truth(scene(PRESS, HOLD, {"kind": "press", "duration_s": 0.1, "force_n": 5.0}, HOLD))
+    assert truth.episodes == []
+    assert truth.state(np.array([1.5])).load_n[0] == 15.0
+
+
+@given(st.lists(st.floats(0, 5.5), min_size=1, max_size=20))
+@settings(max_examples=20, deadline=None)
+def test_any_chunking_gives_the_same_forces(times: list[float]) -> None:
+    played = scene(PRESS, HOLD, SLIDE)
+    time_s = np.array(times)[:, None] + 2e-4 * np.arange(36)
+    whole, one = contact(played).forces(time_s), contact(played)
+    np.testing.assert_array_equal(np.concatenate([one.forces(row[None]) for row in time_s]), whole)
+    assert np.isfinite(whole).all()
+    assert np.all(whole >= 0)
+
+
+def test_force_held_and_displacement_held_are_the_same_on_a_flat_plate() -> None:
+    time_s = np.repeat(np.arange(0, 5, 0.1)[:, None], 36, axis=1)
+    forced, placed = (
+        contact(scene(PRESS, HOLD, SLIDE, held=h)).forces(time_s) for h in ("force", "displacement")
+    )
+    np.testing.assert_allclose(forced, placed, atol=1e-9)
+
+
+@given(st.floats(-180.0, 180.0))
+@settings(max_examples=15, deadline=None)
+def test_the_pairs_point_along_the_motion(direction_deg: float) -> None:
+    played = contact(scene(PRESS, HOLD, SLIDE | {"direction_deg": direction_deg}, readout="half"))
+    before, after = played.forces(np.repeat([[1.9], [4.0]], 36, axis=1))
+    x, y = (WANG.shear_weights() @ (after / before - 1)).sum(axis=1)
+    difference = np.rad2deg(np.arctan2(y, x)) - direction_deg
+    assert abs((difference + 180) % 360 - 180) < 1e-6
+
+
+def test_shear_and_normal_channels_carry_the_forces() -> None:
+    pads = load_array("xyz-two-pads-4x4")
+    kinds = np.array(pads.channel_kind)
+    slid = contact(scene(PRESS, SLIDE | {"direction_deg": 90.0}), pads).forces(
+        np.full((1, pads.n_channels), 3.0)
+    )[0]
+    assert slid[kinds == "normal"].sum() == pytest.approx(15.0)
+    assert slid[kinds == "shear_y"].sum() == pytest.approx(0.6 * 15.0)
+    assert slid[kinds == "shear_x"].sum() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_rotation_slips_round_about_and_has_no_direction() -> None:
+    rotate = {"kind": "rotate", "duration_s": 4.0, "angle_deg": 40.0}
+    truth = Truth(scene(PRESS, rotate, contact="auto"))
+    (slip,) = truth.episodes
+    assert slip.direction_deg is None
+    state = truth.state(np.array([4.5]))
+    places = np.stack([WANG.x_mm - WANG.x_mm.mean(), WANG.y_mm - WANG.y_mm.mean()], axis=-1)
+    angle = np.deg2rad(35.0)
+    now = places @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    moment = now[:, 0] * state.tangential_n[0, :, 1] - now[:, 1] * state.tangential_n[0, :, 0]
+    assert np.all(
+        moment[np.arange(9) != 4] < 0
+    )  # friction turns against the skin at every taxel but the middle
+    assert np.linalg.norm(state.tangential_n[0].sum(axis=0)) < 1.0
+
+
+def test_partial_contact_leaves_the_other_taxels_alone() -> None:
+    played = scene(PRESS, SLIDE, touching=[0, 4, 5], load_gradient_per_mm=(0.1, 0.0))
+    normal = Truth(played).state(np.array([2.0])).normal_n[0]
+    np.testing.assert_array_equal(np.flatnonzero(normal), [0, 4, 5])
+    assert normal.sum() == pytest.approx(15.0)
+    assert normal[5] > normal[4] > normal[0]
+
+
+def test_a_reversal_is_a_slip_of_its_own() -> None:
+    truth = Truth(scene(PRESS, SLIDE, SLIDE | {"direction_deg": 180.0}, HOLD))
+    directions = [slip.direction_deg for slip in truth.slips]
+    assert directions == pytest.approx([0.0, 180.0])
+    reversal = truth.slips[1]
+    assert reversal.gross_s == pytest.approx(4.0 + 2 * 0.245, abs=0.05)  # Masing: twice the travel
+
+
+def test_hum_of_the_skin_within_presliding_is_no_gross_slip() -> None:
+    hum = {"on": "travel_mm", "shape": "sine", "amplitude": 0.05, "frequency_hz": 20.0, "start_s": 1.5}
+    truth = Truth(scene(PRESS, HOLD, HOLD, disturbances=[hum]))
+    assert truth.slips == []
+    assert len(truth.episodes) > 5
+    assert max(truth.state(np.arange(0, 3, 0.001)).slipping_share) < 0.9
+
+
+def test_without_friction_everything_slips_and_nothing_is_felt() -> None:
+    played = scene(PRESS, HOLD, SLIDE, surface={"kind": "flat", "friction": 0.0})
+    felt = contact(played).forces(np.repeat([[1.9], [4.0]], 36, axis=1))
+    np.testing.assert_allclose(felt[0], felt[1])
+    (slip,) = Truth(played).slips
+    assert slip.gross_s == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_tap_on_an_untouched_skin_is_contact_and_no_slip() -> None:
+    tap = {"on": "load_n", "shape": "pulse", "amplitude": 5.0, "start_s": 1.0, "duration_s": 0.05}
+    truth = Truth(scene({"kind": "rest", "duration_s": 2.0}, disturbances=[tap]))
+    assert truth.state(np.array([1.025])).load_n[0] == pytest.approx(5.0, rel=1e-3)
+    assert truth.state(np.array([0.99, 1.06])).load_n.tolist() == [0.0, 0.0]
+    assert truth.episodes == []
+
+
+def test_a_load_beyond_the_bump_is_flagged() -> None:
+    truth = Truth(scene(PRESS | {"force_n": 200.0}, HOLD))
+    (words,) = truth.warnings
+    assert "load curve is extrapolated" in words
+    assert 0 < truth.warnings[words] < 1.0
+
+
+def test_grooves_as_deep_as_the_bump_are_refused() -> None:
+    played = scene(
+        PRESS, SLIDE, contact="compliance", surface={"kind": "grooves", "period_mm": 1.2, "depth_mm": 0.4}
+    )
+    with pytest.raises(ConfigError, match="as deep as the bump"):
+        contact(played)
+
+
+def test_grooves_on_a_rung_without_them_are_refused() -> None:
+    played = scene(PRESS, SLIDE, contact="bristle", surface={"kind": "grooves", "period_mm": 1.2})
+    with pytest.raises(ConfigError, match="bristle cannot play grooves"):
+        contact(played)
+
+
+@pytest.mark.parametrize(
+    ("change", "finding"),
+    [
+        ({"phases": [PRESS, {"kind": "rotate", "duration_s": 1, "angle_deg": 9}]}, "cannot play a rotate"),
+        ({"disturbances": [{"on": "travel_mm", "shape": "ramp", "amplitude": 1.0}]}, "travel_mm"),
+        ({"held_object": {}}, "cannot play a held object"),
+    ],
+)
+def test_what_cannot_be_prescribed_is_refused_on_signal(change: dict[str, Any], finding: str) -> None:
+    with pytest.raises(ValueError, match=finding):
+        Scene.model_validate({"name": "t", "contact": "signal", "phases": [PRESS], **change})
+
+
+def test_auto_takes_the_cheapest_rung_that_serves_and_says_why() -> None:
+    flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
+    assert choose_rung(flat).rung == "signal"
+    assert choose_rung(flat.with_changes(needs=["direction"])).rung == "lumped"
+    assert choose_rung(flat.with_changes(needs=["incipient-slip"])).rung == "bristle"
+    words = explain(flat.with_changes(needs=["incipient-slip"]))
+    assert "not lumped: incipient-slip is 18 % off" in words
+    with pytest.raises(ConfigError, match="no rung delivers this"):
+        choose_rung(flat.with_changes(needs=["incipient-slip"], tolerance=0.01))
+
+
+@pytest.mark.parametrize("rung", ["signal", "lumped"])
+def test_truth_goes_along_with_a_simulation_and_into_json(rung: str) -> None:
+    simulation = Simulation(scene(PRESS, HOLD, SLIDE, contact=rung), load_layout("board-v1"))
+    for _ in simulation:
+        pass
+    truth = simulation.truth
+    (slip,) = truth.slips
+    assert slip.onset_s == pytest.approx(truth.t0_s + 2.0, abs=0.04)
+    said = json.loads(json.dumps(truth.to_map(), allow_nan=False))
+    assert said["slips"][0]["onset_s"] == slip.onset_s
+    state = truth.state(truth.t0_s + np.array([1.5, 4.0]))
+    np.testing.assert_allclose(state.load_n, 15.0)
+    np.testing.assert_allclose(state.normal_n.sum(axis=1), 15.0)
+    np.testing.assert_allclose(state.slipping_share, [0.0, 1.0])
+    np.testing.assert_allclose(state.velocity_mm_s, [[0.0, 0.0], [1.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(state.tangential_n[1].sum(axis=0), [-9.0, 0.0], rtol=1e-6, atol=1e-9)
+
+
+def test_groove_phase_of_each_taxel_is_told() -> None:
+    grooves = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 0.0, "offset_mm": 0.3}
+    truth = Truth(scene(PRESS, SLIDE, contact="signal", surface=grooves))
+    phase = truth.groove_phase(np.array([1.0, 1.6]))
+    np.testing.assert_allclose(np.cos(phase[1] - phase[0]), -1.0)  # half a period on
+    np.testing.assert_allclose(np.cos(phase[0]), np.cos(2 * np.pi * (WANG.x_mm - 0.3) / 1.2), atol=1e-9)
+    assert np.isnan(Truth(scene(PRESS)).groove_phase(np.array([0.5]))).all()
