@@ -44,8 +44,9 @@ def test_table_1_comes_back_from_a_file(tmp_path: Path, rubber: Yeoh, header: st
 def test_intervals_cover_what_they_say(rubber: Yeoh) -> None:
     trials, truth = 600, np.array([rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa])
     fits = [noisy(rubber, seed) for seed in range(trials)]
-    covered = sum((np.array(f.low_mpa) <= truth) & (truth <= np.array(f.high_mpa)) for f in fits)
-    fewest, most = binom.ppf([5e-5, 1 - 5e-5], trials, 0.95)
+    low, high = np.array([f.low_mpa for f in fits]), np.array([f.high_mpa for f in fits])
+    covered = np.sum((low <= truth) & (truth <= high), axis=0)
+    fewest, most = (float(binom.ppf(q, trials, 0.95)) for q in (5e-5, 1 - 5e-5))
     assert np.all((fewest <= covered) & (covered <= most)), covered
 
 
@@ -94,7 +95,7 @@ def test_the_map_is_json_without_infinity(rubber: Yeoh) -> None:
 def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
     stress = PDMS.uniaxial(COMPRESSION).stress_mpa
-    rows = "\n\n".join(f"x, {s!r} ,{l!r}" for l, s in zip(COMPRESSION.tolist(), stress.tolist(), strict=True))
+    rows = "\n\n".join(f"x, {s!r} ,{a!r}" for a, s in zip(COMPRESSION.tolist(), stress.tolist(), strict=True))
     path.write_text(f"\ufeffspecimen, stress_mpa ,stretch\r\n{rows}\n", encoding="utf-8")
     assert fit_material_file(path).c_mpa[0] == pytest.approx(PDMS.c1_mpa)
 

@@ -1,8 +1,8 @@
-"""Yeoh constants from a measured stress-strain curve, as the paper found its own (`tactiled fit-material FILE`).
+"""Yeoh constants from a measured stress-strain curve, as the paper found its own (`tactiled fit-material`).
 
-Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. So this is linear
-least squares; intervals are Student's t with n - 3 degrees of freedom for errors that are alike and independent
-(Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
+Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. So this is
+linear least squares; intervals are Student's t with n - 3 degrees of freedom for errors that are alike and
+independent (Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
 """
 
 import csv
@@ -64,8 +64,7 @@ class YeohFit:
         return {
             **dict(zip(names, self.c_mpa, strict=True)),
             "interval_mpa": {
-                name: [low, high]
-                for name, low, high in zip(names, self.low_mpa, self.high_mpa, strict=True)
+                name: [low, high] for name, low, high in zip(names, self.low_mpa, self.high_mpa, strict=True)
             },
             "confidence": self.level,
             "residual_mpa": self.residual_mpa,
@@ -91,7 +90,9 @@ class YeohFit:
         if self.verdict == "stable":
             return "\n".join([*lines, "stable: elliptic at every strain"])
         low, high = self.stability.elliptic
-        lines.append(f"{self.verdict.replace('-', ' ')}: ellipticity lost below {low:.3g} and above {high:.3g}")
+        lines.append(
+            f"{self.verdict.replace('-', ' ')}: ellipticity lost below {low:.3g} and above {high:.3g}"
+        )
         return "\n".join(lines)
 
 
@@ -118,7 +119,9 @@ def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -
     if n < 4:
         raise DataError(f"{n} points for three constants and their uncertainty: at least 4 are needed")
     excess = stretch**2 + 2 / stretch - 3
-    design = (2 * (stretch - stretch**-2))[:, None] * np.stack([np.ones(n), 2 * excess, 3 * excess**2], axis=1)
+    design = (2 * (stretch - stretch**-2))[:, None] * np.stack(
+        [np.ones(n), 2 * excess, 3 * excess**2], axis=1
+    )
     scale = np.linalg.norm(design, axis=0)
     if not np.all(scale > 0) or np.linalg.cond(design / scale) > _WORST_CONDITION:
         raise DataError("stretches too few or too alike to tell C1, C2, C3 apart: measure over a wider range")
@@ -156,7 +159,9 @@ def fit_material_file(path: Path, level: float = 0.95) -> YeohFit:
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     if fit.c_mpa[0] <= 0:
-        raise DataError(f"{path}: C1 = {fit.c_mpa[0]:.3g} MPa is not a material: is compression negative, stress in MPa?")
+        raise DataError(
+            f"{path}: C1 = {fit.c_mpa[0]:.3g} MPa is not a material: is compression negative, stress in MPa?"
+        )
     return fit
 
 
@@ -184,7 +189,9 @@ def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
         if not (math.isfinite(along) and math.isfinite(stress)):
             raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be finite")
         if along + offset <= 0:
-            raise DataError(f"{path}: line {rows.line_num}: {column} {along:g} squeezes the sample to nothing")
+            raise DataError(
+                f"{path}: line {rows.line_num}: {column} {along:g} squeezes the sample to nothing"
+            )
         curve.append((along + offset, stress))
     table = np.array(curve, dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]

@@ -3,10 +3,10 @@
 Energy (Yeoh 1993, Rubber Chem. Technol. 66:754): W(I1) = C1 (I1 - 3) + C2 (I1 - 3)^2 + C3 (I1 - 3)^3.
 Uniaxial, incompressible: I1 = l^2 + 2 / l, nominal stress 2 (l - l^-2) W'(I1).
 
-With C3 < 0 that energy softens without end and loses ellipticity (`stability`). So such a material is continued
-beyond the strain where W'' turns negative with W' held constant: a neo-Hookean solid of the stiffness reached
-there. Stress and tangent stay continuous, stress rises with stretch for ever, and finite elements stay
-elliptic. Whoever asks for a stress is told where the continuation answered.
+With C3 < 0 that energy softens without end and loses ellipticity (`stability`). So such a material is
+continued beyond the strain where W'' turns negative with W' held constant: a neo-Hookean solid of the
+stiffness reached there. Stress and tangent stay continuous, stress rises with stretch for ever, and finite
+elements stay elliptic. Whoever asks for a stress is told where the continuation answered.
 """
 
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ class Yeoh:
         """I1 - 3 where the continuation begins; infinite if the energy is elliptic everywhere."""
         if np.isinf(any_state_limit(self.c1_mpa, self.c2_mpa, self.c3_mpa)):
             return float("inf")
-        # Where W'' = 0 after hardening; a rubber that softens from the start and is lost is neo-Hookean throughout.
+        # Where W'' = 0 after hardening; what softens from the start and is lost is neo-Hookean throughout.
         return -self.c2_mpa / (3 * self.c3_mpa) if self.c3_mpa < 0 < self.c2_mpa else 0.0
 
     def energy(self, excess: ArrayLike) -> FloatArray:

@@ -4,9 +4,9 @@ An incompressible solid W(I1) is elliptic where, for all orthogonal unit vectors
 
     W' n.b n + 2 W'' (m.b n)^2 > 0        (Ogden, Non-linear Elastic Deformations, 1984, section 6.2.7)
 
-The largest (m.b n)^2 / n.b n over directions is the square of the difference d of the largest and the smallest
-principal stretch, so the condition is W' + 2 d^2 W'' > 0. At a given I1 no state has a larger d^2 than pure
-shear, where it is I1 - 3: hence W' + 2 (I1 - 3) W'' > 0 is enough in any state.
+The largest (m.b n)^2 / n.b n over directions is the square of the difference d of the largest and the
+smallest principal stretch, so the condition is W' + 2 d^2 W'' > 0. At a given I1 no state has a larger d^2
+than pure shear, where it is I1 - 3: hence W' + 2 (I1 - 3) W'' > 0 is enough in any state.
 """
 
 import math
@@ -48,13 +48,15 @@ class StableRange:
 
 
 def any_state_limit(c1_mpa: float, c2_mpa: float, c3_mpa: float) -> float:
-    """I1 - 3 where W' + 2 (I1 - 3) W'' = C1 + 6 C2 (I1 - 3) + 15 C3 (I1 - 3)^2 first is 0; infinite if never."""
+    """I1 - 3 = x where W' + 2 x W'' = C1 + 6 C2 x + 15 C3 x^2 first is 0; infinite if never."""
     if c1_mpa <= 0:
         return 0.0
     inside = (6 * c2_mpa) ** 2 - 60 * c3_mpa * c1_mpa
     if inside < 0:
         return math.inf
-    divisor = -6 * c2_mpa + math.sqrt(inside)  # this form of the quadratic formula has no division by a small C3
+    divisor = -6 * c2_mpa + math.sqrt(
+        inside
+    )  # this form of the quadratic formula has no division by a small C3
     return 2 * c1_mpa / divisor if divisor > 0 else math.inf
 
 
@@ -90,4 +92,4 @@ def _first_zero(margin: Callable[[FloatArray], FloatArray], end: float) -> float
     if lost[0] == 0:
         return 1.0
     inside, outside = stretch[lost[0] - 1], stretch[lost[0]]
-    return float(brentq(lambda l: float(margin(np.array([l]))[0]), inside, outside, xtol=1e-12))
+    return float(brentq(lambda at: float(margin(np.array([at]))[0]), inside, outside, xtol=1e-12))

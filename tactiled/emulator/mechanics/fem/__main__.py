@@ -1,18 +1,38 @@
-"""``python -m tactiled.emulator.mechanics.fem MESH [RUN ...]``; the run ``compliance`` needs no felupe."""
+"""``python -m tactiled.emulator.mechanics.fem MESH [RUN ...]``: make the reference data in config/contact/.
 
+Example: ``python -m tactiled.emulator.mechanics.fem coarse load flat-0.6``. No RUN is every run; the run
+``compliance`` is linear and needs no felupe.
+"""
+
+import argparse
 import sys
 
 from tactiled.emulator.mechanics.fem.compliance import write_compliance
+from tactiled.emulator.mechanics.fem.mesh import MESHES
+from tactiled.emulator.mechanics.fem.runs import RUNS, produce
+from tactiled.errors import TactiledError
 
 
-def main(arguments: list[str]) -> None:
-    mesh, names = arguments[0], arguments[1:]
-    if names == ["compliance"]:
-        print(write_compliance(mesh), file=sys.stderr)
-        return
-    from tactiled.emulator.mechanics.fem.runs import produce  # the optional extra is needed from here on
-
-    produce(mesh, names, lambda line: print(line, file=sys.stderr, flush=True))
+def _report(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
-main(sys.argv[1:])
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tactiled.emulator.mechanics.fem", description=__doc__)
+    parser.add_argument("mesh", choices=list(MESHES))
+    parser.add_argument("run", nargs="*", help=f"compliance, {', '.join(RUNS)}")
+    asked = parser.parse_args()
+    try:
+        if "compliance" in asked.run:
+            _report(str(write_compliance(asked.mesh)))
+        names = [name for name in asked.run if name != "compliance"]
+        if names or not asked.run:
+            produce(asked.mesh, names, _report)
+    except TactiledError as error:
+        _report(str(error))
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,12 +1,12 @@
 """One taxel pressed on a rigid plate and slid over it: finite strain, Yeoh rubbers, Coulomb friction.
 
-The only module that needs `felupe` (GPL-3, optional extra ``tactiled[fem]``), and it is loaded when a `Bench` is
+The only module that needs `felupe` (GPL-3, optional extra ``tactiled[fem]``), loaded when a `Bench` is
 built. Equilibrium by Newton's method; an increment that does not converge is halved.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,11 @@ from tactiled.emulator.mechanics.fem.readout import EDGE_MM, centre, read_out, s
 from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
 from tactiled.errors import DataError
 
-if TYPE_CHECKING:
-    from types import ModuleType
-
 FloatArray = NDArray[np.float64]
 
 # Stiffness of contact and of sticking, over the mean stiffness of a surface point. Five times more moves the
-# forces by less than 0.3 % and the approach by 1.5 um, and takes four times as long on grooves (points that touch
-# and part in turn).
+# forces by less than 0.3 % and the approach by 1.5 um, and takes four times as long on grooves, where points
+# touch and part in turn.
 PENALTY, PENALTY_SLIP = 4.0, 1.0
 TOLERANCE = 1e-6  # residual over reaction
 MOST_STEPS = 8  # what converges takes 4 or 5; what has not by then goes round in circles
@@ -47,7 +44,7 @@ class Solution:
     """Equilibrium at one instant; forces on the skin, N, in the frame of `base`.
 
     `half_n`, `edge_n` (4,) are the sides of `readout.SIDES`, negative where the bonded chip is pulled.
-    `continued` (3,) is the share of each material beyond its stable range, `slipping` that of the contact area.
+    `continued` (3,) is the share of each material beyond its stable range, `slipping` that of the contact.
     """
 
     normal_n: float
@@ -63,7 +60,7 @@ class Solution:
     halvings: int
 
 
-def load_felupe() -> "ModuleType":
+def load_felupe() -> Any:
     """The optional library.
 
     Raises
@@ -136,7 +133,9 @@ class Bench:
             return self._equilibrium(goal, halvings)
         except self._fem.NewtonConvergenceError:
             if halvings == MOST_HALVINGS:
-                raise DataError(f"no equilibrium at {goal} after {halvings} halvings of the increment") from None
+                raise DataError(
+                    f"no equilibrium at {goal} after {halvings} halvings of the increment"
+                ) from None
         for item, state in zip((self._solid, self._contact), kept, strict=True):
             item.restore(state)
         self._field = self._solid.field
@@ -207,17 +206,20 @@ def _solve(matrix: Any, right: FloatArray) -> FloatArray:
         return lost
     try:
         factors = splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True}
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.001,
+            options={"SymmetricMode": True},
         )
     except RuntimeError:  # exactly singular
         return lost
     return np.asarray(factors.solve(right))
 
 
-def _contact_class(fem: "ModuleType") -> Callable[..., Any]:
+def _contact_class(fem: Any) -> Callable[..., Any]:
     """The plate as a rigid surface of felupe; made here because felupe is loaded late."""
 
-    class GroovedPlate(fem.mechanics.ContactRigidBase):  # type: ignore[misc, name-defined]
+    class GroovedPlate(fem.mechanics.ContactRigidBase):  # type: ignore[misc]
         def __init__(self, field: Any, surface: Surface, **options: Any) -> None:
             self.surface = surface
             super().__init__(field, **options)

@@ -1,8 +1,8 @@
 """Linear elasticity of a taxel mesh at small strain, and the compliance of its surface.
 
 Eight-node hexahedra with the dilatation averaged over each cell (the B-bar method: Hughes, The Finite Element
-Method, 1987, section 4.5), which is what the mixed elements of `contact` become at small strain and what keeps
-nearly incompressible cells from locking.
+Method, 1987, section 4.5), which is what the mixed elements of `contact` become at small strain and what
+keeps nearly incompressible cells from locking.
 """
 
 import numpy as np
@@ -39,7 +39,9 @@ def stiffness(mesh: TaxelMesh) -> sparse.csr_array:
         trace = gradient.reshape(-1, 24)
         # deviatoric part: mu (grad u : grad v + grad u : grad v^T - 2/3 div u div v)
         product = np.einsum("cak,cbk->cab", gradient, gradient)
-        block = np.einsum("cab,ij->caibj", product, np.eye(3)) + np.einsum("caj,cbi->caibj", gradient, gradient)
+        block = np.einsum("cab,ij->caibj", product, np.eye(3)) + np.einsum(
+            "caj,cbi->caibj", gradient, gradient
+        )
         deviator = block.reshape(-1, 24, 24) - 2 / 3 * trace[:, :, None] * trace[:, None, :]
         cell += (shear * weight)[:, None, None] * deviator
         volume += weight

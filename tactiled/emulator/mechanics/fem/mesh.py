@@ -1,7 +1,7 @@
 """Hexahedra of one taxel: an O-grid around the chip, bottom of the chip at z = 0, z out of the skin.
 
-In plane, from the axis outwards: a rounded square core, rings out to the bump, rings out to the chip, rings out
-to the square cell of one taxel. Upwards: chip and adhesive, base, bump. PET is left out: it is 900 times
+In plane, from the axis outwards: a rounded square core, rings out to the bump, rings out to the chip, rings
+out to the square cell of one taxel. Upwards: chip and adhesive, base, bump. PET is left out: it is 900 times
 stiffer than the rubber, so the bottom of the chip is held (the paper holds the bottom of the PET).
 
 Bump shape and cell are ASSUMED where the paper is silent (Wang et al. 2019, figure 1 gives only heights).
@@ -127,7 +127,7 @@ def _plane(fineness: Fineness) -> tuple[FloatArray, IntArray, int, int]:
     """Points and faces of the O-grid, numbered outwards, and how many faces lie within bump and chip."""
     n = fineness.side
     u, v = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
-    # Half square, half disc keeps the corners of the core from flattening; 0.56 makes core and rings alike in size.
+    # A blend of square and disc keeps the core's corners from flattening; 0.56 makes cells alike in size.
     disc = np.stack([u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)], axis=-1)
     core = 0.56 * BUMP_RADIUS_MM * (0.6 * np.stack([u, v], axis=-1) + 0.4 * disc)
     number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)

@@ -1,7 +1,7 @@
 """What an electrode feels: the normal force under a part of the chip, from the forces that hold its bottom.
 
 Nodal forces know no areas smaller than a cell. They are turned into a bilinear traction (its consistent nodal
-forces are the given ones) and that is integrated over the part, so that meshes of different size can be compared.
+forces are the given ones) and that is integrated over the part, so that meshes can be compared.
 """
 
 from collections.abc import Callable
@@ -18,19 +18,20 @@ BoolArray = NDArray[np.bool_]
 Part = Callable[[FloatArray, FloatArray], BoolArray]
 
 SIDES = ("-x", "-y", "+x", "+y")  # resistors R1, R2, R3, R4 of the shipped array
-_FINE = 16  # sample points along each side of a face; halving it moves no area by more than 0.3 %
+_FINE = (
+    16  # sample points along each side of a face: areas near the edge are right within 1.5 %, halves 0.5 %
+)
 EDGE_MM = 1.0  # the areas that reproduce the paper's 0.07 N a side and its near-100 % change lie beyond this
 CENTRE_MM = 0.5  # assumed radius of the common electrode
 
 
 def side_parts(beyond_mm: float) -> list[Part]:
     """The part of the chip beyond a distance from the axis, on each of `SIDES`; 0 gives half chips."""
-    return [
-        lambda x, y: x < -beyond_mm,
-        lambda x, y: y < -beyond_mm,
-        lambda x, y: x > beyond_mm,
-        lambda x, y: y > beyond_mm,
-    ]
+
+    def part(axis: int, sign: float) -> Part:
+        return lambda x, y: sign * (x, y)[axis] > beyond_mm
+
+    return [part(0, -1.0), part(1, -1.0), part(0, 1.0), part(1, 1.0)]
 
 
 def centre(x: FloatArray, y: FloatArray) -> BoolArray:

@@ -1,8 +1,8 @@
-"""Finite-element runs as reference data: `config/contact/fem-<mesh>-<run>.json`, readable without felupe.
+"""Finite-element runs as data: `config/contact/fem-<mesh>-<run>.json`, readable without felupe.
 
-Each file: ``provenance`` (surface, mesh, materials, versions, command, convergence) and ``columns`` of numbers, one
-entry an increment. Forces are those on the skin, N; ``side`` order is `readout.SIDES`; forces on a part may be
-negative where the bonded chip is pulled (a contact sensor cannot show that: clamp at zero).
+Each file: ``provenance`` (surface, mesh, materials, versions, command, convergence) and ``columns`` of
+numbers, one entry an increment. Forces are those on the skin, N; sides come in the order of `readout.SIDES`;
+forces on a part are negative where the bonded chip is pulled (no contact sensor shows that: clamp at zero).
 """
 
 import json
@@ -82,7 +82,8 @@ def load_reference(mesh: str, run: str) -> ReferenceRun:
 def write_reference(path: Path, provenance: dict[str, Any], rows: Sequence[Sequence[float]]) -> None:
     """Write a run, six digits a number: two more than the solver's tolerance leaves."""
     lines = ",\n".join(
-        f'  "{name}": {json.dumps([float(f"{row[k]:.6g}") for row in rows])}' for k, name in enumerate(COLUMNS)
+        f'  "{name}": {json.dumps([float(f"{row[k]:.6g}") for row in rows])}'
+        for k, name in enumerate(COLUMNS)
     )
     head = json.dumps(provenance, indent=1)
     path.write_text(f'{{"provenance": {head},\n"columns": {{\n{lines}\n}}}}\n', encoding="utf-8")

@@ -1,7 +1,7 @@
 """The Yeoh rubbers of a taxel mesh in three dimensions, in the form finite elements ask for.
 
-Isochoric energy W(I - 3) with I = J^(-2/3) tr(F^T F); the volume is the mixed element's own business. First and
-second derivatives by F: Holzapfel, Nonlinear Solid Mechanics, 2000, sections 6.4 and 6.6.
+Isochoric energy W(I - 3) with I = J^(-2/3) tr(F^T F); the volume is the mixed element's own business. First
+and second derivatives by F: Holzapfel, Nonlinear Solid Mechanics, 2000, sections 6.4 and 6.6.
 """
 
 import numpy as np
@@ -34,7 +34,9 @@ class CellwiseYeoh:
     def continued(self, deformation: FloatArray) -> FloatArray:
         """Share of the points at which a material's safe continuation answers, by material."""
         excess = self.excess(deformation)
-        return np.array([float(np.mean(rubber.continued(excess[:, cells]))) for rubber, cells in self._members])
+        return np.array(
+            [float(np.mean(rubber.continued(excess[:, cells]))) for rubber, cells in self._members]
+        )
 
     def gradient(self, x: list[FloatArray]) -> list[FloatArray]:
         """First Piola-Kirchhoff stress (3, 3, q, c), and the state that Yeoh does not have."""
@@ -63,7 +65,7 @@ class CellwiseYeoh:
         inverse = np.moveaxis(np.linalg.inv(np.moveaxis(deformation, (0, 1), (2, 3))), (3, 2), (0, 1))
         scale = 2 * _shrink(deformation)
         trace = np.einsum("ij...,ij...->...", deformation, deformation)
-        return scale * (deformation - trace / 3 * inverse), inverse, scale
+        return np.asarray(scale * (deformation - trace / 3 * inverse)), np.asarray(inverse), scale
 
     def _slopes(self, excess: FloatArray) -> tuple[FloatArray, FloatArray]:
         slope, curvature = np.empty_like(excess), np.empty_like(excess)
@@ -74,6 +76,6 @@ class CellwiseYeoh:
 
 
 def _shrink(deformation: FloatArray) -> FloatArray:
-    """J^(-2/3); NaN where a trial step turned a cell inside out, which the solver answers with a smaller one."""
+    """J^(-2/3); NaN where a trial step turned a cell inside out: the solver then takes a smaller one."""
     volume = np.linalg.det(np.moveaxis(deformation, (0, 1), (2, 3)))
     return np.asarray(np.where(volume > 0, volume, np.nan) ** (-2 / 3))

@@ -35,12 +35,14 @@ def _pressed(load_n: float, depth_mm: float = 0.0) -> list[Instant]:
 
 
 def _slide(
-    load_n: float, way_mm: Sequence[float], azimuth_deg: float = 0.0, depth_mm: float = 0.0, held: Held = "force"
+    load_n: float,
+    way_mm: Sequence[float],
+    azimuth_deg: float = 0.0,
+    depth_mm: float = 0.0,
+    held: Held = "force",
 ) -> list[Instant]:
     way = np.deg2rad(azimuth_deg)
-    steps = [
-        Instant(held, load_n, (float(s * np.cos(way)), float(s * np.sin(way)))) for s in way_mm
-    ]
+    steps = [Instant(held, load_n, (float(s * np.cos(way)), float(s * np.sin(way)))) for s in way_mm]
     return [*_pressed(load_n, depth_mm), *steps]
 
 

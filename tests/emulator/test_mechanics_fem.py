@@ -1,0 +1,373 @@
+"""Finite elements of one taxel: mesh, compliance, read-out, rubber, plate, contact, and the shipped runs."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from tactiled.emulator.mechanics.base import Surface
+from tactiled.emulator.mechanics.fem import mesh as meshes
+from tactiled.emulator.mechanics.fem import plate
+from tactiled.emulator.mechanics.fem.compliance import compliance_arrays, load_compliance
+from tactiled.emulator.mechanics.fem.contact import Bench, Instant, Solution
+from tactiled.emulator.mechanics.fem.linear import stiffness
+from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
+from tactiled.emulator.mechanics.fem.readout import read_out, side_parts
+from tactiled.emulator.mechanics.fem.reference import COLUMNS, load_reference, reference_names
+from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
+from tactiled.emulator.mechanics.fem.runs import LOAD_N, RUNS, produce
+from tactiled.errors import ConfigError, DataError
+
+FloatArray = NDArray[np.float64]
+
+TINY = Fineness(4, 1, 1, 1, 1, 1, 1)
+SHIPPED = [(name, run) for name in MESHES for run in reference_names(name)]
+FLAT = [(name, run) for name, run in SHIPPED if run in ("flat-0.3", "flat-0.6", "flat-0.9")]
+
+
+@pytest.fixture(scope="module")
+def coarse() -> TaxelMesh:
+    return taxel_mesh(MESHES["coarse"])
+
+
+@pytest.fixture(scope="module")
+def shipped() -> dict[str, FloatArray]:
+    return load_compliance("coarse")
+
+
+def corner_volumes(mesh: TaxelMesh) -> FloatArray:
+    """Triple product of the edges at each corner of each cell (c, 8)."""
+    neighbours = [(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)]
+    corners = mesh.points_mm[mesh.cells]
+    edges = np.stack([corners[:, list(n)] - corners[:, [k]] for k, n in enumerate(neighbours)], axis=1)
+    return np.asarray(np.linalg.det(edges))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_no_cell_is_inside_out_and_the_chip_is_where_it_should_be(name: str) -> None:
+    mesh = taxel_mesh(MESHES[name])
+    assert corner_volumes(mesh).min() > 0
+    middle = mesh.points_mm[mesh.cells].mean(axis=1)
+    chip = (np.hypot(middle[:, 0], middle[:, 1]) < meshes.CHIP_RADIUS_MM) & (middle[:, 2] < meshes.CHIP_MM)
+    assert np.array_equal(chip, mesh.material == 0)
+    assert np.array_equal(mesh.material == 2, middle[:, 2] > meshes.CHIP_MM)
+    assert len(np.unique(mesh.points_mm.round(9), axis=0)) == len(mesh.points_mm)
+
+
+def uniform(mesh: TaxelMesh, gradient: FloatArray) -> FloatArray:
+    return (mesh.points_mm @ gradient.T).ravel()
+
+
+def test_volume_converges_to_that_of_the_taxel() -> None:
+    cap = np.pi * meshes.CAP_MM / 6 * (3 * meshes.BUMP_RADIUS_MM**2 + meshes.CAP_MM**2)
+    rim = np.pi * meshes.BUMP_RADIUS_MM**2 * meshes.RIM_MM
+    exact = meshes.CELL_MM**2 * (meshes.CHIP_MM + meshes.BASE_MM) + rim + cap
+    errors = [abs(corner_volumes(taxel_mesh(MESHES[name])).mean(axis=1).sum() - exact) for name in MESHES]
+    assert errors[2] < errors[1] < errors[0] < 0.004 * exact
+
+
+def test_uniform_strain_costs_its_energy_and_rigid_motion_nothing(coarse: TaxelMesh) -> None:
+    matrix, rng = stiffness(coarse), np.random.default_rng(0)
+    assert abs(matrix - matrix.T).max() < 1e-12
+    turn = np.array([[0.0, 1.0, -2.0], [-1.0, 0.0, 3.0], [2.0, -3.0, 0.0]])
+    shift = np.tile([1.0, -2.0, 0.5], len(coarse.points_mm))
+    assert abs(matrix @ (uniform(coarse, turn) + shift)).max() < 1e-11
+    gradient = rng.normal(size=(3, 3))
+    strain = (gradient + gradient.T) / 2
+    trace = np.trace(strain)
+    deviator = strain - trace / 3 * np.eye(3)
+    volume = np.bincount(coarse.material, gauss_volumes(coarse))
+    density = [m.bulk_mpa * trace**2 + 2 * m.shear_mpa * np.sum(deviator**2) for m in MATERIALS]
+    moved = uniform(coarse, gradient)
+    assert moved @ (matrix @ moved) == pytest.approx(float(volume @ density), rel=1e-10)
+
+
+def gauss_volumes(mesh: TaxelMesh) -> FloatArray:
+    """Volume of each trilinear cell by the divergence theorem over its bilinear faces: exact."""
+    faces = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    total = np.zeros(len(mesh.cells))
+    for face in faces:
+        a, b, c, d = (mesh.points_mm[mesh.cells[:, k]] for k in face)
+        for u in (0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3)):
+            for v in (0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3)):
+                place = a * (1 - u) * (1 - v) + b * u * (1 - v) + c * u * v + d * (1 - u) * v
+                along, across = (b - a) * (1 - v) + (c - d) * v, (d - a) * (1 - u) + (c - b) * u
+                total += np.einsum("ci,ci->c", place, np.cross(along, across)) / 12
+    return total
+
+
+def test_shipped_compliance_is_symmetric_and_positive(shipped: dict[str, FloatArray]) -> None:
+    n = len(shipped["x_mm"])
+    assert np.array_equal(shipped["c_nn"], shipped["c_nn"].T)
+    tangential = shipped["c_tt"].reshape(2 * n, 2 * n)
+    assert np.array_equal(tangential, tangential.T)
+    mixed = shipped["c_nt"].reshape(n, 2 * n)
+    whole = np.block([[shipped["c_nn"], mixed], [mixed.T, tangential]])
+    assert np.linalg.eigvalsh(whole)[0] > 0.1 * np.diag(whole).min()
+
+
+def test_bottom_carries_what_the_surface_is_given(shipped: dict[str, FloatArray]) -> None:
+    np.testing.assert_allclose(shipped["bottom_from_normal"].sum(axis=0), 1.0, atol=1e-5)
+    np.testing.assert_allclose(shipped["bottom_from_tangential"].sum(axis=0), 0.0, atol=1e-5)
+    arm = shipped["bottom_x_mm"] @ shipped["bottom_from_normal"]
+    height = 1.3 - shipped["gap_mm"]
+    tilt = shipped["bottom_x_mm"] @ shipped["bottom_from_tangential"][:, :, 0]
+    # Tangential forces at the bottom have no arm about y at z = 0: moments balance by normal ones alone.
+    np.testing.assert_allclose(arm, shipped["x_mm"], atol=1e-5)
+    np.testing.assert_allclose(tilt, height, atol=1e-5)
+
+
+def test_sliding_along_x_loads_the_trailing_side(shipped: dict[str, FloatArray]) -> None:
+    # Friction on a skin that moves along +x points along -x; R1 is on the -x side.
+    friction = shipped["area_mm2"] * (np.hypot(shipped["x_mm"], shipped["y_mm"]) < 0.9)
+    felt = -shipped["half_from_tangential"][:, :, 0] @ (friction / friction.sum())
+    assert felt[0] == pytest.approx(-felt[2], rel=1e-4)
+    assert felt[0] > 0.2
+    np.testing.assert_allclose(felt[[1, 3]], 0.0, atol=1e-6)
+
+
+def test_the_shipped_compliance_is_what_the_mesh_gives(
+    coarse: TaxelMesh, shipped: dict[str, FloatArray]
+) -> None:
+    made = compliance_arrays(coarse)
+    assert made.keys() == shipped.keys()
+    for name, array in made.items():
+        np.testing.assert_allclose(shipped[name], array, rtol=2e-6, atol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize(("approach_mm", "share"), [(0.05, 0.05), (0.10, 0.05), (0.17, 0.10)])
+def test_linear_indentation_follows_the_load_curve(
+    shipped: dict[str, FloatArray], approach_mm: float, share: float
+) -> None:
+    # Pressures p >= 0 with c_nn p >= approach - gap, complementary: least squares with signs.
+    root = np.linalg.cholesky(shipped["c_nn"])
+    pressed, _ = nnls(root.T, np.linalg.solve(root, approach_mm - shipped["gap_mm"]))
+    curve = load_reference("coarse", "load").columns
+    full = float(np.interp(approach_mm, curve["approach_mm"], curve["normal_n"]))
+    assert pressed.sum() == pytest.approx(full, rel=share)
+
+
+@pytest.mark.parametrize("name", ["coarse", "medium"])
+@pytest.mark.parametrize("beyond_mm", [0.0, 1.0])
+def test_a_uniform_pressure_reads_out_as_area(name: str, beyond_mm: float) -> None:
+    mesh = taxel_mesh(MESHES[name])
+    points, faces = mesh.points_mm[mesh.bottom, :2], mesh.bottom_faces
+    force = np.zeros(len(points))
+    for u, v in np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(3):
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        shape = (1 + corners[:, 0] * u) * (1 + corners[:, 1] * v) / 4
+        du, dv = corners[:, 0] * (1 + corners[:, 1] * v) / 4, corners[:, 1] * (1 + corners[:, 0] * u) / 4
+        along = np.einsum("a,fai->fi", du, points[faces])
+        across = np.einsum("a,fai->fi", dv, points[faces])
+        area = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
+        np.add.at(force, faces, shape * area[:, None])
+    radius = meshes.CHIP_RADIUS_MM
+    angle = np.arccos(beyond_mm / radius)
+    segment = radius**2 * (angle - np.sin(angle) * np.cos(angle))
+    # Parts are cut out by samples, 16 along a cell of up to 0.3 mm: their outline is known to half of one.
+    outline = 2 * radius * (np.sin(angle) + angle)
+    np.testing.assert_allclose(
+        read_out(mesh, side_parts(beyond_mm)) @ force, segment, atol=outline * 0.3 / 32
+    )
+
+
+plates = st.builds(
+    Surface,
+    friction=st.just(0.5),
+    period_mm=st.floats(0.8, 2.0),
+    angle_deg=st.floats(-60.0, 60.0),
+    depth_mm=st.floats(0.0, 0.1),
+)
+
+
+@given(plates, st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.02, 0.015))
+def test_distance_to_the_plate_is_one(surface: Surface, x: float, y: float, off: float) -> None:
+    angle = np.deg2rad(surface.angle_deg)
+    s = x * np.cos(angle) + y * np.sin(angle)
+    height = surface.depth_mm * (1 + np.cos(2 * np.pi * s / surface.period_mm)) / 2
+    place = np.array([[x, y, -height - off]])
+    gap, normal, curvature = plate.distance(surface, place)
+    h = 1e-5
+    nudged = np.concatenate([place + h * np.eye(3), place - h * np.eye(3)])
+    gaps, normals, _ = plate.distance(surface, nudged)
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
+    np.testing.assert_allclose((gaps[:3] - gaps[3:]) / (2 * h), normal[0], atol=1e-5)
+    np.testing.assert_allclose((normals[:3] - normals[3:]).T / (2 * h), curvature[0], atol=1e-3)
+    assert np.sign(gap[0]) == np.sign(off) or abs(off) < 1e-12
+    assert abs(gap[0]) <= abs(off) + 1e-12
+
+
+def states(seed: int, size: float) -> FloatArray:
+    """Deformation gradients (3, 3, 8, 3), a cell of each material."""
+    turn = size * np.random.default_rng(seed).normal(size=(3, 3, 8, 3))
+    return np.asarray(np.eye(3)[:, :, None, None] + turn)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.sampled_from([0.01, 0.1, 0.2]))
+def test_rubber_stress_and_stiffness_are_derivatives(seed: int, size: float) -> None:
+    rubber, state = CellwiseYeoh(np.arange(3)), states(seed, size)
+    if np.linalg.det(np.moveaxis(state, (0, 1), (2, 3))).min() < 0.2:
+        return  # crushed to nothing: no state of a rubber
+    way = np.random.default_rng(seed + 1).normal(size=state.shape)
+    h = 1e-6
+    ahead, behind = state + h * way, state - h * way
+
+    def energy(at: FloatArray) -> FloatArray:
+        excess = rubber.excess(at)
+        return np.stack([m.energy(excess[:, k]) for k, m in enumerate(MATERIALS)], axis=1)
+
+    stress = rubber.gradient([state, np.zeros(0)])[0]
+    rate = np.einsum("ij...,ij...->...", stress, way)
+    np.testing.assert_allclose(rate, (energy(ahead) - energy(behind)) / (2 * h), rtol=1e-4, atol=1e-5)
+    bent = rubber.hessian([state, np.zeros(0)])[0]
+    change = rubber.gradient([ahead, np.zeros(0)])[0] - rubber.gradient([behind, np.zeros(0)])[0]
+    predicted = np.einsum("ijkl...,kl...->ij...", bent, way)
+    scale = abs(predicted).max()
+    # The stiffness of a continued rubber is continuous, but has a corner where the continuation begins.
+    np.testing.assert_allclose(predicted, change / (2 * h), atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("stretch", [0.35, 0.7, 1.5, 2.5])
+def test_rubber_in_three_dimensions_pulls_as_a_bar(stretch: float) -> None:
+    rubber = CellwiseYeoh(np.arange(3))
+    side = stretch**-0.5
+    state = np.broadcast_to(np.diag([stretch, side, side])[:, :, None, None], (3, 3, 8, 3)).copy()
+    stress = rubber.gradient([state, np.zeros(0)])[0]
+    nominal = stress[0, 0] - stress[1, 1] * side / stretch  # pressure that frees the sides taken off
+    for k, material in enumerate(MATERIALS):
+        np.testing.assert_allclose(nominal[:, k], float(material.uniaxial(stretch).stress_mpa), rtol=1e-10)
+    continued = [float(material.uniaxial(stretch).continued) for material in MATERIALS]
+    assert rubber.continued(state).tolist() == continued
+
+
+@pytest.fixture(scope="module")
+def slid() -> list[Solution]:
+    """A small taxel pressed, and slid along x until every point slips."""
+    instants = [
+        Instant("displacement", 0.02),
+        Instant("displacement", 0.12),
+        Instant("force", 1.0),
+        *[Instant("force", 1.0, (x, 0.0)) for x in (0.1, 0.2, 0.3, 0.4)],
+    ]
+    return list(Bench(taxel_mesh(TINY), Surface(0.5)).follow(instants))
+
+
+def test_pressed_flat_it_is_symmetric_and_frictionless_in_sum(slid: list[Solution]) -> None:
+    for pressed in slid[:3]:
+        np.testing.assert_allclose(pressed.half_n, pressed.half_n.mean(), rtol=1e-5)
+        np.testing.assert_allclose(pressed.tangential_n, 0.0, atol=1e-5)
+    assert slid[0].normal_n < slid[1].normal_n
+    assert slid[2].normal_n == pytest.approx(1.0, rel=1e-4)
+
+
+def test_slid_it_ends_on_the_friction_cone_and_loads_the_trailing_side(slid: list[Solution]) -> None:
+    held, end = slid[2], slid[-1]
+    assert end.normal_n == pytest.approx(1.0, rel=1e-4)
+    assert end.tangential_n == pytest.approx([-0.5, 0.0], abs=1e-4)
+    assert end.slipping == 1.0
+    assert all(abs(s.tangential_n[0]) <= 0.5 * s.normal_n * (1 + 1e-4) for s in slid)
+    assert end.half_n[0] > held.half_n[0] > end.half_n[2]
+    assert end.half_n[1] == pytest.approx(end.half_n[3], rel=1e-4)
+
+
+def test_at_small_strain_it_is_the_linear_taxel() -> None:
+    mesh = taxel_mesh(TINY)
+    [touched] = Bench(mesh, Surface(0.5)).follow([Instant("displacement", 1e-4)])
+    arrays = compliance_arrays(mesh)
+    apex = int(np.argmin(arrays["gap_mm"]))
+    expected = arrays["half_from_normal"][:, apex] * touched.normal_n
+    np.testing.assert_allclose(touched.half_n, expected, rtol=2e-3)
+    # What the penalty lets overlap adds to the approach.
+    assert arrays["c_nn"][apex, apex] * touched.normal_n < 1e-4
+
+
+def test_without_friction_nothing_pulls_sideways() -> None:
+    instants = [Instant("displacement", 0.05), Instant("displacement", 0.05, (0.2, 0.1))]
+    pressed, moved = Bench(taxel_mesh(TINY), Surface(0.0)).follow(instants)
+    np.testing.assert_allclose(moved.tangential_n, 0.0, atol=1e-9)
+    assert moved.normal_n == pytest.approx(pressed.normal_n, rel=1e-6)
+
+
+def test_a_crushing_approach_is_refused_by_name_not_by_nan() -> None:
+    with pytest.raises(DataError, match=r"no equilibrium at .*displacement"):
+        list(
+            Bench(taxel_mesh(Fineness(2, 1, 1, 1, 1, 1, 1)), Surface(0.5)).follow(
+                [Instant("displacement", 1.5)]
+            )
+        )
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "felupe", None)
+    with pytest.raises(DataError, match=r"tactiled\[fem\]"):
+        Bench(taxel_mesh(TINY), Surface(0.5))
+
+
+def test_reference_data_is_read_without_the_extra() -> None:
+    code = (
+        "import sys; sys.modules['felupe'] = None\n"
+        "from tactiled.emulator.mechanics.fem.compliance import load_compliance as c\n"
+        "from tactiled.emulator.mechanics.fem.reference import load_reference as r\n"
+        "import tactiled.emulator.mechanics.fem.runs\n"
+        "c(); r('coarse', 'load')"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_unknown_runs_and_meshes_are_named() -> None:
+    with pytest.raises(ConfigError, match="no run 'flat'") as caught:
+        produce("huge", ["flat"], print)
+    assert len(caught.value.faults) == 2
+    with pytest.raises(DataError, match=r"flat-0\.6"):
+        load_reference("coarse", "flat")
+
+
+def test_the_command_names_what_it_does_not_know() -> None:
+    command = [sys.executable, "-m", "tactiled.emulator.mechanics.fem", "coarse", "flat"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "no run 'flat'; there are: load" in ended.stderr
+
+
+@pytest.mark.parametrize(("mesh", "run"), SHIPPED)
+def test_shipped_runs_hold_what_they_say(mesh: str, run: str) -> None:
+    reference = load_reference(mesh, run)
+    columns, planned = reference.columns, RUNS[run]()
+    assert tuple(columns) == COLUMNS
+    assert reference.surface == planned.surface
+    assert reference.provenance["mesh"]["cells"] == len(taxel_mesh(MESHES[mesh]).cells)
+    assert all(len(values) == len(planned.instants) for values in columns.values())
+    for k, instant in enumerate(planned.instants):
+        imposed = columns["normal_n" if instant.held == "force" else "approach_mm"][k]
+        assert imposed == pytest.approx(instant.value, rel=1e-3)
+        assert columns["travel_x_mm"][k] == pytest.approx(instant.base_mm[0], abs=1e-5)
+    for beyond in ("continued_rubber", "continued_rtv"):
+        assert np.all(columns[beyond] == 0)
+
+
+@pytest.mark.parametrize(("mesh", "run"), FLAT)
+def test_shipped_slides_end_on_the_friction_cone(mesh: str, run: str) -> None:
+    reference = load_reference(mesh, run)
+    columns, mu = reference.columns, reference.surface.friction
+    pull = np.hypot(columns["tangential_x_n"], columns["tangential_y_n"])
+    assert np.all(pull <= mu * columns["normal_n"] * (1 + 1e-3))
+    assert pull[-1] == pytest.approx(mu * LOAD_N, rel=2e-3)
+    sides = reference.sides()
+    np.testing.assert_allclose(sides[:, 1], sides[:, 3], rtol=2e-3)
+    assert columns["slipping"][-1] == 1.0
+
+
+def test_left_and_right_change_as_found_before() -> None:
+    # On another mesh and read-out friction 0.3, 0.6, 0.9 gave +22/-23, +44/-46, +63/-69 % of half chips.
+    for run, up, down in (("flat-0.3", 0.22, -0.23), ("flat-0.6", 0.44, -0.46), ("flat-0.9", 0.63, -0.69)):
+        reference = load_reference("coarse", run)
+        sides, pressed = reference.sides(), len(RUNS[run]().instants) - 22
+        change = sides[-1] / sides[pressed] - 1
+        assert change[0] == pytest.approx(up, rel=0.15)
+        assert change[2] == pytest.approx(down, rel=0.15)
