@@ -67,6 +67,7 @@ class TunedSuite:
         self._recent: deque[ScanBlock] = deque()
         self._inhibits: deque[tuple[float, float]] = deque(maxlen=_KEPT_INHIBITS)
         self._in_contact = False
+        self._slip_inhibited = False
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Events that the item completes; slips that began in a time not to trust are not valid."""
@@ -166,9 +167,13 @@ class TunedSuite:
         for event in events:
             if isinstance(event, ContactEvent):
                 self._in_contact = event.state != "none"
-            elif isinstance(event, SlipEvent) and any(
-                event.onset_s <= until_s and event.detected_s >= from_s for from_s, until_s in self._inhibits
-            ):
-                event = replace(event, valid=False)
+            elif isinstance(event, SlipEvent):
+                if event.state == "onset":
+                    self._slip_inhibited = any(
+                        event.onset_s <= until_s and event.detected_s >= from_s
+                        for from_s, until_s in self._inhibits
+                    )
+                if self._slip_inhibited:  # with its end, for nobody should hear of an end alone
+                    event = replace(event, valid=False)
             out.append(event)
         return out

@@ -1,0 +1,230 @@
+"""Commands through the whole daemon: a board on a pty, a client on a socket, and what events say of it."""
+
+import asyncio
+import json
+import threading
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from boards import LAYOUT, PtyBoard, SimBoard, descriptors
+
+from tactiled.array import load_array
+from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
+from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.source import PortParams
+from tactiled.events.types import EVENT_TYPES, Sent
+from tactiled.pipeline import Pipeline
+
+ARRAY = load_array("wang2019-3x3")
+Row = dict[str, Any]
+
+
+class Setup:
+    """A service, what a client heard of it, and a way to command it."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.link = tmp_path / "board"
+        self.endpoint = f"ipc://{tmp_path}/events.ipc"
+        self.params = ServiceParams(
+            port=PortParams(url=str(self.link)), publish=PublishParams(endpoints=(self.endpoint,))
+        )
+        self.heard: dict[str, list[Row]] = {}
+        self.restarts = 0
+        self.lost = 0
+
+    async def listen(self) -> None:
+        async with Client(self.endpoint) as client:
+            async for item in client:
+                message = item.message if isinstance(item, Recovered) else item
+                if isinstance(message, Message):
+                    self.heard.setdefault(message.topic, []).append(message.data)
+                self.restarts += isinstance(item, Restarted)
+                self.lost = client.lost
+
+    @property
+    def status(self) -> Row:
+        return self.heard["status"][-1]
+
+    async def until(self, condition: Callable[[], bool], what: str) -> None:
+        try:
+            async with asyncio.timeout(8):
+                while not condition():
+                    await asyncio.sleep(0.01)
+        except TimeoutError:
+            raise AssertionError(f"never: {what}; last status {self.heard.get('status', [])[-1:]}") from None
+
+    async def until_running(self) -> None:
+        await self.until(lambda: "status" in self.heard and self.status["state"] == "running", "running")
+
+    async def audited(self, id_: str) -> Row:
+        def found() -> list[Row]:
+            return [row for row in self.heard.get("command", []) if row["request_id"] == id_]
+
+        await self.until(lambda: bool(found()), f"the event of {id_}")
+        (row,) = found()
+        return row
+
+
+def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> None:
+    """Run the service beside a story; nothing may be left over."""
+
+    async def main() -> None:
+        service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY)
+        serving = asyncio.create_task(service.run())
+        listening = asyncio.create_task(setup.listen())
+        try:
+            async with AsyncCommander(setup.endpoint, who="test") as daemon, asyncio.timeout(20):
+                await story(daemon)
+            assert not serving.done()
+        finally:
+            service.stop()
+            await asyncio.gather(serving, return_exceptions=False)
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    before, threads = descriptors(), set(threading.enumerate())
+    asyncio.run(main())
+    assert descriptors() == before
+    assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]
+
+
+def test_every_command_is_on_record_with_who_and_what_came_of_it(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        with PtyBoard(setup.link):
+            await setup.until_running()
+            done = await daemon.send("mark", text="the cup is full")
+            assert done.ok
+            row = await setup.audited(done.data["id"])
+            assert (row["command"], row["who"], row["key"], row["ok"]) == ("mark", "test", "", True)
+            assert json.loads(row["arguments"]) == {"text": "the cup is full"}
+            assert row["board"] == "TS0001"
+            refused = await daemon.send("thresholds", values={"slip.nonsense": 1.0})
+            assert not refused.ok
+            row = await setup.audited(refused.data["id"])
+            assert not row["ok"]
+            assert "slip.nonsense: unknown key" in row["reason"] == refused.reason
+            assert not (await daemon.send("record", on=True)).ok  # there is no recorder here
+
+    play(setup, story)
+
+
+def test_settings_hold_through_a_replug_and_state_tells_them(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        with PtyBoard(setup.link) as board:
+            await setup.until_running()
+            assert (await daemon.send("rate", rate_hz=200.0)).ok
+            assert board.sim.rate_hz == 200.0
+            assert (await daemon.send("speed", speed_mm_s=5.0)).ok
+            assert (await daemon.send("thresholds", values={"slip.threshold_volts": 0.004})).ok
+            assert (await daemon.send("inhibit", duration_s=60.0)).ok
+            await asyncio.to_thread(board.unplug)
+            await setup.until(lambda: setup.status["state"] == "no-device", "no-device")
+            board.sim.reboot()
+            await asyncio.to_thread(board.plug)
+            await setup.until_running()
+            assert (board.sim.rate_hz, board.sim.streaming) == (200.0, True)
+            reply = (await daemon.send("state")).data
+            assert reply["settings"]["speed_mm_s"] == 5.0
+            assert reply["settings"]["rate_hz"] == 200.0
+            assert reply["settings"]["inhibited_s"] > 30.0
+            assert reply["settings"]["detect"]["wang2019"]["slip"]["threshold_volts"] == 0.004
+            assert setup.status["inhibited_s"] > 30.0
+            assert "tactile/TS0001/info" in reply["messages"]
+
+    play(setup, story)
+
+
+def test_a_tare_holds_for_the_board_it_was_made_on(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def tared(daemon: AsyncCommander) -> bool:
+        return bool((await daemon.send("state")).data["settings"]["tared"])
+
+    async def story(daemon: AsyncCommander) -> None:
+        with PtyBoard(setup.link) as board:
+            await setup.until_running()
+            assert not (await daemon.send("tare")).ok
+            await setup.until(lambda: len(setup.heard.get("scan", [])) > 100, "100 scans")
+            refused = await daemon.send("tare")
+            assert "lift the finger" in refused.reason  # 1000 counts are 0.7 V
+            assert (await daemon.send("tare", force=True)).ok
+            await setup.until(lambda: setup.status["contact"] == "none", "no contact")
+            await asyncio.to_thread(board.unplug)
+            await asyncio.to_thread(board.plug)
+            await setup.until_running()
+            assert await tared(daemon)
+            assert setup.heard["scan"][-1]["volts"] == [pytest.approx(1000 * 3.0 / 4096)] * 36
+        with PtyBoard(setup.link, SimBoard(serial="TS0002")):
+            await setup.until(lambda: setup.status["board"] == "TS0002", "the other board")
+            assert not await tared(daemon)
+
+    play(setup, story)
+
+
+def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        sim = SimBoard()
+        with PtyBoard(setup.link, sim):
+            await setup.until_running()
+            sim.refuses = {"set_rate": "bad_argument"}
+            reply = await daemon.send("rate", rate_hz=9000.0)
+            assert not reply.ok
+            assert "the old rate stays" in reply.reason
+            sim.refuses = {}
+            await setup.until_running()
+            assert sim.rate_hz == 100.0
+            assert (await daemon.send("rate", rate_hz=50.0)).ok
+
+    play(setup, story)
+
+
+def test_a_rate_without_a_board_is_kept_for_when_one_comes(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        assert (await daemon.send("rate", rate_hz=50.0)).ok
+        with PtyBoard(setup.link) as board:
+            await setup.until_running()
+            assert board.sim.rate_hz == 50.0
+
+    play(setup, story)
+
+
+def test_a_restart_is_told_and_nothing_of_either_run_is_lost(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def main() -> None:
+        listening = asyncio.create_task(setup.listen())
+        with PtyBoard(setup.link):
+            for run in range(2):
+                service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY)
+                serving = asyncio.create_task(service.run())
+                goal = len(setup.heard.get("scan", [])) + 30
+                await setup.until(lambda goal=goal: len(setup.heard.get("scan", [])) > goal, "scans")  # type: ignore[misc]
+                service.stop()
+                await serving
+                assert setup.restarts >= run
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
+
+    asyncio.run(asyncio.wait_for(main(), 20))
+    scans = setup.heard["scan"]
+    runs = list(dict.fromkeys(row["run"] for row in scans))
+    assert len(runs) == 2
+    second = [row["seq"] for row in scans if row["run"] == runs[1]]
+    assert second == list(range(len(second)))
+    assert setup.lost == 0
+
+
+def test_status_counts_every_topic_but_itself() -> None:
+    assert set(Sent.__dataclass_fields__) == set(EVENT_TYPES) - {"status"}

@@ -1,0 +1,238 @@
+"""Zero, speed, thresholds and times not to trust, changed while detectors run."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import LSB, Touch, contact_states, onsets, pieces, run, slips, splits, textures
+
+from tactiled.array import load_array
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.tuning import TunedSuite
+from tactiled.events.types import ContactEvent, Event
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+WANG = load_array("wang2019-3x3")
+TOUCH = Touch().block(WANG)  # from 100 s on, scan 7 on: press at 0.5, slide at 4, stop at 8, lift at 10
+START_S = 100.0
+OFFSET = np.linspace(-0.3, 0.45, 36)  # a zero that has drifted
+
+
+def suite(**params: Any) -> TunedSuite:
+    return TunedSuite(WANG, DetectParams(**params))
+
+
+def shifted(block: ScanBlock) -> ScanBlock:
+    return replace(block, volts=block.volts + OFFSET)
+
+
+def rest(n: int = 100) -> ScanBlock:
+    volts = 0.3e-3 * np.random.default_rng(0).normal(size=(n, 36))
+    return regular_block(np.rint(volts / LSB) * LSB, 100.0, start_s=START_S - n / 100, index=7 - n)
+
+
+@given(cuts=splits(len(TOUCH)))
+@settings(deadline=None, max_examples=10)
+def test_untouched_it_passes_everything_through(cuts: list[int]) -> None:
+    plain = build_suite(WANG, DetectParams())
+    blocks = pieces(TOUCH, cuts)
+    assert run(suite(), blocks) == run(plain, blocks)
+
+
+def test_a_tare_takes_a_drifted_zero_away() -> None:
+    tuned = suite()
+    assert run(tuned, [shifted(rest())]) == []
+    assert tuned.tare(force=False) == ("", [])
+    assert tuned.baseline_volts is not None
+    assert np.abs(tuned.baseline_volts - OFFSET).max() < 0.0005
+    events = run(tuned, [shifted(TOUCH)])
+    assert contact_states(events) == ["loading", "holding", "sliding", "holding", "none"]
+    (onset,) = onsets(events)
+    assert abs(onset.onset_s - START_S - 4.0) <= 3 * onset.onset_sd_s
+
+
+@pytest.mark.parametrize(("at_s", "says"), [(0.8, "still move"), (3.0, "lift"), (6.0, "lift")])
+def test_a_tare_under_load_is_refused_and_changes_nothing(at_s: float, says: str) -> None:
+    tuned, plain = suite(), suite()
+    n = round(100 * at_s)
+    before = run(tuned, [TOUCH[:n]])
+    reason, events = tuned.tare(force=False)
+    assert says in reason
+    assert events == []
+    assert tuned.baseline_volts is None
+    assert before + run(tuned, [TOUCH[n:]]) == run(plain, [TOUCH])
+
+
+def test_a_forced_tare_ends_the_contact_and_says_that_nobody_saw_it_end() -> None:
+    tuned = suite()
+    run(tuned, [TOUCH[:300]])
+    reason, events = tuned.tare(force=True)
+    assert reason == ""
+    (lost,) = events
+    assert isinstance(lost, ContactEvent)
+    assert (lost.state, lost.valid) == ("none", False)
+    assert contact_states(run(tuned, [TOUCH[300:350]])) == []
+
+
+def test_a_tare_needs_enough_good_readings_at_rest() -> None:
+    tuned = suite()
+    assert tuned.tare(force=False)[0] == "no scans yet"
+    run(tuned, [rest(40)])
+    assert "only 40 scans" in tuned.tare(force=False)[0]
+    tuned.process(Gap(0, "restart", 7))
+    run(tuned, [rest(20)])
+    assert "only 20 scans" in tuned.tare(force=False)[0]
+    moving = rest(100)
+    run(tuned, [replace(moving, volts=moving.volts + np.linspace(0, 0.1, 100)[:, np.newaxis])])
+    assert "still move" in tuned.tare(force=False)[0]
+    assert tuned.tare(force=True)[0] == ""
+    invalid = rest(100)
+    invalid.valid[50, 3] = False
+    tuned = suite()
+    run(tuned, [invalid])
+    assert "channels [3]" in tuned.tare(force=True)[0]
+
+
+def test_the_zero_is_the_mean_of_the_newest_scans_however_they_came() -> None:
+    zeros = []
+    for size in (1, 7, 300):
+        tuned = suite()
+        run(tuned, pieces(rest(300), list(range(size, 300, size))))
+        assert len(tuned._recent) <= 50
+        tuned.tare(force=False)
+        assert tuned.baseline_volts is not None
+        zeros.append(tuned.baseline_volts.tolist())
+    assert zeros[0] == zeros[1] == zeros[2]
+
+
+@pytest.mark.parametrize(
+    ("from_s", "duration_s", "valid"),
+    [(3.5, 1.0, False), (3.9, 0.1, False), (4.05, 0.5, False), (1.0, 1.0, True), (4.5, 1.0, True)],
+)
+def test_slips_that_begin_in_a_time_not_to_trust_are_said_and_not_valid(
+    from_s: float, duration_s: float, valid: bool
+) -> None:
+    tuned = suite()
+    n = round(100 * from_s)
+    events = run(tuned, [TOUCH[:n]])
+    tuned.inhibit(START_S + from_s, duration_s)
+    events += run(tuned, [TOUCH[n:]])
+    (onset,) = onsets(events)
+    assert onset.valid is valid
+    assert slips(events)[-1].valid is valid  # the end, at 8 s, goes with it
+    assert [replace(e, valid=True) for e in slips(events)] == slips(run(suite(), [TOUCH]))
+
+
+def test_a_time_not_to_trust_can_be_made_longer_and_ended() -> None:
+    tuned = suite()
+    tuned.inhibit(10.0, 2.0)
+    assert tuned.inhibited_s(11.0) == 1.0
+    tuned.inhibit(11.0, 5.0)
+    assert tuned.inhibited_s(11.0) == 5.0
+    tuned.inhibit(12.0, 0.0)
+    assert tuned.inhibited_s(12.0) == 0.0
+    assert list(tuned._inhibits) == [(10.0, 12.0)]
+    for second in range(100):
+        tuned.inhibit(20.0 + second, 0.5)
+    assert len(tuned._inhibits) <= 8
+
+
+def test_thresholds_are_checked_by_name_and_bound() -> None:
+    tuned = suite()
+    before = tuned.params
+    for values, says in (
+        ({"slip.treshold_volts": 0.003}, "slip.treshold_volts: unknown key; did you mean threshold_volts?"),
+        ({"slip.threshold_volts": -1.0}, "slip.threshold_volts: "),
+        ({"slip.level": 2.5}, "slip.level: "),
+        ({"slip": 1.0}, "slip: "),
+        ({"slip.threshold_volts.x": 1.0}, "threshold_volts is no table"),
+        ({"": 1.0}, "unknown key"),
+        ({"...": 1.0}, "unknown key"),
+        ({"slip.threshold_volts": 0.003, "slip.contact.nonsense": 1.0}, "slip.contact.nonsense"),
+    ):
+        reason, events = tuned.set_thresholds(values)
+        assert says in reason, values
+        assert events == []
+        assert tuned.params is before
+
+
+def test_a_threshold_holds_from_the_next_scan_on() -> None:
+    tuned = suite()
+    events = run(tuned, [TOUCH[:300]])
+    reason, brought = tuned.set_thresholds({"slip.threshold_volts": 10.0, "slip.contact.contact_volts": 0.6})
+    assert reason == ""
+    assert contact_states(brought) == ["none"]
+    events += brought + run(tuned, [TOUCH[300:]])
+    assert onsets(events) == []
+    assert tuned.params.wang2019.slip.contact.contact_volts == 0.6
+    assert tuned.set_thresholds({"slip.threshold_volts": 10.0}) == ("", [])  # as it is already
+    tuned.reset()
+    assert tuned.params == DetectParams()
+
+
+def test_speed_holds_through_a_change_of_thresholds() -> None:
+    touch = Touch(grooves=(1.2, 0.0), stop_s=26.0, lift_s=27.0, end_s=28.0).block(WANG)
+
+    def speeds(events: list[Event]) -> set[float]:
+        return {event.speed_mm_s for event in textures(events)}
+
+    tuned = suite()
+    assert speeds(run(tuned, [touch])) == {0.0}
+    tuned.reset()
+    tuned.set_speed(1.0)
+    tuned.set_thresholds({"slip.threshold_volts": 0.0021})
+    events = run(tuned, [touch])
+    assert speeds(events) == {1.0}
+    assert any(event.status == "ok" for event in textures(events))
+
+
+def test_another_board_has_another_zero() -> None:
+    tuned = suite()
+    run(tuned, [rest()])
+    tuned.tare(force=False)
+    tuned.forget_zero()
+    assert tuned.baseline_volts is None
+
+
+calls = st.lists(
+    st.one_of(
+        st.tuples(st.just("tare"), st.booleans()),
+        st.tuples(st.just("speed"), st.floats(0, 10)),
+        st.tuples(st.just("inhibit"), st.floats(0, 2)),
+        st.tuples(st.just("thresholds"), st.floats(0.001, 0.01)),
+    ),
+    max_size=4,
+)
+
+
+@given(
+    cuts=splits(len(TOUCH)), calls=calls, places=st.lists(st.integers(0, len(TOUCH)), min_size=4, max_size=4)
+)
+@settings(deadline=None, max_examples=10)
+def test_the_same_calls_between_the_same_scans_bring_the_same_events(
+    cuts: list[int], calls: list[tuple[str, Any]], places: list[int]
+) -> None:
+    def play(all_cuts: list[int]) -> list[Event]:
+        tuned = suite()
+        events: list[Event] = []
+        at = sorted(zip(places, calls, strict=False), key=lambda entry: entry[0])
+        bounds = sorted({*all_cuts, *(place for place, _ in at), 0, len(TOUCH)})
+        for begin, end in zip(bounds, [*bounds[1:], len(TOUCH)], strict=True):
+            for place, (name, value) in at:
+                if place == begin:
+                    if name == "tare":
+                        events += tuned.tare(force=value)[1]
+                    elif name == "speed":
+                        tuned.set_speed(value)
+                    elif name == "inhibit":
+                        tuned.inhibit(START_S + begin / 100, value)
+                    else:
+                        events += tuned.set_thresholds({"slip.threshold_volts": value})[1]
+            if end > begin:
+                events += tuned.process(TOUCH[begin:end])
+        return events
+
+    assert play(cuts) == play([])
