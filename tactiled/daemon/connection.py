@@ -55,6 +55,25 @@ class Connection:
         if self._port is not None:
             self._port.write(data)
 
+    @property
+    def warning(self) -> str:
+        """What should be mended although the port works; empty when nothing, or there is none."""
+        return self._port.warning if self._port is not None else ""
+
+    def framing_errors(self) -> int:
+        """Bytes without their stop bit since the driver was loaded; 0 where nobody counts them."""
+        errors = self._port.errors() if self._port is not None else None
+        return errors.framing if errors is not None else 0
+
+    def check(self, dead_because: str) -> None:
+        """Leave a port that is dead, as the caller says, or whose name leads to another device by now."""
+        if self._port is None:
+            return
+        if self._port.is_orphan():
+            self._leave("its name leads to another device, or to none: opened anew")
+        elif dead_because:
+            self._leave(dead_because)
+
     def move(self, url: str, baud: int) -> None:
         """Leave this port for another one."""
         self._url, self._baud = url, baud

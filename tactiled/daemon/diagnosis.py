@@ -1,10 +1,45 @@
-"""From what arrives on the line to the likely cause, in words for whoever stands beside the robot."""
+"""From what arrives on the line to the likely cause, in words for whoever stands beside the robot.
+
+What a decoder rejects says why (`Corrupt.reason`), and each cause has its own mixture, measured by sampling
+a board's bits at the wrong rate and by playing other protocols and noise (tests/daemon/uart.py):
+
+=================  =======================================================================================
+wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors
+text               bytes of a console or a bootloader: printable, whatever the reasons
+another protocol   "type": intact frames, checksum and all, that the layout does not know
+heavy noise        "checksum": the structure stands, the content is damaged
+noise              most frames are good, a few are not
+=================  =======================================================================================
+"""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import NamedTuple
 
 HICCUP_S = 1.0  # silence or noise for so long is no hiccup but a cause to name
+_WINDOW_S = 10.0  # what "now" means for the share of damaged bytes ...
+_MARK_S = 1.0  # ... of which a mark is kept this often
+_TAIL_BYTES = 256  # enough to tell text from chance: 256 random bytes are never nine tenths printable
+_TEXT_PART = 0.9
+_MAIN_PART = 0.5  # a reason that most rejections share
+_NOISY_PART = 0.01  # a good cable loses nothing; 1 % is a frame a second
+_FRAMING_PART = 0.02  # a line at the right rate has none; at a wrong one every other byte lacks its stop bit
+
+
+class Tally(NamedTuple):
+    """What had come and what had become of it, at one instant."""
+
+    bytes_in: int = 0
+    bytes_framed: int = 0
+    bytes_discarded: int = 0
+    corrupt: Mapping[str, int] = {}
+    """Rejections by reason."""
+    framing_errors: int = 0
+    """As the UART's driver counts them; 0 where it does not."""
 
 
 class LineWatch:
-    """When bytes and good frames came last.
+    """When bytes and good frames came last, and what became of those that did.
 
     Parameters
     ----------
@@ -21,29 +56,88 @@ class LineWatch:
     def reset(self, now_s: float) -> None:
         """The port was opened."""
         self._byte_s = self._frame_s = now_s
-        self._bytes_framed = -1
+        self._tail = b""
+        self._newest: Tally | None = None
+        self._at_frame = Tally()
+        self._marks: deque[tuple[float, Tally]] = deque()
 
-    def received(self, now_s: float) -> None:
+    @property
+    def byte_s(self) -> float:
+        """When the last byte came, or the port was opened."""
+        return self._byte_s
+
+    def received(self, data: bytes, now_s: float) -> None:
         """Bytes came."""
         self._byte_s = now_s
+        self._tail = (self._tail + data)[-_TAIL_BYTES:]
 
     def framed(self, now_s: float) -> None:
         """A good frame came."""
         self._frame_s = now_s
 
-    def count(self, bytes_framed: int, now_s: float) -> None:
-        """So many bytes were part of good frames until now, whatever frames they were."""
-        if bytes_framed > self._bytes_framed >= 0:
-            self._frame_s = now_s
-        self._bytes_framed = bytes_framed
+    def count(self, tally: Tally, now_s: float) -> None:
+        """This is what has come until now, and what became of it."""
+        if self._newest is None or tally.bytes_framed > self._newest.bytes_framed:
+            self._at_frame = tally
+            if self._newest is not None:
+                self._frame_s = now_s
+        self._newest = tally
+        if not self._marks or now_s >= self._marks[-1][0] + _MARK_S:
+            self._marks.append((now_s, tally))
+            if self._marks[0][0] < now_s - _WINDOW_S:
+                self._marks.popleft()
 
     def fault(self, now_s: float) -> str:
         """The likely cause of nothing coming through; empty when frames do."""
         if now_s - self._byte_s >= HICCUP_S:
             return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
         if now_s - self._frame_s >= HICCUP_S:
-            return (
-                f"bytes arrive but no frame passes: wrong baud rate ({self._baud} configured), "
-                f"wrong protocol ({self._protocol} configured), or noise"
-            )
+            return f"bytes arrive but no frame passes: {self._cause()}"
         return ""
+
+    def warning(self) -> str:
+        """What is wrong with a line that works; empty when nothing."""
+        if self._newest is None or not self._marks:
+            return ""
+        _, before = self._marks[0]
+        came = self._newest.bytes_in - before.bytes_in
+        lost = self._newest.bytes_discarded - before.bytes_discarded
+        if came <= 0 or lost < _NOISY_PART * came or self._newest.bytes_framed == before.bytes_framed:
+            return ""
+        return (
+            f"{100 * lost / came:.0f} % of the bytes are damaged: noise on the line; look at cable, ground "
+            "and connectors"
+        )
+
+    def _cause(self) -> str:
+        now = self._newest or Tally()
+        reasons = Counter(now.corrupt)
+        reasons.subtract(self._at_frame.corrupt)
+        total = reasons.total()
+        came = now.bytes_in - self._at_frame.bytes_in
+        if _printable(self._tail) >= _TEXT_PART:
+            shown = self._tail[-40:].decode("ascii", "replace").strip()
+            return f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"
+        if now.framing_errors - self._at_frame.framing_errors > _FRAMING_PART * max(came, 1):
+            return f"wrong baud rate ({self._baud} configured): the UART counts framing errors"
+        if total and reasons["type"] >= _MAIN_PART * total:
+            return (
+                f"wrong protocol ({self._protocol} configured): intact frames of another one or version; "
+                "name its layout in board.protocol, or update the firmware"
+            )
+        if total and reasons["checksum"] + reasons["value"] >= _MAIN_PART * total:
+            return (
+                "every frame is damaged: heavy noise; look at cable, ground and connectors "
+                f"(a baud rate slightly off {self._baud} does it too)"
+            )
+        return (
+            f"no frame structure in it: wrong baud rate ({self._baud} configured) most likely, "
+            f"else wrong protocol ({self._protocol} configured)"
+        )
+
+
+def _printable(data: bytes) -> float:
+    """Part of the bytes that a terminal shows as text; 0 for too few to tell."""
+    if len(data) < _TAIL_BYTES // 8:
+        return 0.0
+    return sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)

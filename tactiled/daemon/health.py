@@ -14,7 +14,7 @@ _STALE_FACTOR = 2.0
 
 
 def status_event(
-    session: Session, health: Health, *, now_s: float, started_s: float, connects: int
+    session: Session, health: Health, *, now_s: float, started_s: float, connects: int, warning: str
 ) -> StatusEvent:
     """How things are at `now_s`; `valid` only where the board runs and its newest scan is fresh."""
     # Before the first scan: nothing newer than our start was ever seen.
@@ -24,6 +24,7 @@ def status_event(
         state=session.state,
         valid=session.state == "running" and age_s <= _STALE_FACTOR * session.silence_s,
         reason=session.reason(now_s),
+        warning=warning,
         age_s=age_s,
         clock_sd_s=health.clock_sd_s,
         clock_rate_ppm=health.clock_rate_ppm,
@@ -32,6 +33,7 @@ def status_event(
         frames_corrupt=health.frames_corrupt,
         scans_missing=health.scans_missing,
         scans_duplicate=health.scans_duplicate,
+        restarts=health.restarts,
         bytes_in=health.bytes_in,
         bytes_framed=health.bytes_framed,
         bytes_discarded=health.bytes_discarded,

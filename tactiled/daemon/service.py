@@ -19,7 +19,8 @@ from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.commands import Commands, Done
 from tactiled.daemon.connection import Connection
 from tactiled.daemon.diagnosis import LineWatch
-from tactiled.daemon.health import info_event, status_event
+from tactiled.daemon.health import info_event
+from tactiled.daemon.link import Link
 from tactiled.daemon.network import Network
 from tactiled.daemon.notify import Notifier
 from tactiled.daemon.publisher import PublishParams
@@ -28,12 +29,12 @@ from tactiled.daemon.requests import Command as Request
 from tactiled.daemon.session import Session, SessionParams
 from tactiled.daemon.source import PortParams, check_url
 from tactiled.errors import TactiledError
-from tactiled.events.types import BoardState, Event, ScanEvent
+from tactiled.events.types import BoardState, Event
 from tactiled.pipeline import Output, Pipeline, check_hello
 from tactiled.recording.contents import Read
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
-from tactiled.wire.frames import Command, Hello
+from tactiled.wire.frames import Command
 from tactiled.wire.layout import Layout
 
 logger = logging.getLogger(__name__)
@@ -101,6 +102,7 @@ class Service:
         self._session = Session(
             params.session, layout, lambda hello: check_hello(hello, layout, array), self._line
         )
+        self._link = Link(pipeline, self._session, self._line)
         self._connection = Connection(
             params.port.url, self._baud, opened=self._opened, received=self._received, lost=self._lost
         )
@@ -181,10 +183,7 @@ class Service:
 
     def _handle(self, data: bytes) -> None:
         now_s = time.monotonic()
-        session = self._session
-        commands: list[Command] = []
-        scanned = False
-        self._line.received(now_s)
+        board_before = self._session.hello
         outputs: list[Output] = []
         try:
             outputs = self._pipeline.receive_data(data, now_s)
@@ -192,19 +191,9 @@ class Service:
             if self._recorder is not None:
                 read = Read(now_s, self._clock.offset_s, data)
                 self._recorder.received(read, outputs, self._pipeline.hello)
-        for item in outputs:
-            if isinstance(item, Event):
-                if session.accepted:
-                    scanned = scanned or isinstance(item, ScanEvent)
-                    self._send(item)
-            elif isinstance(item, Hello):
-                commands += session.greeted(item, now_s)
-                self._next_info_s = now_s
-            else:
-                commands += session.answered(item, now_s)
-        if scanned:
-            self._line.framed(now_s)
-            commands += session.scanned(now_s)
+        commands = self._link.heard(data, outputs, now_s, self._send)
+        if self._session.hello is not board_before:
+            self._next_info_s = now_s
         self._notifier.alive(now_s)
         self._act(commands)
 
@@ -288,18 +277,11 @@ class Service:
     # ---- the connection ----------------------------------------------------------------------------
 
     def _opened(self) -> None:
-        now_s = time.monotonic()
-        self._line.reset(now_s)
-        self._line.count(self._pipeline.health().bytes_framed, now_s)
-        self._act(self._session.opened(now_s))
+        self._act(self._link.opened(time.monotonic()))
 
     def _lost(self, reason: str) -> None:
-        if self._session.state != "no-device":
-            self._pipeline.disconnected()
-            if self._recorder is not None:
-                now_s = time.monotonic()
-                self._recorder.disconnected(now_s, self._clock.offset_s, self._pipeline.hello)
-        self._session.lost(reason)
+        if self._link.lost(reason) and self._recorder is not None:
+            self._recorder.disconnected(time.monotonic(), self._clock.offset_s, self._pipeline.hello)
         self._act([])
 
     async def _drain(self) -> None:
@@ -316,8 +298,9 @@ class Service:
         next_s = next_look_s = time.monotonic()
         while True:
             now_s = time.monotonic()
-            self._line.count(self._pipeline.health().bytes_framed, now_s)
-            self._act(self._session.tick(now_s))
+            self._act(self._link.watch(now_s, self._connection.framing_errors()))
+            if self._session.state != "running":
+                self._connection.check(self._link.dead_because(now_s))
             self._publish_status(now_s)
             if now_s >= self._next_info_s and self._session.hello is not None:
                 self._next_info_s = now_s + INFO_PERIOD_S
@@ -333,12 +316,11 @@ class Service:
             await asyncio.sleep(next_s - time.monotonic())
 
     def _publish_status(self, now_s: float) -> None:
-        event = status_event(
-            self._session,
-            self._pipeline.health(),
-            now_s=now_s,
+        event = self._link.status(
+            now_s,
             started_s=self._started_s,
             connects=self._connection.connects,
+            warning=self._connection.warning,
         )
         settings = self._pipeline.tuning
         self._publish(

@@ -210,7 +210,7 @@ class Session:
     def stop(self) -> list[Command]:
         """We are leaving: what to tell the board; from now on nothing is restored."""
         self._leaving = True
-        if not (self._open and (self._known or self._running) and self._layout.has("stop")):
+        if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
             return []
         return [self._command("stop")]
 

@@ -8,11 +8,8 @@ of them mean lost, and none is worth telling apart.
 
 import asyncio
 import contextlib
-import errno
-import grp
 import logging
 import os
-import pwd
 import termios
 import threading
 from collections.abc import Callable
@@ -21,8 +18,9 @@ from typing import Any
 
 import serial
 from pydantic import Field
-from serial.tools import list_ports
 
+from tactiled.daemon import device as devices
+from tactiled.daemon.device import LineErrors
 from tactiled.errors import ConfigError, PortError
 from tactiled.tomlfile import Params
 
@@ -30,7 +28,6 @@ logger = logging.getLogger(__name__)
 
 _READ_BYTES = 4096  # what a tty holds at most; small enough that a flood leaves the status tick its turn
 _POLL_S = 0.1  # how often the reading thread of a port without descriptor looks whether to end
-_LAZY_TIMER_MS = 16  # what an FTDI adapter waits before it hands over a part-filled packet, unless told
 
 
 class PortParams(Params):
@@ -64,14 +61,22 @@ def check_url(url: str) -> None:
     except (ValueError, serial.SerialException) as error:
         raise ConfigError("port.url", [f"{url}: {error}; give a device path or socket://host:port"]) from None
     if Path(url).is_dir():
-        raise ConfigError("port.url", [f"{url} is a directory; name a port in it{_available()}"])
+        raise ConfigError("port.url", [f"{url} is a directory; name a port in it{devices.available()}"])
 
 
 class Port:
-    """An open port; made by `open_port`."""
+    """An open port; made by `open_port`.
 
-    def __init__(self, device: Any) -> None:
+    Attributes
+    ----------
+    warning : str
+        What should be mended although the port works; empty when nothing.
+    """
+
+    def __init__(self, device: Any, url: str, warning: str = "") -> None:
         self._device = device
+        self._url = url
+        self.warning = warning
         try:
             self._fd: int | None = device.fileno()
         except OSError:  # io.UnsupportedOperation
@@ -103,6 +108,18 @@ class Port:
             logger.debug("write failed: %s", error)
             return False
         return written == len(data)
+
+    def is_orphan(self) -> bool:
+        """Whether the name leads elsewhere by now: a device that left without a word, or was swapped."""
+        return (
+            self._fd is not None
+            and not devices.is_url(self._url)
+            and not devices.same_device(self._fd, self._url)
+        )
+
+    def errors(self) -> LineErrors | None:
+        """What the UART's driver counted; None where it keeps no count."""
+        return devices.line_errors(self._fd) if self._fd is not None else None
 
     def close(self) -> None:
         """Close the port; `detach` first, then call it in a thread: sockets sleep a moment here."""
@@ -158,13 +175,18 @@ def open_port(url: str, baud: int) -> Port:
     try:
         device = serial.serial_for_url(url, baudrate=baud, timeout=_POLL_S, exclusive=True)
     except (serial.SerialException, OSError, ValueError, termios.error) as error:
-        raise PortError(_explain(url, error)) from None
+        raise PortError(devices.explain(url, error)) from None
     try:
         device.set_low_latency_mode(True)
     except (AttributeError, ValueError, OSError, NotImplementedError) as error:
         logger.debug("%s has no low latency mode: %s", url, error)  # ptys, sockets, USB-CDC
-    _warn_of_lazy_adapter(url)
-    return Port(device)
+    warning = ""
+    if not devices.is_url(url):
+        devices.keep_others_out(device.fileno())
+        warning = devices.laziness(url, devices.hasten(url))
+    if warning:
+        logger.warning("%s", warning)
+    return Port(device, url, warning)
 
 
 async def open_port_in_thread(url: str, baud: int) -> Port:
@@ -192,46 +214,3 @@ async def open_port_in_thread(url: str, baud: int) -> Port:
     # Not the default executor: asyncio would wait for it, so for a dead host, before it lets us end.
     threading.Thread(target=work, name="open-port", daemon=True).start()
     return await opened
-
-
-def _explain(url: str, error: Exception) -> str:
-    """One line for a port that does not open: what is wrong, and what to do."""
-    number = error.errno if isinstance(error, OSError) else None
-    if "://" in url:
-        return f"{url}: cannot be opened ({error}); is the other end up, and is the address right?"
-    if number == errno.ENOENT:
-        return f"{url}: no such port{_available()}"
-    if number in (errno.EAGAIN, errno.EBUSY):
-        return f"{url}: busy, another program has it (another tactiled?); see who: lsof {url}"
-    if number in (errno.EACCES, errno.EPERM):
-        return f"{url}: permission denied; {_permission(url)}"
-    if number in (errno.ENXIO, errno.ENODEV, errno.EIO):
-        return f"{url}: the device does not answer; unplug it and plug it in again"
-    if not Path(url).is_char_device():
-        return f"{url}: not a serial port{_available()}"
-    return f"{url}: cannot be opened: {error}"
-
-
-def _available() -> str:
-    """The ports that are there, as the end of a line."""
-    by_id = Path("/dev/serial/by-id")
-    names = sorted(str(p) for p in by_id.iterdir()) if by_id.is_dir() else []
-    names = names or sorted(port.device for port in list_ports.comports())
-    return f"; there are: {', '.join(names)}" if names else "; no serial port is plugged in"
-
-
-def _permission(url: str) -> str:
-    try:
-        group = grp.getgrgid(Path(url).stat().st_gid).gr_name
-        user = pwd.getpwuid(os.getuid()).pw_name
-    except (OSError, KeyError):  # the node went away, or ids without names
-        return f"see who may use it: ls -l {url}"
-    return f"it belongs to group {group}: sudo usermod -aG {group} {user}, then log in again"
-
-
-def _warn_of_lazy_adapter(url: str) -> None:
-    """FTDI adapters bunch scans into packets of 16 ms unless the udev rule (or the ioctl) worked."""
-    timer = Path("/sys/class/tty") / Path(url).resolve().name / "device/latency_timer"
-    with contextlib.suppress(OSError, ValueError):
-        if int(timer.read_text()) >= _LAZY_TIMER_MS:
-            logger.warning("%s hands over bytes every 16 ms only; install systemd/99-tactiled.rules", url)

@@ -8,7 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from tactiled.daemon.diagnosis import LineWatch
+from tactiled.daemon.diagnosis import LineWatch, Tally
 from tactiled.daemon.session import FOREIGN_S, MAX_TRIES, Session, SessionParams
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
@@ -38,7 +38,7 @@ class Bench:
     def plug(self, board: SimBoard | None = None) -> None:
         self.board = board or self.board
         self.line.reset(self.now_s)
-        self.line.count(0, self.now_s)
+        self.line.count(Tally(), self.now_s)
         self.exchange(self.session.opened(self.now_s))
 
     def unplug(self) -> None:
@@ -62,7 +62,7 @@ class Bench:
         for frame in frames:
             if self.up_broken:
                 continue
-            self.line.received(self.now_s)
+            self.line.received(b"\0", self.now_s)
             self.line.framed(self.now_s)
             if isinstance(frame, Hello):
                 commands += self.session.greeted(frame, self.now_s)
@@ -264,7 +264,7 @@ def test_a_broken_line_is_diagnosed(down_broken: bool, up_broken: bool, words: s
     for _ in range(30):  # scans of a board that was never introduced: frames, but not ours
         bench.run(0.1)
         if not up_broken:
-            bench.line.received(bench.now_s)
+            bench.line.received(b"\0", bench.now_s)
             bench.line.framed(bench.now_s)
     assert bench.state() == "syncing"
     assert words in bench.reason
@@ -276,8 +276,8 @@ def test_bytes_without_frames_are_diagnosed() -> None:
     bench.plug()
     for _ in range(30):
         bench.run(0.1)
-        bench.line.received(bench.now_s)
-        bench.line.count(0, bench.now_s)
+        bench.line.received(b"\0", bench.now_s)
+        bench.line.count(Tally(), bench.now_s)
     assert "bytes arrive but no frame passes: wrong baud rate (115200 configured)" in bench.reason
 
 

@@ -1,0 +1,180 @@
+"""The device behind a port's name: who has it, who may have it, how lazily it hands over, how it errs.
+
+Nothing here opens a port. What is read comes from ``/dev``, ``/proc`` and ``/sys``; all of it may be missing
+(ptys, sockets, other kernels), which is answered with None or "", never with an exception.
+"""
+
+import contextlib
+import errno
+import fcntl
+import grp
+import os
+import pwd
+import struct
+import termios
+from dataclasses import dataclass
+from pathlib import Path
+
+from serial.tools import list_ports
+
+BY_ID = Path("/dev/serial/by-id")
+_SYS_TTY = Path("/sys/class/tty")
+LAZY_MS = 16
+"""What an FTDI adapter waits before it hands over a part-filled packet, unless told."""
+PROMPT_MS = 1
+"""The least that it can be told."""
+_TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
+# struct serial_icounter_struct (linux/serial.h): cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
+# buf_overrun, and nine reserved.
+_ICOUNTER = struct.Struct("20i")
+
+
+def is_url(url: str) -> bool:
+    """Whether this is ``socket://...`` and the like: nothing of this host's devices."""
+    return "://" in url
+
+
+# ---- latency -------------------------------------------------------------------------------------------
+
+
+def latency_ms(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
+    """FTDI latency timer of the adapter behind `url`; None where there is no such timer."""
+    with contextlib.suppress(OSError, ValueError):
+        return int(_timer(url, sys_tty).read_text())
+    return None
+
+
+def hasten(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
+    """Set the latency timer to its least if we may; what it is then, None where there is none."""
+    before_ms = latency_ms(url, sys_tty)
+    if before_ms is not None and before_ms > PROMPT_MS:
+        with contextlib.suppress(OSError):  # root's to write: the udev rule does it for everyone else
+            _timer(url, sys_tty).write_text(f"{PROMPT_MS}\n")
+    return latency_ms(url, sys_tty)
+
+
+def laziness(url: str, timer_ms: int | None) -> str:
+    """One line about a timer that bunches scans; empty when it does not."""
+    if timer_ms is None or timer_ms <= PROMPT_MS:
+        return ""
+    return (
+        f"{url} hands over bytes every {timer_ms} ms only (latency_timer): install systemd/99-tactiled.rules "
+        f"and plug it in again, or: echo 1 | sudo tee {_timer(url, _SYS_TTY)}"
+    )
+
+
+def _timer(url: str, sys_tty: Path) -> Path:
+    return sys_tty / Path(url).resolve().name / "device/latency_timer"
+
+
+# ---- errors that the UART counts -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LineErrors:
+    """What the driver counted since it was loaded."""
+
+    framing: int
+    """Bytes without their stop bit: a wrong baud rate makes them, and hardly anything else does."""
+    overrun: int
+    """Bytes lost in the adapter or the kernel because nobody took them in time."""
+
+
+def line_errors(fd: int) -> LineErrors | None:
+    """Counters of an open tty (TIOCGICOUNT); None where the driver keeps none."""
+    buffer = bytearray(_ICOUNTER.size)
+    try:
+        fcntl.ioctl(fd, _TIOCGICOUNT, buffer)
+    except OSError:
+        return None
+    counters = _ICOUNTER.unpack(buffer)
+    return LineErrors(framing=counters[6], overrun=counters[7] + counters[10])
+
+
+# ---- whose it is ---------------------------------------------------------------------------------------
+
+
+def keep_others_out(fd: int) -> None:
+    """Refuse further opens by anyone but root (TIOCEXCL); pyserial's lock binds only who asks for it.
+
+    Not on a pty: its other end outlives us, and with it the mark of a daemon that was killed.
+    """
+    with contextlib.suppress(OSError, termios.error):
+        if not os.ttyname(fd).startswith("/dev/pts/"):
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def same_device(fd: int, url: str) -> bool:
+    """Whether the name still leads to the device that is open: after a replug it may be another."""
+    try:
+        return Path(url).stat().st_rdev == os.fstat(fd).st_rdev
+    except OSError:
+        return False
+
+
+def holders(url: str) -> list[str]:
+    """Who has the device open, as "name (pid)"; only those that we may look at."""
+    found = []
+    with contextlib.suppress(OSError):
+        device = str(Path(url).resolve())
+        for process in Path("/proc").iterdir():
+            if process.name.isdecimal() and int(process.name) != os.getpid() and _holds(process, device):
+                with contextlib.suppress(OSError):
+                    found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+    return found
+
+
+def _holds(process: Path, device: str) -> bool:
+    with contextlib.suppress(OSError):  # another user's, or gone
+        for entry in (process / "fd").iterdir():
+            with contextlib.suppress(OSError):
+                if str(entry.readlink()) == device:
+                    return True
+    return False
+
+
+def stable_name(url: str, by_id: Path = BY_ID) -> Path | None:
+    """Name that follows the adapter behind `url` from socket to socket, if udev made one."""
+    with contextlib.suppress(OSError):
+        device = Path(url).resolve()
+        return next((name for name in sorted(by_id.iterdir()) if name.resolve() == device), None)
+    return None
+
+
+# ---- words ---------------------------------------------------------------------------------------------
+
+
+def explain(url: str, error: Exception) -> str:
+    """One line for a port that does not open: what is wrong, and what to do."""
+    number = error.errno if isinstance(error, OSError) else None
+    if is_url(url):
+        return f"{url}: cannot be opened ({error}); is the other end up, and is the address right?"
+    if number == errno.ENOENT:
+        return f"{url}: no such port{available()}"
+    if number in (errno.EAGAIN, errno.EBUSY):
+        who = ", ".join(holders(url)) or "another program"
+        return f"{url}: busy, {who} has it (another tactiled?); see who: lsof {url}"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"{url}: permission denied; {permission(url)}"
+    if number in (errno.ENXIO, errno.ENODEV, errno.EIO):
+        return f"{url}: the device does not answer; unplug it and plug it in again"
+    if not Path(url).is_char_device():
+        return f"{url}: not a serial port{available()}"
+    return f"{url}: cannot be opened: {error}"
+
+
+def available() -> str:
+    """The ports that are there, as the end of a line."""
+    names = sorted(str(p) for p in BY_ID.iterdir()) if BY_ID.is_dir() else []
+    names = names or sorted(port.device for port in list_ports.comports())
+    return f"; there are: {', '.join(names)}" if names else "; no serial port is plugged in"
+
+
+def permission(url: str) -> str:
+    """Who may open the device, and the command that makes this user one of them."""
+    try:
+        group = grp.getgrgid(Path(url).stat().st_gid).gr_name
+        user = pwd.getpwuid(os.getuid()).pw_name
+    except (OSError, KeyError):  # the node went away, or ids without names
+        return f"see who may use it: ls -l {url}"
+    return f"it belongs to group {group}: sudo usermod -aG {group} {user}, then log in again"
