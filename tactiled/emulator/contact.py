@@ -19,8 +19,10 @@ from tactiled.emulator.mechanics.auto import NOT_MODELLED, Candidate, Choice, ch
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.sides import Readout
 from tactiled.emulator.motion import Motion
-from tactiled.emulator.physical import Build, ContactState, PhysicalContact, rung_surface
-from tactiled.emulator.scene import Grooves, Scene
+from tactiled.emulator.phases import Grooves
+from tactiled.emulator.physical import Build, ContactState, PhysicalContact
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.taxels import rung_surface
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.scene import Disturbance
+from tactiled.emulator.phases import Disturbance
 
 FloatArray = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from tactiled.emulator.mechanics.base import TaxelForces
 from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import stacked
 from tactiled.emulator.motion import MotionState
-from tactiled.emulator.scene import HeldObject, Load, Press, Scene
+from tactiled.emulator.phases import HeldObject, Load, Press
+from tactiled.emulator.scene import Scene
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]

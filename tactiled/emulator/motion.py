@@ -12,28 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.emulator.disturb import Disturbances
-from tactiled.emulator.scene import (
-    Flat,
-    Grooves,
-    Lift,
-    Load,
-    Phase,
-    Press,
-    Rest,
-    Rotate,
-    Scene,
-    Slide,
-)
+from tactiled.emulator.phases import Flat, Grooves, Lift, Load, Phase, Press, Rest, Rotate, Slide
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.segments import PRESLIDING_MM, SHEAR_RELAXATION_S, Segment, speed_knots
 
 FloatArray = NDArray[np.float64]
-
-# Presliding distance of the skin on the plate: the paper's voltages settle within some 0.1 mm of travel.
-PRESLIDING_MM = 0.1
-# A viscoelastic skin that stops loses part of its shear at constant displacement, so a slide's end and its
-# resumption can be seen. The paper does not show a stop; the numbers are plausible for PDMS, no more.
-_SHEAR_KEPT = 0.7
-_SHEAR_RELAXATION_S = 0.5
-_KNOT_S = 0.005  # step at which a sine on the speed is cut into straight pieces: exact to 1e-4 at 5 Hz
 
 
 @dataclass(frozen=True)
@@ -63,70 +46,6 @@ class MotionState:
     pull_x_n: FloatArray
     pull_y_n: FloatArray
     phase: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class _Segment:
-    """Values at the beginning of a segment, and how they change in it."""
-
-    t0: float
-    load: float
-    load_rate: float
-    speed: float
-    acceleration: float
-    direction_deg: float
-    x: float
-    y: float
-    path: float
-    shear_x: float
-    shear_y: float
-    phase: int
-    surface: int
-    surface_before: int
-    path_at_change: float
-    turn: float
-    turn_rate: float
-    pull_x: float
-    pull_y: float
-    pull_x_rate: float
-    pull_y_rate: float
-
-    @property
-    def stands(self) -> bool:
-        return self.speed == 0 and self.acceleration == 0
-
-    @property
-    def direction(self) -> tuple[float, float]:
-        # cos(90 deg) is 6e-17 in floating point; motion along y has no x at all.
-        angle = math.radians(self.direction_deg)
-        return round(math.cos(angle), 15), round(math.sin(angle), 15)
-
-    @property
-    def shear_goal(self) -> tuple[float, float]:
-        """What the tangential state tends to."""
-        if not self.stands:
-            return self.direction
-        kept = min(1.0, _SHEAR_KEPT / max(math.hypot(self.shear_x, self.shear_y), 1e-9))
-        return kept * self.shear_x, kept * self.shear_y
-
-    def after(self, dt: float) -> "_Segment":
-        """Beginning of a segment that follows after `dt`."""
-        way = self.speed * dt + self.acceleration * dt * dt / 2
-        (dx, dy), (goal_x, goal_y) = self.direction, self.shear_goal
-        left = math.exp(-way / PRESLIDING_MM - self.stands * dt / _SHEAR_RELAXATION_S)
-        return replace(
-            self,
-            t0=self.t0 + dt,
-            load=self.load + self.load_rate * dt,
-            x=self.x + dx * way,
-            y=self.y + dy * way,
-            path=self.path + way,
-            shear_x=goal_x + (self.shear_x - goal_x) * left,
-            shear_y=goal_y + (self.shear_y - goal_y) * left,
-            turn=self.turn + self.turn_rate * dt,
-            pull_x=self.pull_x + self.pull_x_rate * dt,
-            pull_y=self.pull_y + self.pull_y_rate * dt,
-        )
 
 
 class Motion:
@@ -165,7 +84,7 @@ class Motion:
         table = self._table
         dx, dy = np.moveaxis(table["direction"][i], -1, 0)
         goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
-        left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / _SHEAR_RELAXATION_S)
+        left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / SHEAR_RELAXATION_S)
         extra_load_n, extra_x_mm, extra_y_mm, pull_x_n, pull_y_n = self._disturbances.at(time_s)
         return MotionState(
             load_n=np.maximum(table["load"][i] + table["load_rate"][i] * dt + extra_load_n, 0.0),
@@ -213,6 +132,16 @@ class Motion:
         lag = (start[i] - load[i] + rate[i] * tau) * np.exp(-dt / tau)
         return np.asarray(load[i] + rate[i] * (dt - tau) + lag)
 
+    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The phases' load, without disturbances, and the largest that it was since contact."""
+        load, rate = self._table["load"], self._table["load_rate"]
+        peak = np.zeros(len(load))
+        for k in range(1, len(load)):
+            peak[k] = max(peak[k - 1], load[k]) if load[k] > 0 else 0.0
+        i, dt, _ = self._locate(time_s)
+        now = load[i] + rate[i] * dt
+        return now, np.asarray(np.maximum(peak[i], now))
+
     def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Segment of each instant, time into it, and way made in it."""
         table = self._table
@@ -221,10 +150,10 @@ class Motion:
         dt = time_s - table["t0"][i]
         return i, dt, table["speed"][i] * dt + table["acceleration"][i] * dt * dt / 2
 
-    def _build(self) -> list[_Segment]:
+    def _build(self) -> list[Segment]:
         surface = self._number(self.scene.surface)
-        now = _Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0, 0, 0, 0, 0, 0, 0)
-        segments: list[_Segment] = []
+        now = Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0, 0, 0, 0, 0, 0, 0)
+        segments: list[Segment] = []
         for number, phase in enumerate(self.scene.phases):
             now = self._on_surface_of(phase, now)
             goal, knots = now.load, [(0.0, 0.0), (phase.duration_s, 0.0)]
@@ -233,7 +162,7 @@ class Motion:
             elif isinstance(phase, Rest | Lift):
                 goal = 0.0
             elif isinstance(phase, Slide):
-                knots = _speed_knots(phase)
+                knots = speed_knots(phase)
                 now = replace(now, direction_deg=phase.direction_deg)
             pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
             if isinstance(phase, Load):
@@ -264,7 +193,7 @@ class Motion:
         now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0)
         return [*segments, replace(now, pull_x_rate=0.0, pull_y_rate=0.0)]
 
-    def _on_surface_of(self, phase: Phase, now: _Segment) -> _Segment:
+    def _on_surface_of(self, phase: Phase, now: Segment) -> Segment:
         if phase.surface is None or (new := self._number(phase.surface)) == now.surface:
             return now
         # In the air a plate is simply there; in contact the skin has to come onto it. (A change within
@@ -276,24 +205,3 @@ class Motion:
         if surface not in self.surfaces:
             self.surfaces.append(surface)
         return self.surfaces.index(surface)
-
-
-def _speed_knots(slide: Slide) -> list[tuple[float, float]]:
-    """Speed of a slide as a polyline of (seconds into the phase, mm/s)."""
-    end = slide.duration_s
-    if slide.profile:
-        knots = list(slide.profile)
-        return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
-    speed = slide.speed_mm_s or 0.0
-    times = {0.0, slide.ramp_s}
-    if slide.ripple_mm_s:
-        times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
-    # Rounding must not leave a last piece without a length to divide by.
-    times = {t for t in times if t < end - 1e-6} | {end}
-
-    def at(t: float) -> float:
-        if t < slide.ramp_s:
-            return speed * t / slide.ramp_s
-        return speed + slide.ripple_mm_s * float(np.sin(2 * np.pi * slide.ripple_hz * (t - slide.ramp_s)))
-
-    return [(t, at(t)) for t in sorted(times)]

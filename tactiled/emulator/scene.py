@@ -5,181 +5,30 @@ A scene is a list of phases, one after the other. Scene time starts at 0 when th
 comes late; after the last phase the skin stays as that phase left it.
 """
 
-import itertools
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from tactiled import resources, tomlfile
 from tactiled.emulator.electronics import ElectronicsParams
+from tactiled.emulator.phases import (
+    Disturbance,
+    Flat,
+    Grooves,
+    HeldObject,
+    Hold,
+    Lift,
+    Load,
+    Phase,
+    Press,
+    Rest,
+    Rotate,
+    Slide,
+    Surface,
+)
 from tactiled.tomlfile import Params
 
-_SHORTEST_S = 0.001  # a tenth of a scan: shorter changes cannot be seen and only strain the arithmetic
-Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds that the phase lasts")]
-
-
-class Plate(Params):
-    """What all plates have."""
-
-    friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient, while sliding")
-    static_ratio: float = Field(default=1.0, ge=1, le=3, description="friction at rest over while sliding")
-    stribeck_mm_s: float = Field(
-        default=1.0, gt=0, description="speed over which friction falls to sliding's"
-    )
-    entry_mm: float = Field(
-        default=1.0, gt=0, description="travel over which a sliding skin comes fully onto this plate"
-    )
-
-
-class Flat(Plate):
-    """A plate without texture."""
-
-    kind: Literal["flat"] = "flat"
-
-
-class Grooves(Plate):
-    """A plate with parallel grooves; the groove normal lies at `angle_deg` from +x towards +y."""
-
-    kind: Literal["grooves"]
-    period_mm: float = Field(gt=0.01, le=100, description="from ridge to ridge, along the groove normal")
-    angle_deg: float = Field(default=0.0, gt=-90, le=90, description="0: grooves parallel to y")
-    # The paper gives no depth; finite elements were run with 0.1 mm.
-    depth_mm: float = Field(default=0.1, gt=0, le=5, description="ridge over valley, for physical rungs")
-    offset_mm: float = Field(
-        default=0.0,
-        description="place of a ridge, along the groove normal from the array's origin, at the start",
-    )
-    # Wang 2019, figure of the angle study: total force on one unit ripples by 0.08 N (peak to trough) at
-    # 0 degrees under 15 N / 9 a unit, that is +-2.4 %; divided by the aperture's 0.58 at 1.2 mm.
-    ripple: float = Field(
-        default=0.042, ge=0, le=0.8, description="relative force amplitude at long periods, 0 degrees"
-    )
-    harmonics: list[float] = Field(
-        default=[0.2, 0.05], max_length=8, description="amplitudes of the 2nd, 3rd, ... over the first"
-    )
-
-    @model_validator(mode="after")
-    def _positive_force(self) -> Self:
-        if self.ripple * (1 + sum(map(abs, self.harmonics))) >= 1:
-            raise ValueError("ripple with its harmonics would pull at the skin: keep their sum below 1")
-        return self
-
-
-Surface = Annotated[Flat | Grooves, Field(discriminator="kind")]
-
-
-class Still(Params):
-    """What all phases have."""
-
-    duration_s: Duration
-    surface: Surface | None = Field(default=None, description="the plate from here on; absent: as before")
-
-
-class Rest(Still):
-    """Nothing is touched."""
-
-    kind: Literal["rest"]
-
-
-class Press(Still):
-    """The load goes linearly to `force_n`, in total on the array."""
-
-    kind: Literal["press"]
-    force_n: float = Field(gt=0, le=2000)
-
-
-class Hold(Still):
-    """The load stays and nothing moves."""
-
-    kind: Literal["hold"]
-
-
-class Lift(Still):
-    """The load goes linearly to zero."""
-
-    kind: Literal["lift"]
-
-
-class Slide(Still):
-    """The skin moves over the surface under the load it has; a speed reversal is a second slide."""
-
-    kind: Literal["slide"]
-    speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
-    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
-    ramp_s: float = Field(default=0.0, ge=0, description="time to reach the speed, linearly from 0")
-    ripple_mm_s: float = Field(default=0.0, ge=0, description="amplitude of a sine on the speed")
-    ripple_hz: float = Field(default=1.0, gt=0, le=50)
-    profile: list[tuple[float, Annotated[float, Field(ge=0, le=1000)]]] = Field(
-        default=[], description="instead of a speed: pairs of seconds into the phase and mm/s"
-    )
-
-    @model_validator(mode="after")
-    def _one_speed(self) -> Self:
-        if (self.speed_mm_s is None) == (not self.profile):
-            raise ValueError("give either speed_mm_s or profile")
-        if self.profile and (self.ramp_s or self.ripple_mm_s):
-            raise ValueError("ramp_s and ripple_mm_s belong to speed_mm_s, not to a profile")
-        times = [t for t, _ in self.profile]
-        if times and (times[0] != 0 or any(b - a < _SHORTEST_S for a, b in itertools.pairwise(times))):
-            raise ValueError(f"profile times must begin at 0 and grow by at least {_SHORTEST_S} s")
-        if times and times[-1] > self.duration_s:
-            raise ValueError(f"profile goes on to {times[-1]} s, the phase only to {self.duration_s} s")
-        if self.ramp_s > self.duration_s or 0 < self.ramp_s < _SHORTEST_S:
-            raise ValueError(f"ramp_s must be 0, or from {_SHORTEST_S} s to the length of the phase")
-        if self.speed_mm_s is not None and self.ripple_mm_s > self.speed_mm_s:
-            raise ValueError("ripple_mm_s is larger than speed_mm_s: the skin would move backwards")
-        return self
-
-
-class Rotate(Still):
-    """The skin turns about the middle of the array by `angle_deg`, evenly; +x towards +y is positive."""
-
-    kind: Literal["rotate"]
-    angle_deg: float = Field(ge=-3600, le=3600)
-
-
-class Load(Still):
-    """The held object's load goes linearly to `tangential_n`, and the grip with it to `force_n` if given.
-
-    Directions are those in which the skin would slip over the object, against the pull on the object.
-    """
-
-    kind: Literal["load"]
-    tangential_n: float = Field(ge=0, le=2000)
-    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
-    force_n: float | None = Field(default=None, gt=0, le=2000, description="absent: the grip stays")
-
-
-Phase = Annotated[Rest | Press | Hold | Slide | Lift | Rotate | Load, Field(discriminator="kind")]
-
-
-class Disturbance(Params):
-    """What comes on top of the phases: motors, taps, tugs, warmth."""
-
-    on: Literal["load_n", "pull_n", "travel_mm", "temperature_k"] = Field(
-        description="what it adds to: grip, pull on a held object, place of the skin, temperature"
-    )
-    shape: Literal["sine", "pulse", "ramp"] = Field(
-        description="sine of frequency_hz, swelling and dying over a tenth of the time each; half a sine "
-        "squared over the whole time; a line that stays at its end"
-    )
-    amplitude: float = Field(ge=-1000, le=1000, description="in the unit that `on` ends in")
-    start_s: float = Field(default=0.0, ge=0)
-    duration_s: Duration = 1.0
-    frequency_hz: float = Field(default=50.0, gt=0, le=200, description="of a sine")
-    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="of a pull or a travel")
-
-
-class HeldObject(Params):
-    """An object between the skin and an equal finger: it slips when its load is more than friction bears."""
-
-    mass_kg: float = Field(default=0.2, ge=0.02, le=50, description="the part that this skin carries")
-    spring_n_mm: float = Field(
-        default=0.0, ge=0, le=1000, description="slides move the far end of such a spring; 0: no slides"
-    )
-    grip_rate_n_s: float = Field(default=200.0, gt=0, description="how fast a controller's grip is followed")
-    fall_mm: float = Field(default=20.0, gt=0, description="slipped so far, the object has landed")
-
+__all__ = ["Flat", "Grooves", "Hold", "Press", "Scene", "Slide", "load_scene", "paper_scenes"]
 
 # Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
 Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]

@@ -47,6 +47,7 @@ class Sensor:
         self._bits, self._reference_v = adc_bits, adc_reference_v
         kinds = np.array(array.channel_kind)
         self._is_side = kinds == "side"
+        self._taxel = array.channel_taxel
         self._side_taxel = array.channel_taxel[self._is_side]
         self._side_azimuth_deg = array.azimuth_deg[self._is_side]
         self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
@@ -69,9 +70,15 @@ class Sensor:
         crept = force_n * electronics.creep_gain(
             params, self._motion.relaxed_load_n(time_s, params.creep_time_s)
         )
-        volts = electronics.divider_v(params, electronics.conductance_s(params, crept))
+        conductance = electronics.conductance_s(params, crept)
+        conductance *= electronics.temperature_gain(params, self._motion.temperature_k(time_s))
+        if params.hysteresis:
+            load_n, peak_n = self._motion.load_and_peak_n(time_s)
+            conductance *= electronics.hysteresis_gain(params, load_n, peak_n)
+        volts = electronics.divider_v(params, conductance)
         volts = np.where(self._is_inverted, self._reference_v - volts, volts)
         volts = np.where(self._is_shear, electronics.shear_v(params, crept, self._reference_v), volts)
+        volts = electronics.sampled_v(params, volts, self._taxel)
         volts[:, params.dead_channels] = 0.0
         return volts
 

@@ -11,8 +11,9 @@ from tactiled.array import Array, load_array
 from tactiled.emulator.contact import ContactModel, groove_phase, make_contact
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, UNSTABLE_MATERIAL
 from tactiled.emulator.motion import Motion
+from tactiled.emulator.phases import Flat, Grooves
 from tactiled.emulator.physical import ContactState, PhysicalContact
-from tactiled.emulator.scene import Flat, Grooves, Scene
+from tactiled.emulator.scene import Scene
 
 FloatArray = NDArray[np.float64]
 

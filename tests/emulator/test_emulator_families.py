@@ -8,7 +8,7 @@ from tactiled.emulator.families import FAMILIES, QUIET, SLIPPING
 from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.truth import Truth
 
-SEEDS = (0, 1)
+SEEDS = (1,)  # more cost a held object's 0.08 s a second each
 
 
 FLAT = sorted(FAMILIES.keys() - {"grooves"})

@@ -48,7 +48,7 @@ def contact(scene: Scene) -> PhysicalContact:
 
 
 @given(st.floats(0.05, 0.9), st.floats(-180, 180), st.floats(0.02, 20.0))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_below_the_limit_friction_balances_the_load(
     part: float, direction_deg: float, mass_kg: float
 ) -> None:

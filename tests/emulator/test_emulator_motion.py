@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.motion import PRESLIDING_MM, Motion
+from tactiled.emulator.motion import Motion
 from tactiled.emulator.scene import Scene
+from tactiled.emulator.segments import PRESLIDING_MM
 from tactiled.emulator.truth import Truth
 
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}

@@ -16,6 +16,8 @@ from tactiled.emulator.scene import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.emulator.truth import Truth
 from tactiled.errors import ConfigError
+from tactiled.wire.codec import Decoder
+from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
 
 WANG = load_array("wang2019-3x3")
@@ -218,3 +220,19 @@ def test_groove_phase_of_each_taxel_is_told() -> None:
     np.testing.assert_allclose(np.cos(phase[1] - phase[0]), -1.0)  # half a period on
     np.testing.assert_allclose(np.cos(phase[0]), np.cos(2 * np.pi * (WANG.x_mm - 0.3) / 1.2), atol=1e-9)
     assert np.isnan(Truth(scene(PRESS)).groove_phase(np.array([0.5]))).all()
+
+
+def test_a_warm_sensor_drifts_and_hysteresis_shows_on_the_way_back() -> None:
+    layout = load_layout("board-v1")
+    up, down = PRESS | {"force_n": 20.0}, PRESS | {"force_n": 10.0}
+
+    def held_counts(**rest: Any) -> float:
+        simulation = Simulation(scene(PRESS | {"force_n": 10.0}, up, down, HOLD, HOLD, **rest), layout)
+        decoder = Decoder(layout)
+        scans = [item for _, data in simulation for item in decoder.feed(data) if isinstance(item, Scan)]
+        return float(np.mean([scan.counts for scan in scans[-20:]]))
+
+    plain = held_counts()
+    warm = {"on": "temperature_k", "shape": "ramp", "amplitude": 30.0, "start_s": 3.0, "duration_s": 1.0}
+    assert held_counts(disturbances=[warm]) < plain - 20
+    assert held_counts(electronics={"hysteresis": 0.1}) > plain + 20

@@ -35,8 +35,8 @@ _SPHERE_MM = (_BUMP_RADIUS_MM**2 + _CAP_MM**2) / (2 * _CAP_MM)
 # Contact area of the finite elements is 0.80 of that of the undeformed sphere cut at the indentation (Hertz:
 # 0.5, a thin layer: 1), within 8 % from 0.03 to 0.25 mm.
 _GAP_SCALE = 1.25
-# Travel from rest to gross slip over friction times indentation: friction force within 0.013 of 1 N on the way
-# there (fem-coarse-flat-0.6.json).
+# Travel from rest to gross slip over friction times indentation: friction force within 0.013 of 1 N on the
+# way there (fem-coarse-flat-0.6.json).
 _REACH = 2.82
 _BRISTLES = 320  # about 140 carry 1.667 N, so a share of slip comes in steps below 1 %
 _GOLDEN = np.pi * (3 - np.sqrt(5))
