@@ -16,6 +16,7 @@ FLAT = sorted(FAMILIES.keys() - {"grooves"})
 
 def test_grooves_are_slid_over() -> None:
     scene = SLIPPING["grooves"](0)
+    assert choose_rung(scene).rung == "periodic"
     (slip,) = Truth(scene.with_changes(contact="signal", needs=[])).slips
     assert slip.surface == scene.surface
 
