@@ -9,7 +9,7 @@ import zmq
 
 from tactiled.errors import ConfigError
 from tactiled.events.codec import topic_of
-from tactiled.events.endpoints import DEFAULT_ENDPOINT
+from tactiled.events.endpoints import DEFAULT_ENDPOINT, notice_dead_peers
 
 _RECEIVE_HIGH_WATER = 2000  # as the publisher's: a sleep of some 18 s loses nothing
 _LARGEST_BYTES = 1 << 20  # our largest message is some 40 kB (4096 channels); libzmq drops who sends more
@@ -44,8 +44,7 @@ def ask(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
 def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
     sock.setsockopt(zmq.MAXMSGSIZE, _LARGEST_BYTES)
     sock.setsockopt(zmq.IPV6, 1)
-    sock.setsockopt(zmq.HEARTBEAT_IVL, 1000)  # a half-dead connection is dropped and made anew in 3 s
-    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3000)
+    notice_dead_peers(sock)
     sock.setsockopt(zmq.LINGER, 0)
     if keys is not None:
         public, secret, daemon = _read_keys(keys)

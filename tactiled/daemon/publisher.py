@@ -18,7 +18,7 @@ from tactiled.daemon.endpoints import RUNTIME, bind, fault_of, is_wide
 from tactiled.daemon.security import Gate
 from tactiled.daemon.store import Store
 from tactiled.events import codec
-from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
+from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint, notice_dead_peers
 from tactiled.events.types import Event, Sent
 from tactiled.tomlfile import Params
 
@@ -164,8 +164,7 @@ class Publisher:
         sock.setsockopt(zmq.LINGER, _LINGER_MS)
         sock.setsockopt(zmq.IPV6, 1)
         sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
-        sock.setsockopt(zmq.HEARTBEAT_IVL, 1000)  # a subscriber that vanished is dropped in 3 s
-        sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3000)
+        notice_dead_peers(sock)
         if gate is not None:
             gate.guard(sock)
         return sock
