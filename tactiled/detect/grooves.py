@@ -10,12 +10,12 @@ For motion along +x these are the paper's ``a = atan(v t / l)`` and ``D = v cos(
 modulo the ripple's period only, and every period that may be added to one is another answer. The paper's
 ``t1 - t2`` over ``l1 - l2`` has the shortest lever l, so its answers lie furthest apart; where the gaps are
 equal, ``t1`` over ``l1`` must do. An answer counts if its angle is within `max_angle_deg` and its period at
-least `min_period_mm`; if more than one does, or none, that is "ambiguous". The limits are the operator's word:
+least `min_period_mm`; if more than one does, or none, that is "ambiguous". The limits are the operator's:
 grooves outside them may be taken for others inside.
 
 For motion along x, answers lie ``D / (l cos a)`` apart in ``tan a``, so that there is one within +-A at any
-angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm: with A = 70 degrees that is 0.88 mm, just
-below the finest of the paper's plates; 75 would ask for 1.16 mm.
+angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm: with A = 70 degrees that is 0.88 mm,
+just below the finest of the paper's plates; 75 would ask for 1.16 mm.
 
 What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
 of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage that a frequency between

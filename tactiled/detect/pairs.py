@@ -4,15 +4,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.events.types import UNKNOWN_SD_DEG
 
 # Weights are multiples of 2^-20, so that sums of weighted readings (whole steps within 2^23, some hundreds of
 # channels) stay below 2^53 and exact. It costs a millionth of a response.
 _WEIGHT_SCALE = 2.0**20
+# A voltage divider saturates: with x = G R at rest and a swing e of each resistor's force, R1 - R3 goes as
+# e / ((1 + x)^2 - (x e)^2), more than in proportion for the pair that moves more. That bends a direction
+# towards the nearer axis by up to (x / (1 + x))^2 e^2 / 4 radians: 1.5 degrees at 1.2 V of 3.3 V and e = 0.9.
+_MODEL_SD_DEG = 1.5
+_ONE_TAXEL_SD_DEG = 3.0  # one taxel shows no spread; resistors that are 5 % unequal turn it by so much
 
 
 def whole_weights(weights: FloatArray) -> FloatArray:
     """Weights rounded to the grid on which sums of readings are exact."""
     return np.asarray(np.rint(weights * _WEIGHT_SCALE) / _WEIGHT_SCALE)
+
+
+def mean_response(weights: FloatArray, steps: FloatArray) -> FloatArray:
+    """Mean response (axes,) over some scans of readings: sums of whole numbers, exact in any order."""
+    return np.asarray(weights @ steps.sum(axis=0) / len(steps))
 
 
 class PairResponse:
@@ -38,6 +49,36 @@ class PairResponse:
     def motion_weights(self, taxels: NDArray[np.bool_]) -> FloatArray:
         """Weights (2, channels) of the summed response (x, y) of some taxels."""
         return np.asarray(self._weights[:, taxels].sum(axis=1))
+
+    def direction_sd_deg(
+        self, moved: FloatArray, taxels: NDArray[np.bool_], along: FloatArray, noise_sd_deg: float
+    ) -> float:
+        """Sigma of the direction of some taxels' summed response.
+
+        Parameters
+        ----------
+        moved : (channels,) float64
+            Change of the readings that makes the response.
+        taxels : (taxels,) bool
+        along : (2,) float64
+            Unit vector of the direction.
+        noise_sd_deg : float
+            What noise alone makes of it.
+
+        Notes
+        -----
+        Root sum of squares of the noise; of what the taxels, whose resistors are unequal, differ across the
+        direction (the standard error of a sum, n / (n - 1) times the sum of squares); and of the model.
+        """
+        x, y = (self._weights @ moved)[:, taxels]
+        size = float(np.hypot(x.sum(), y.sum()))
+        if size == 0:
+            return UNKNOWN_SD_DEG
+        spread_deg = _ONE_TAXEL_SD_DEG
+        if (n := len(x)) > 1:
+            across = along[0] * y - along[1] * x
+            spread_deg = float(np.degrees(np.sqrt(n / (n - 1) * (across**2).sum()) / size))
+        return min(UNKNOWN_SD_DEG, float(np.sqrt(noise_sd_deg**2 + spread_deg**2 + _MODEL_SD_DEG**2)))
 
     def opposed_and_common(self, volts: FloatArray, taxels: NDArray[np.bool_]) -> tuple[float, float]:
         """Size of the opposed and of the common part, both as the mean over the channels that have a share.

@@ -7,9 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.heading import Heading
 from tactiled.detect.kink import KinkFit
-from tactiled.detect.pairs import whole_weights
+from tactiled.detect.pairs import mean_response
 from tactiled.events.types import SlipEvent
+
+TURN_DETECTOR = "wang2019-turn"
 
 
 class Look(NamedTuple):
@@ -30,8 +33,12 @@ class MotionResponse:
 
     Parameters
     ----------
-    weights : (channels,) float64
-        Readings to the response.
+    weights : (axes, channels) float64
+        Readings to the response of each axis; whole, so that sums are exact.
+    along : (axes,) float64
+        Unit vector of the slip.
+    before : (axes,) float64
+        Response before the slip, in steps.
     look : Look
         The scan that raised the slip.
     kink : KinkFit
@@ -42,25 +49,27 @@ class MotionResponse:
         How long after the scan began its channels were sampled, on the average of their weights.
     """
 
-    def __init__(self, weights: FloatArray, look: Look, kink: KinkFit) -> None:
-        self._weights = whole_weights(weights)
-        self.skew_s = float(np.average(look.channel_offset_s, weights=np.abs(weights)))
+    def __init__(
+        self, weights: FloatArray, along: FloatArray, before: FloatArray, look: Look, kink: KinkFit
+    ) -> None:
+        self._weights, self._before = weights, before
         self._n_before = kink.n_before
         self.kink_delay_scans = kink.middle_scans
-        self._reference = 0.0
-        self._reference = self.before_kink(look)
+        self.turn(along, look)
 
-    def now(self, look: Look) -> float:
-        """Response, in steps."""
-        return float(look.steps[-1] @ self._weights) - self._reference
+    def turn(self, along: FloatArray, look: Look) -> None:
+        """Look along another direction from now on."""
+        self._along = along
+        self.skew_s = float(np.average(look.channel_offset_s, weights=np.abs(along @ self._weights)))
 
     def before_kink(self, look: Look) -> float:
         """Response before any kink that the filter answers to now."""
-        return float((look.steps[: self._n_before] @ self._weights).mean()) - self._reference
+        response = mean_response(self._weights, look.steps[: self._n_before])
+        return float((response - self._before) @ self._along)
 
     def kinks_back(self, look: Look) -> bool:
         """Whether it kinks against the motion."""
-        return bool(self._weights @ look.coefficients < 0)
+        return bool(self._along @ (self._weights @ look.coefficients) < 0)
 
 
 class Slide:
@@ -71,6 +80,8 @@ class Slide:
     onset : SlipEvent
     response : MotionResponse or None
         None for an array without shear channels, whose slips end with their last crossing.
+    heading : Heading or None
+        The same.
     now_s : float
         Instant of the scan that raised it.
     rate_hz : float
@@ -82,14 +93,44 @@ class Slide:
     """
 
     def __init__(
-        self, onset: SlipEvent, response: MotionResponse | None, now_s: float, rate_hz: float
+        self,
+        onset: SlipEvent,
+        response: MotionResponse | None,
+        heading: Heading | None,
+        now_s: float,
+        rate_hz: float,
     ) -> None:
         self._onset = onset
         self._response = response
+        self._heading = heading
         self._rate_hz = rate_hz
         self.trace_s = now_s
         self._before_kinks = 0.0  # largest response before the opposite kinks of this burst of crossings
         self._kinking_back = False
+
+    def turn(self, look: Look) -> list[SlipEvent]:
+        """End and onset where the slip has turned; to be asked at every scan."""
+        if self._heading is None or self._response is None:
+            return []
+        if (turn := self._heading.follow(look.steps[-1])) is None:
+            return []
+        self._response.turn(turn.along, look)
+        turned_s = float(look.time_s + self._response.skew_s - turn.delay_scans / self._rate_hz)
+        end = self.ended(turned_s, look.time_s, valid=not look.late)
+        self._onset = dataclasses.replace(
+            end,
+            state="onset",
+            onset_s=turned_s,
+            onset_sd_s=float(np.hypot(turn.delay_sd_scans / self._rate_hz, look.time_sd_s)),
+            direction_deg=float(np.degrees(np.arctan2(turn.along[1], turn.along[0]))),
+            direction_sd_deg=turn.direction_sd_deg,
+            detector=TURN_DETECTOR,
+            statistic=turn.turned_deg,
+            threshold=self._heading.turn_deg,
+        )
+        self._before_kinks, self._kinking_back = 0.0, False
+        self.trace_s = look.time_s
+        return [end, self._onset]
 
     def cross(self, look: Look, *, is_first: bool) -> None:
         """Take in a crossing, the first of a burst or one more."""
@@ -107,10 +148,16 @@ class Slide:
         self._kinking_back = kinks_back
 
     def gave_back(self, look: Look, relaxed_part: float) -> bool:
-        """Whether the response has lost that part of what it was before it kinked back, or all of it."""
-        if self._response is None:
+        """Whether the response has lost that part of what it was before it kinked back, or all of it.
+
+        Not while it points elsewhere: a slow turn looks like that for a while. Asked of the response before
+        any kink that the filter may still answer to: a fall just now belongs to a kink that is yet to come.
+        """
+        if self._response is None or self._heading is None:
             return True
-        return self._response.now(look) < (1 - relaxed_part) * self._before_kinks
+        if self._heading.is_off:
+            return False
+        return self._response.before_kink(look) < (1 - relaxed_part) * self._before_kinks
 
     def ended(self, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
         """Event for the end; it repeats what the onset's event said."""

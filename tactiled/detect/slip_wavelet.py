@@ -16,6 +16,8 @@ senses. Online:
   the response away, or once the response is back at what it was before the slip. A stop that leaves the
   shear as it was cannot be seen before the lift. Without shear channels a slip ends when nothing crosses
   for `quiet_s`, which on a flat plate is soon: a steady slide leaves no trace.
+* Turn: the end of a slip and the onset of another at one instant, by the detector "wang2019-turn", whose
+  statistic is in degrees; see `heading`. The paper slides one way only. Without shear channels: none.
 
 The rule says that sliding has begun, no more: `kind` is always "gross", though the kink belongs to the
 beginning of tangential load and so comes before gross slip. `confidence` is the opposed part of opposed
@@ -29,6 +31,7 @@ something always crosses, and a slip once raised does not end before the lift.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
@@ -40,8 +43,9 @@ from tactiled.detect.contact import (
     contact_event,
     lost_contact_event,
 )
+from tactiled.detect.heading import Heading
 from tactiled.detect.kink import KinkFit
-from tactiled.detect.pairs import PairResponse
+from tactiled.detect.pairs import PairResponse, mean_response
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slide import Look, MotionResponse, Slide
 from tactiled.detect.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
@@ -66,6 +70,10 @@ class SlipParams(Params):
     # A skin that stops keeps much of its shear; 15 % is well above creep (2 %) and below what relaxes.
     relaxed_part: float = Field(
         default=0.15, gt=0, lt=1, description="part of the shear response that an ended slip has given back"
+    )
+    # Well above what unequal taxels and a saturating divider make of a direction.
+    turn_deg: float = Field(
+        default=30.0, ge=10, le=180, description="a slip that turns by more is a new one in its new direction"
     )
     contact: ContactParams = ContactParams()
 
@@ -97,6 +105,7 @@ class WaveletSlip:
         self._last_time_s = 0.0
         self._slide: Slide | None = None
         self._quiet = 0  # scans since the newest crossing
+        self._rest: FloatArray | None = None  # readings (scans, channels) before this contact's first slip
 
     def _start(self, rate_hz: float) -> None:
         level = level_at(rate_hz, self._params)
@@ -164,59 +173,74 @@ class WaveletSlip:
                     steps[scan : scan + self._border + 1],
                     block.channel_offset_s,
                 )
-                slip = self._look(look, crosses[scan])
-                if slip is not None:
-                    events.append(slip)
-                    if (change := self._follow(slip)) is not None:
-                        events.append(contact_event(block, scan, pressure, change))
+                slips = self._look(look, crosses[scan])
+                events += slips
+                if slips and (change := self._follow(slips[-1])) is not None:
+                    events.append(contact_event(block, scan, pressure, change))
             self._quiet = 0 if crosses[scan] else self._quiet + 1
+            if self._tracker.state == "none":
+                self._rest = None
         return events
 
-    def _look(self, look: Look, crosses: bool) -> SlipEvent | None:
-        """Onset or end that this scan brings."""
-        if self._slide is None:
+    def _look(self, look: Look, crosses: bool) -> list[SlipEvent]:
+        """What this scan brings: an onset, an end, or both for a turn."""
+        slide = self._slide
+        if slide is None:
             return self._onset(look)
         if self._tracker.state == "none":
-            return self._slide.ended(look.time_s, look.time_s, valid=not look.late)
+            return [slide.ended(look.time_s, look.time_s, valid=not look.late)]
+        if slips := slide.turn(look):
+            return slips
         if crosses:
-            self._slide.cross(look, is_first=self._quiet >= self._quiet_scans)
-            return None
-        if self._quiet + 1 >= self._quiet_scans and self._slide.gave_back(look, self._params.relaxed_part):
-            return self._slide.ended(self._slide.trace_s, look.time_s, valid=not look.late)
-        return None
+            slide.cross(look, is_first=self._quiet >= self._quiet_scans)
+        elif self._quiet + 1 >= self._quiet_scans and slide.gave_back(look, self._params.relaxed_part):
+            return [slide.ended(slide.trace_s, look.time_s, valid=not look.late)]
+        return []
 
     def _follow(self, slip: SlipEvent) -> Transition | None:
         """Tell the tracker of an onset or end."""
         if slip.state == "onset":
-            return self._tracker.begin_sliding()
+            return None if self._tracker.state == "sliding" else self._tracker.begin_sliding()
         self._slide = None
         return self._tracker.end_sliding() if self._tracker.state == "sliding" else None
 
-    def _onset(self, look: Look) -> SlipEvent | None:
+    def _onset(self, look: Look) -> list[SlipEvent]:
         """The second peak, if this crossing is that."""
         # Slip itself may disturb the pressure: with shear to tell it by, the load need only have been steady
         # up to the kink, which lies no further back than the filter's peak delay.
         within = self._kink.longest_scans if self._has_shear else 0
         if self._tracker.state == "none" or not self._tracker.was_steady(self._border + 1, within):
-            return None
+            return []
         if not self._has_shear:
             strongest = np.zeros((1, self._array.n_channels))
             strongest[0, np.argmax(np.where(look.crossing, np.abs(look.coefficients), -1.0))] = 1.0
-            return self._begin(look, strongest, confidence=0.5)
+            return [self._begin(look, strongest, np.zeros(0, dtype=np.bool_), confidence=0.5)]
         taxels = np.zeros(self._array.n_taxels, dtype=np.bool_)
         taxels[self._array.channel_taxel[look.analysed]] = True
         taxels &= self._pairs.whole_taxels(look.analysed)
         opposed, common = self._pairs.opposed_and_common(look.coefficients, taxels)
         if not opposed > common:
-            return None
-        return self._begin(look, self._pairs.motion_weights(taxels), opposed / (opposed + common))
+            return []
+        weights = self._pairs.motion_weights(taxels)
+        return [self._begin(look, weights, taxels, opposed / (opposed + common))]
 
-    def _begin(self, look: Look, weights: FloatArray, confidence: float) -> SlipEvent:
-        """Onset event, and the slide that it begins; `weights` (axes, channels) make the motion response."""
+    def _begin(
+        self, look: Look, weights: FloatArray, taxels: NDArray[np.bool_], confidence: float
+    ) -> SlipEvent:
+        """Onset event, and the slide that it begins; `weights` (axes, channels) make the taxels' response."""
         onset = self._kink.onset(
             look.steps @ weights.T * self._quantiser.volts_per_step, weights @ look.coefficients
         )
-        response = MotionResponse(onset.along @ weights, look, self._kink)
+        before_steps = look.steps[: self._kink.n_before]
+        before = mean_response(weights, before_steps)
+        response = MotionResponse(weights, onset.along, before, look, self._kink)
+        direction_deg, direction_sd_deg = 0.0, UNKNOWN_SD_DEG
+        if self._has_shear:
+            moved = look.steps[-1] - before_steps.mean(axis=0)
+            direction_deg = onset.direction_deg
+            direction_sd_deg = self._pairs.direction_sd_deg(
+                moved, taxels, onset.along, onset.direction_sd_deg
+            )
         onset_s = look.time_s + response.skew_s - onset.delay.scans / self._rate_hz
         event = SlipEvent(
             time_s=onset_s,
@@ -224,8 +248,8 @@ class WaveletSlip:
             kind="gross",
             onset_s=onset_s,
             onset_sd_s=float(np.hypot(onset.delay.sd_scans / self._rate_hz, look.time_sd_s)),
-            direction_deg=onset.direction_deg if self._has_shear else 0.0,
-            direction_sd_deg=onset.direction_sd_deg if self._has_shear else UNKNOWN_SD_DEG,
+            direction_deg=direction_deg,
+            direction_sd_deg=direction_sd_deg,
             confidence=confidence,
             taxels=tuple(np.unique(self._array.channel_taxel[look.crossing]).tolist()),
             detector=DETECTOR,
@@ -234,5 +258,12 @@ class WaveletSlip:
             valid=not look.late,
             detected_s=look.time_s,
         )
-        self._slide = Slide(event, response if self._has_shear else None, look.time_s, self._rate_hz)
+        if self._rest is None:
+            self._rest = before_steps.copy()
+        heading = None
+        if self._has_shear:
+            heading = Heading(
+                self._pairs, taxels, self._rest, before, onset.along, self._params.turn_deg, self._rate_hz
+            )
+        self._slide = Slide(event, response if self._has_shear else None, heading, look.time_s, self._rate_hz)
         return event
