@@ -1,0 +1,163 @@
+"""A Debian with a systemd of its own, in a systemd-nspawn container that lasts as long as the tests.
+
+The package is installed in it as README says, from wheels, without the network. Everything has a time limit,
+and the container ends with this process whatever becomes of it.
+"""
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+CHECKOUT = Path(__file__).parents[2]
+SUITE, PYTHON = "bookworm", "3.11"  # Debian 12, the oldest that we serve, and the Python that it has
+PACKAGES = "systemd,systemd-sysv,dbus,python3,python3-venv,procps"
+PROGRAMS = ("systemd-nspawn", "mmdebstrap", "nsenter", "setpriv")
+UNITS = Path("etc/systemd/system")
+DOWNLOAD_S, COMMAND_S, BOOT_S, OFF_S = 300.0, 60.0, 30.0, 20.0
+
+
+class CannotRun(Exception):
+    """This machine cannot have such a container; says why."""
+
+
+def check_able() -> None:
+    """Raise `CannotRun` where it is plain from the start."""
+    if os.geteuid() != 0:
+        raise CannotRun("containers need root: sudo ./run test tests/system")
+    if missing := [program for program in PROGRAMS if shutil.which(program) is None]:
+        raise CannotRun(f"{', '.join(missing)} missing: apt install systemd-container mmdebstrap")
+
+
+def make_root(root: Path) -> None:
+    """A small Debian at `root`."""
+    command = ["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", SUITE, str(root)]
+    _or_cannot(f"no Debian {SUITE} could be made", command)
+
+
+def make_wheels(folder: Path, version: str) -> None:
+    """The checkout as a wheel that says it is `version`, and all that it needs."""
+    copy = folder / f"source-{version}"
+    for name in ("tactiled", "protocols", "config", "systemd"):
+        shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("README.md", "LICENSE"):
+        shutil.copy(CHECKOUT / name, copy)
+    project = (CHECKOUT / "pyproject.toml").read_text()
+    (line,) = [line for line in project.splitlines() if line.startswith("version = ")]
+    (copy / "pyproject.toml").write_text(project.replace(line, f'version = "{version}"'))
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(copy)]
+    subprocess.run(build, check=True, timeout=COMMAND_S)
+    (wheel,) = folder.glob(f"tactiled-{version}-*.whl")
+    pins = ["--constraint", str(CHECKOUT / "constraints.txt")]
+    target = ["--python-version", PYTHON, "--only-binary=:all:", "--dest", str(folder)]
+    _or_cannot("the wheels could not be had", [*pip, "download", *pins, *target, str(wheel)])
+
+
+class Container:
+    """Boots `root`, with `wheels` at /wheels; a context manager.
+
+    Raises
+    ------
+    CannotRun
+        No systemd comes up in it.
+    """
+
+    def __init__(self, root: Path, wheels: Path) -> None:
+        self.root = root
+        self._wheels = wheels
+        self._log = root.with_suffix(".log")
+
+    def __enter__(self) -> "Container":
+        # With us it dies (--pdeathsig), and it has its own loopback: no port of the host is in its way.
+        command = [
+            "setpriv", "--pdeathsig", "TERM",
+            "systemd-nspawn", "--quiet", "--register=no", "--keep-unit", "--private-network", "--boot",
+            "--console=pipe", "--kill-signal=SIGRTMIN+3", f"--bind-ro={self._wheels}:/wheels",
+            "--directory", str(self.root),
+        ]  # fmt: skip
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        try:
+            self._wait_for_boot()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(OFF_S)
+        except subprocess.TimeoutExpired:
+            for pid in (*self._children(), self._process.pid):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, 9)
+            self._process.wait(OFF_S)
+
+    def _children(self) -> list[int]:
+        pid = self._process.pid
+        with contextlib.suppress(OSError):
+            return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        return []
+
+    def _wait_for_boot(self) -> None:
+        until_s = time.monotonic() + BOOT_S
+        while time.monotonic() < until_s and self._process.poll() is None:
+            for leader in self._children():
+                self.leader = leader
+                with contextlib.suppress(subprocess.SubprocessError):
+                    state = self._enter("systemctl", "is-system-running", limit_s=BOOT_S).stdout.strip()
+                    if state in ("running", "degraded"):
+                        return
+            time.sleep(0.1)
+        last = self._log.read_text(errors="replace").strip().splitlines()[-1:]
+        raise CannotRun(f"no systemd came up in systemd-nspawn within {BOOT_S:.0f} s: {last or 'no word'}")
+
+    def _enter(self, *command: str, limit_s: float) -> "subprocess.CompletedProcess[str]":
+        enter = ["nsenter", "--target", str(self.leader), "--all", "--", *command]
+        return subprocess.run(enter, capture_output=True, text=True, timeout=limit_s, check=False)
+
+    def run(self, *command: str) -> str:
+        """Run a command in it, which must end well; gives what it printed."""
+        done = self._enter(*command, limit_s=COMMAND_S)
+        assert done.returncode == 0, f"{' '.join(command)}: {done.stdout}{done.stderr}"
+        return done.stdout
+
+    def seen(self, path: str) -> str:
+        """A path of the running container, as this process can open it."""
+        return f"/proc/{self.leader}/root{path}"
+
+    def shown(self, unit: str, *names: str) -> list[str]:
+        """Properties of a unit."""
+        lines = self.run("systemctl", "show", unit, *(f"--property={name}" for name in names)).splitlines()
+        found = dict(line.split("=", 1) for line in lines)
+        return [found[name] for name in names]
+
+    def journal(self, unit: str) -> str:
+        return self.run("journalctl", "--no-pager", "--output=cat", "--unit", unit)
+
+
+def wait_until(reached: Callable[[], bool], what: str, limit_s: float = COMMAND_S) -> float:
+    """Look until it is so; gives how long that took, in seconds."""
+    began_s = time.monotonic()
+    while not reached():
+        assert time.monotonic() < began_s + limit_s, f"not within {limit_s:.0f} s: {what}"
+        time.sleep(0.02)
+    return time.monotonic() - began_s
+
+
+def _or_cannot(what: str, command: list[str]) -> None:
+    """Run something that needs the network and rights, which a machine may not have."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=DOWNLOAD_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise CannotRun(f"{what} within {DOWNLOAD_S:.0f} s") from None
+    if done.returncode != 0:
+        raise CannotRun(f"{what}: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")

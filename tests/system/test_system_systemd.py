@@ -1,0 +1,290 @@
+"""The shipped unit under a real systemd: what `systemd-analyze` cannot know, and what users rely on."""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from nspawn import CHECKOUT, UNITS, CannotRun, Container, check_able, make_root, make_wheels, wait_until
+
+from tactiled.client import Fresh, Item, Message, Restarted, Stale, Subscription
+
+pytestmark = pytest.mark.system
+LEFT, RIGHT = "TS0001", "TS0002"
+PORTS = {LEFT: 9872, RIGHT: 9874}
+OLD, NEW = "0.0.1", "0.0.2"
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def container(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
+    """A booted Debian with tactiled installed as README says; skipped, with the reason, where none can be."""
+    folder = tmp_path_factory.mktemp("nspawn")
+    root, wheels = folder / "root", folder / "wheels"
+    try:
+        check_able()
+        for version in (OLD, NEW):
+            make_wheels(wheels, version)
+        make_root(root)
+        with Container(root, wheels) as booted:
+            install(booted)
+            yield booted
+    except CannotRun as reason:
+        pytest.skip(f"not tested under a real systemd: {reason}")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)  # some 600 MB
+
+
+def install(container: Container) -> None:
+    container.run("python3", "-m", "venv", "/opt/tactiled")
+    upgrade(container, OLD)
+    shutil.copy(CHECKOUT / "systemd/tactiled@.service", container.root / UNITS)
+    (container.root / "etc/tactiled").mkdir()
+    for serial in PORTS:
+        configure(container, serial)
+        (container.root / f"etc/board-{serial}.toml").write_text(f'board_serial = "{serial}"\n')
+    container.run("systemctl", "daemon-reload")
+
+
+def upgrade(container: Container, version: str) -> None:
+    pip = ("/opt/tactiled/bin/pip", "install", "--quiet", "--no-index", "--find-links=/wheels")
+    container.run(*pip, f"tactiled=={version}")
+
+
+def configure(container: Container, serial: str, more: str = "") -> None:
+    (container.root / f"etc/tactiled/{serial}.toml").write_text(
+        f'[port]\nurl = "/dev/tactiled-{serial}"\n'
+        f'[publish]\nendpoints = ["tcp://127.0.0.1:{PORTS[serial]}", "ipc://{{runtime}}/events.ipc"]\n'
+        f'[session]\nboard_serial = "{serial}"\n{more}'
+    )
+
+
+def unit(serial: str = LEFT) -> str:
+    return f"tactiled@{serial}.service"
+
+
+@contextmanager
+def board(container: Container, serial: str) -> Iterator[Path]:
+    """An emulated board in the container, its pty with the group and mode that the udev rule gives; yields
+    the file of what it tells of each scan."""
+    truth = container.root / f"var/tmp/board-{serial}.jsonl"
+    truth.unlink(missing_ok=True)
+    name, link = f"board-{serial}", f"/dev/tactiled-{serial}"
+    container.run(
+        "systemd-run", "--quiet", f"--unit={name}", f"--property=StandardOutput=file:/var/tmp/{truth.name}",
+        "/opt/tactiled/bin/tactiled", "emulate", "--scene", "rest", "--scans", "--link", link,
+        "--board", f"/etc/board-{serial}.toml",
+    )  # fmt: skip
+    try:
+        wait_until(lambda: truth.exists() and "ready" in truth.read_text(), f"board {serial} is there")
+        device = json.loads(truth.read_text().splitlines()[0])["device"]
+        container.run("chgrp", "dialout", device)
+        container.run("chmod", "0660", device)
+        yield truth
+    finally:
+        container.run("systemctl", "stop", name)
+
+
+@contextmanager
+def started(container: Container, serial: str = LEFT) -> Iterator[Path]:
+    """The unit of a board, active, with its board; stopped in the end."""
+    with board(container, serial) as truth:
+        container.run("systemctl", "start", unit(serial))
+        try:
+            yield truth
+        except BaseException:
+            print(container.journal(unit(serial)))  # pytest shows it with the failure
+            raise
+        finally:
+            container.run("systemctl", "stop", unit(serial))
+            container.run("systemctl", "reset-failed")
+
+
+def listening(container: Container, serial: str = LEFT) -> Subscription:
+    return Subscription(f"ipc://{container.seen(f'/run/tactiled/{serial}/events.ipc')}")
+
+
+def until(subscription: Subscription, wanted: Callable[[Item], bool], what: str) -> list[Item]:
+    """Items up to the one that is wanted."""
+    items: list[Item] = []
+    limit_s = time.monotonic() + PATIENCE_S
+    while (item := subscription.next_item(limit_s)) is not None:
+        items.append(item)
+        if wanted(item):
+            return items
+    raise AssertionError(f"not within {PATIENCE_S:.0f} s: {what}; last {items[-3:]}")
+
+
+def until_fresh_scans(subscription: Subscription) -> list[Item]:
+    """Up to the first scan of a board that runs."""
+    items = until(subscription, lambda item: isinstance(item, Fresh), "fresh")
+    return items + until(
+        subscription, lambda item: isinstance(item, Message) and item.topic == "scan", "scan"
+    )
+
+
+def test_start_waits_for_ready_and_scans_come_over_ipc_and_tcp(container: Container) -> None:
+    with started(container):
+        # `systemctl start` returns when READY=1 came: Type=notify.
+        assert container.shown(unit(), "ActiveState", "Type") == ["active", "notify"]
+        with listening(container) as subscription:
+            until_fresh_scans(subscription)
+        lines = container.run(
+            "/opt/tactiled/bin/tactiled", "listen", "--topic", "scan", "--count", "20"
+        ).splitlines()
+        assert {json.loads(line)["board"] for line in lines} == {LEFT}
+        (status,) = container.shown(unit(), "StatusText")
+        assert status == f"board {LEFT} running: 100 Hz"
+
+
+def test_it_runs_as_nobody_with_nothing(container: Container) -> None:
+    """The hardening is what the process has, not only what the unit says."""
+    with started(container):
+        (pid,) = container.shown(unit(), "MainPID")
+        lines = container.run("cat", f"/proc/{pid}/status").splitlines()
+        status = {key: value.split() for key, value in (line.split(":", 1) for line in lines)}
+        assert "0" not in status["Uid"]
+        assert status["CapBnd"] == ["0000000000000000"]
+        assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
+
+
+def test_stop_ends_well_and_the_board_is_told(container: Container) -> None:
+    with started(container) as truth:
+        with listening(container) as subscription:
+            until_fresh_scans(subscription)
+        container.run("systemctl", "stop", unit())
+        assert container.shown(unit(), "Result", "ExecMainStatus", "NRestarts") == ["success", "0", "0"]
+        n_lines = len(truth.read_text().splitlines())
+        time.sleep(0.5)
+        assert len(truth.read_text().splitlines()) == n_lines, "the board still scans"
+        assert not os.path.lexists(container.seen(f"/run/tactiled/{LEFT}"))
+
+
+def comes_back(container: Container, subscription: Subscription, blow: str) -> tuple[float, list[Item]]:
+    """Hit the daemon with a signal; how long until it is active anew and scans are fresh, and all items."""
+    (before,) = container.shown(unit(), "MainPID")
+    container.run("systemctl", "kill", "--kill-whom=main", f"--signal={blow}", unit())
+    began_s = time.monotonic()
+    items = until(subscription, lambda item: isinstance(item, Stale), "stale")
+    items += until(subscription, lambda item: isinstance(item, Restarted), "restarted")
+    items += until_fresh_scans(subscription)
+    took_s = time.monotonic() - began_s
+    state, after, restarts = container.shown(unit(), "ActiveState", "MainPID", "NRestarts")
+    assert (state, restarts) == ("active", "1")
+    assert after != before
+    return took_s, items
+
+
+def test_a_hang_is_killed_by_the_watchdog_and_it_is_back(
+    container: Container, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        took_s, _ = comes_back(container, subscription, "STOP")
+        assert "Watchdog timeout" in container.journal(unit())
+    with capsys.disabled():
+        print(f"\nsystemd: hung -> fresh scans again in {took_s:.2f} s")
+
+
+def test_killed_it_is_started_anew(container: Container, capsys: pytest.CaptureFixture[str]) -> None:
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        took_s, _ = comes_back(container, subscription, "KILL")
+    with capsys.disabled():
+        print(f"\nsystemd: kill -9 -> fresh scans again in {took_s:.2f} s")
+
+
+def test_what_a_person_must_mend_is_not_tried_again(container: Container) -> None:
+    configure(container, RIGHT, "rate_hz = nonsense\n")
+    try:
+        with pytest.raises(AssertionError, match="failed"):
+            container.run("systemctl", "start", unit(RIGHT))
+        assert container.shown(unit(RIGHT), "ActiveState", "ExecMainStatus", "NRestarts") == [
+            "failed",
+            "2",
+            "0",
+        ]
+    finally:
+        configure(container, RIGHT)
+        container.run("systemctl", "reset-failed")
+
+
+def test_a_board_without_configuration_is_skipped(container: Container) -> None:
+    container.run("systemctl", "start", unit("OTHER"))
+    assert container.shown(unit("OTHER"), "ActiveState", "Result") == ["inactive", "success"]
+
+
+def test_two_instances_keep_their_own_directory(container: Container) -> None:
+    with started(container, LEFT):
+        with (
+            started(container, RIGHT),
+            listening(container, LEFT) as left,
+            listening(container, RIGHT) as right,
+        ):
+            for serial, subscription in ((LEFT, left), (RIGHT, right)):
+                items = until_fresh_scans(subscription)
+                assert {
+                    item.board for item in items if isinstance(item, Message) and item.topic == "scan"
+                } == {serial}
+        assert not os.path.lexists(container.seen(f"/run/tactiled/{RIGHT}"))
+        with listening(container, LEFT) as left:  # a new connection: the socket's file is still there
+            until_fresh_scans(left)
+
+
+def test_reload_takes_what_the_file_says_now(container: Container) -> None:
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        (before,) = container.shown(unit(), "MainPID")
+        configure(container, LEFT, "rate_hz = 50.0\n")
+        try:
+            container.run("systemctl", "reload", unit())
+            running = f"board {LEFT} running: 50 Hz"
+            wait_until(lambda: container.shown(unit(), "StatusText") == [running], running, PATIENCE_S)
+            assert container.shown(unit(), "MainPID", "ActiveState", "NRestarts") == [before, "active", "0"]
+        finally:
+            configure(container, LEFT)
+
+
+def test_upgrade_while_running(container: Container, capsys: pytest.CaptureFixture[str]) -> None:
+    """pip replaces the files under a running daemon, which goes on; a restart brings the new one, and a
+    subscriber that was there before is told and goes on by itself."""
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        (before,) = container.shown(unit(), "MainPID")
+        try:
+            upgrade(container, NEW)
+            assert container.shown(unit(), "MainPID", "NRestarts") == [before, "0"]
+            began_s = time.monotonic()
+            container.run("systemctl", "restart", unit())
+            until(subscription, lambda item: isinstance(item, Restarted), "restarted")
+            until_fresh_scans(subscription)
+            took_s = time.monotonic() - began_s
+            shown = container.run("/opt/tactiled/bin/pip", "show", "tactiled")
+            assert f"Version: {NEW}" in shown
+            assert container.shown(unit(), "Result", "NRestarts") == ["success", "0"]
+        finally:
+            upgrade(container, OLD)
+    with capsys.disabled():
+        print(f"\nsystemd: restart after an upgrade -> fresh scans again in {took_s:.2f} s")
+
+
+def test_it_records_where_the_configuration_says(container: Container) -> None:
+    """The directory that the shipped configuration names is writable inside the hardening."""
+    configure(container, LEFT, f'[record]\ndirectory = "/var/lib/tactiled/{LEFT}"\nmin_free_mb = 1.0\n')
+    try:
+        with started(container), listening(container) as subscription:
+            until_fresh_scans(subscription)
+            container.run("systemctl", "stop", unit())
+            (recording,) = (container.root / f"var/lib/private/tactiled/{LEFT}").glob("*.mcap")
+            container.run(
+                "/opt/tactiled/bin/tactiled",
+                "replay",
+                "--verify",
+                f"/var/lib/tactiled/{LEFT}/{recording.name}",
+            )
+    finally:
+        configure(container, LEFT)
