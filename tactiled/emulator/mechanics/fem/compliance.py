@@ -15,8 +15,7 @@ forces at the bottom, for read-out areas of other shapes (`readout.read_out`)
 ``provenance`` one JSON string.
 
 Forces on a part may be negative: a bonded chip can be pulled. A contact sensor cannot show that: clamp at
-zero. What is under one part is not converged on the coarse mesh: half chips carry 3 % less than on the medium
-one, areas near the edge 15 % less.
+zero. What is under one part is not converged on the coarse mesh (`readout` says by how much).
 Stored in float32; symmetric to the last bit.
 """
 

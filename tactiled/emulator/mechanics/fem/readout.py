@@ -1,7 +1,12 @@
 """What an electrode feels: the normal force under a part of the chip, from the forces that hold its bottom.
 
 Nodal forces know no areas smaller than a cell. They are turned into a bilinear traction (its consistent nodal
-forces are the given ones) and that is integrated over the part, so that meshes can be compared.
+forces are the given ones) and that is integrated over the part.
+
+On the coarse mesh that traction overshoots between points. For one pressure, coarse against medium mesh:
+half chips carry 3 % less of a normal force and 11 % less of the couple of a tangential one, areas near the edge
+15 and 22 % less. Sharing each point's force by the area around it instead gives 1, 2, 3 and 3 %: better, and
+what to change to when the runs, and what is calibrated on them, are made anew.
 """
 
 from collections.abc import Callable
