@@ -48,11 +48,11 @@ STEP_S = 2.5e-3  # four to a scan: what is between them is interpolated
 # Measured as those of `lumped`.
 PROVIDES: dict[str, float] = {
     "direction": 0.045,
-    "gross-slip": 0.035,
+    "gross-slip": 0.12,
     "incipient-slip": 0.13,
     "absolute-force": 0.075,
-    "left-right": 0.045,
-    "tangential-force": 0.02,
+    "left-right": 0.065,
+    "tangential-force": 0.06,
     "transients": 0.045,
 }
 

@@ -36,16 +36,16 @@ _GIVES = 1 + 1e-9  # an element at its limit that nothing moves does not slip
 
 STEP_S = 2.5e-3  # four to a scan: what is between them is interpolated
 
-# Largest errors against finite elements (config/contact/fem-coarse-*.json, friction 0.3, 0.6, 0.9;
-# left-right on half chips), transients against `compliance` (a reversal, a turn and a fall of the load
-# within presliding).
+# Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
+# 1.667 N, light and heavy loads, a reversal; left-right on half chips), transients against `compliance` (a
+# reversal, a turn and a fall of the load within presliding).
 PROVIDES: dict[str, float] = {
     "direction": 0.045,
-    "gross-slip": 0.08,
+    "gross-slip": 0.1,
     "incipient-slip": 0.175,
     "absolute-force": 0.075,
     "left-right": 0.05,
-    "tangential-force": 0.02,
+    "tangential-force": 0.07,
     "transients": 0.06,
 }
 
