@@ -4,9 +4,9 @@ Nodal forces know no areas smaller than a cell. They are turned into a bilinear 
 forces are the given ones) and that is integrated over the part.
 
 On the coarse mesh that traction overshoots between points. For one pressure, coarse against medium mesh:
-half chips carry 3 % less of a normal force and 11 % less of the couple of a tangential one, areas near the edge
-15 and 22 % less. Sharing each point's force by the area around it instead gives 1, 2, 3 and 3 %: better, and
-what to change to when the runs, and what is calibrated on them, are made anew.
+half chips carry 3 % less of a normal force and 11 % less of the couple of a tangential one, areas near the
+edge 15 and 22 % less. Sharing each point's force by the area around it instead gives 1, 2, 3 and 3 %: better,
+and what to change to when the runs, and what is calibrated on them, are made anew.
 """
 
 from collections.abc import Callable
