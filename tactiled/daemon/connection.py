@@ -60,10 +60,10 @@ class Connection:
         """What should be mended although the port works; empty when nothing, or there is none."""
         return self._port.warning if self._port is not None else ""
 
-    def framing_errors(self) -> int:
-        """Bytes without their stop bit since the driver was loaded; 0 where nobody counts them."""
+    def framing_errors(self) -> int | None:
+        """Bytes without their stop bit since the driver was loaded; None where nobody counts them."""
         errors = self._port.errors() if self._port is not None else None
-        return errors.framing if errors is not None else 0
+        return errors.framing if errors is not None else None
 
     def check(self, dead_because: str) -> None:
         """Leave a port that is dead, as the caller says, or whose name leads to another device by now."""

@@ -6,20 +6,28 @@ a board's bits at the wrong rate and by playing other protocols and noise (tests
 =================  =======================================================================================
 wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors
 text               bytes of a console or a bootloader: printable, whatever the reasons
-another protocol   "type": intact frames, checksum and all, that the layout does not know
+another protocol   "type": intact frames, checksum and all, that the layout does not know; or frames of a
+                   layout that ships with tactiled; or no structure while the UART sees no framing error
 heavy noise        "checksum": the structure stands, the content is damaged
 noise              most frames are good, a few are not
 =================  =======================================================================================
 """
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
+
+from tactiled import resources
+from tactiled.wire.codec import Decoder
+from tactiled.wire.frames import Corrupt
+from tactiled.wire.layout import Layout, load_layout
 
 HICCUP_S = 1.0  # silence or noise for so long is no hiccup but a cause to name
 _WINDOW_S = 10.0  # what "now" means for the share of damaged bytes ...
 _MARK_S = 1.0  # ... of which a mark is kept this often
-_TAIL_BYTES = 256  # enough to tell text from chance: 256 random bytes are never nine tenths printable
+_TAIL_BYTES = 1024  # some ten frames of any layout; random bytes of that number are never nine tenths text
+_LEAST_TEXT = 32  # fewer printable bytes than this may be chance
+_LEAST_FRAMES = 2  # of another layout: one may be chance
 _TEXT_PART = 0.9
 _MAIN_PART = 0.5  # a reason that most rejections share
 _NOISY_PART = 0.01  # a good cable loses nothing; 1 % is a frame a second
@@ -34,8 +42,8 @@ class Tally(NamedTuple):
     bytes_discarded: int = 0
     corrupt: Mapping[str, int] = {}
     """Rejections by reason."""
-    framing_errors: int = 0
-    """As the UART's driver counts them; 0 where it does not."""
+    framing_errors: int | None = None
+    """As the UART's driver counts them; None where it does not."""
 
 
 class LineWatch:
@@ -46,11 +54,14 @@ class LineWatch:
     protocol : str
     baud : int
         Both only for the words.
+    others : sequence of Layout
+        Layouts to try on bytes that are no frames of ours.
     """
 
-    def __init__(self, protocol: str, baud: int) -> None:
+    def __init__(self, protocol: str, baud: int, others: Sequence[Layout] = ()) -> None:
         self._protocol = protocol
         self._baud = baud
+        self._others = others
         self.reset(0.0)
 
     def reset(self, now_s: float) -> None:
@@ -60,6 +71,8 @@ class LineWatch:
         self._newest: Tally | None = None
         self._at_frame = Tally()
         self._marks: deque[tuple[float, Tally]] = deque()
+        self._cause = ("", "")
+        self._look_s = now_s + HICCUP_S
 
     @property
     def byte_s(self) -> float:
@@ -81,7 +94,13 @@ class LineWatch:
             self._at_frame = tally
             if self._newest is not None:
                 self._frame_s = now_s
+            self._cause, self._look_s = ("", ""), now_s + HICCUP_S
         self._newest = tally
+        if now_s >= self._look_s:
+            self._look_s = now_s + HICCUP_S
+            kind, words = self._likely_cause(tally)
+            if kind != self._cause[0]:  # else the words stay too: they are logged when they change
+                self._cause = kind, words
         if not self._marks or now_s >= self._marks[-1][0] + _MARK_S:
             self._marks.append((now_s, tally))
             if self._marks[0][0] < now_s - _WINDOW_S:
@@ -92,7 +111,7 @@ class LineWatch:
         if now_s - self._byte_s >= HICCUP_S:
             return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
         if now_s - self._frame_s >= HICCUP_S:
-            return f"bytes arrive but no frame passes: {self._cause()}"
+            return f"bytes arrive but no frame passes: {self._cause[1] or 'looking why'}"
         return ""
 
     def warning(self) -> str:
@@ -109,35 +128,58 @@ class LineWatch:
             "and connectors"
         )
 
-    def _cause(self) -> str:
-        now = self._newest or Tally()
+    def _likely_cause(self, now: Tally) -> tuple[str, str]:
+        """Kind of the cause, and the words for it."""
+        since = self._at_frame
         reasons = Counter(now.corrupt)
-        reasons.subtract(self._at_frame.corrupt)
+        reasons.subtract(since.corrupt)
         total = reasons.total()
-        came = now.bytes_in - self._at_frame.bytes_in
+        came = now.bytes_in - since.bytes_in
+        unstopped = None
+        if now.framing_errors is not None:
+            unstopped = now.framing_errors - (since.framing_errors or 0) > _FRAMING_PART * came
         if _printable(self._tail) >= _TEXT_PART:
             shown = self._tail[-40:].decode("ascii", "replace").strip()
-            return f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"
-        if now.framing_errors - self._at_frame.framing_errors > _FRAMING_PART * max(came, 1):
-            return f"wrong baud rate ({self._baud} configured): the UART counts framing errors"
-        if total and reasons["type"] >= _MAIN_PART * total:
-            return (
+            return "text", f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"
+        if unstopped:
+            return "baud", f"wrong baud rate ({self._baud} configured): the UART counts framing errors"
+        if (other := frames_of(self._tail, self._others)) is not None:
+            return other, f"wrong protocol ({self._protocol} configured): these are frames of {other}"
+        if reasons["type"] >= _MAIN_PART * max(total, 1):
+            return "type", (
                 f"wrong protocol ({self._protocol} configured): intact frames of another one or version; "
                 "name its layout in board.protocol, or update the firmware"
             )
-        if total and reasons["checksum"] + reasons["value"] >= _MAIN_PART * total:
-            return (
+        if reasons["checksum"] + reasons["value"] >= _MAIN_PART * max(total, 1):
+            return "noise", (
                 "every frame is damaged: heavy noise; look at cable, ground and connectors "
                 f"(a baud rate slightly off {self._baud} does it too)"
             )
-        return (
+        if unstopped is not None:
+            return "protocol", f"wrong protocol ({self._protocol} configured); {self._baud} baud is right"
+        return "structure", (
             f"no frame structure in it: wrong baud rate ({self._baud} configured) most likely, "
             f"else wrong protocol ({self._protocol} configured)"
         )
 
 
+def other_layouts(layout: Layout) -> list[Layout]:
+    """The layouts that ship with tactiled, but this one."""
+    layouts = [load_layout(name) for name in resources.shipped_names("protocols")]
+    return [other for other in layouts if other.name != layout.name]
+
+
+def frames_of(data: bytes, layouts: Sequence[Layout]) -> str | None:
+    """Name of the first layout of which there are frames in `data`."""
+    for layout in layouts:
+        frames = Decoder(layout).feed(data)
+        if sum(not isinstance(frame, Corrupt) for frame in frames) >= _LEAST_FRAMES:
+            return layout.name
+    return None
+
+
 def _printable(data: bytes) -> float:
     """Part of the bytes that a terminal shows as text; 0 for too few to tell."""
-    if len(data) < _TAIL_BYTES // 8:
+    if len(data) < _LEAST_TEXT:
         return 0.0
     return sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)

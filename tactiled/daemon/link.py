@@ -35,10 +35,10 @@ class Link:
         self._line = line
         self._patience_s = SILENT_S
 
-    def opened(self, now_s: float) -> list[Command]:
+    def opened(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
         """The port is open; what to say first."""
         self._line.reset(now_s)
-        self._count(now_s)
+        self._count(now_s, framing_errors)
         return self._session.opened(now_s)
 
     def received(self, data: bytes, now_s: float, publish: Callable[[Event], None]) -> list[Command]:
@@ -76,7 +76,7 @@ class Link:
         self._session.lost(reason)
         return was_open
 
-    def watch(self, now_s: float, framing_errors: int = 0) -> list[Command]:
+    def watch(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
         """Look at the line and at what is overdue; call it some ten times a second."""
         self._count(now_s, framing_errors)
         return self._session.tick(now_s)
@@ -100,7 +100,7 @@ class Link:
             warning=self._line.warning() or warning,
         )
 
-    def _count(self, now_s: float, framing_errors: int = 0) -> None:
+    def _count(self, now_s: float, framing_errors: int | None) -> None:
         health = self._pipeline.health()
         tally = Tally(
             health.bytes_in,

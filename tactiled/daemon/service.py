@@ -18,7 +18,7 @@ from tactiled.array import Array
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.commands import Commands, Done
 from tactiled.daemon.connection import Connection
-from tactiled.daemon.diagnosis import LineWatch
+from tactiled.daemon.diagnosis import LineWatch, other_layouts
 from tactiled.daemon.health import info_event
 from tactiled.daemon.link import Link
 from tactiled.daemon.network import Network
@@ -98,7 +98,7 @@ class Service:
         self._reload = reload
         self._recorder = recorder
         self._encoder = Encoder(layout)
-        self._line = LineWatch(layout.name, self._baud)
+        self._line = LineWatch(layout.name, self._baud, other_layouts(layout))
         self._session = Session(
             params.session, layout, lambda hello: check_hello(hello, layout, array), self._line
         )
@@ -117,6 +117,7 @@ class Service:
         self._publisher = self._network.publisher
         self._notifier = Notifier()
         self._said: tuple[BoardState, str] = (self._session.state, self._session.reason(0.0))
+        self._warned = ""
         self._timer: asyncio.TimerHandle | None = None
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
@@ -277,7 +278,7 @@ class Service:
     # ---- the connection ----------------------------------------------------------------------------
 
     def _opened(self) -> None:
-        self._act(self._link.opened(time.monotonic()))
+        self._act(self._link.opened(time.monotonic(), self._connection.framing_errors()))
 
     def _lost(self, reason: str) -> None:
         if self._link.lost(reason) and self._recorder is not None:
@@ -322,6 +323,9 @@ class Service:
             connects=self._connection.connects,
             warning=self._connection.warning,
         )
+        if event.warning and not self._warned:
+            logger.warning("%s", event.warning)
+        self._warned = event.warning
         settings = self._pipeline.tuning
         self._publish(
             replace(

@@ -184,8 +184,6 @@ def open_port(url: str, baud: int) -> Port:
     if not devices.is_url(url):
         devices.keep_others_out(device.fileno())
         warning = devices.laziness(url, devices.hasten(url))
-    if warning:
-        logger.warning("%s", warning)
     return Port(device, url, warning)
 
 

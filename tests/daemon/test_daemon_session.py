@@ -278,7 +278,7 @@ def test_bytes_without_frames_are_diagnosed() -> None:
         bench.run(0.1)
         bench.line.received(b"\0", bench.now_s)
         bench.line.count(Tally(), bench.now_s)
-    assert "bytes arrive but no frame passes: wrong baud rate (115200 configured)" in bench.reason
+    assert "no frame passes: no frame structure in it: wrong baud rate (115200 configured)" in bench.reason
 
 
 def test_a_board_that_answers_hello_but_nothing_else_is_named() -> None:

@@ -1,0 +1,152 @@
+"""What the watch says of lines that were made wrong on purpose: the right cause, and none for a good line."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from boards import LAYOUT, SimBoard
+from uart import heard
+
+from tactiled.daemon.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Corrupt, Scan
+from tactiled.wire.layout import Layout, load_layout
+
+LEGACY = load_layout("legacy-9")
+BAUD = LAYOUT.file.baud
+
+
+def scans(layout: Layout, n: int = 400) -> list[bytes]:
+    """Frames of a board that streams, noise of some counts in it."""
+    rng = np.random.default_rng(0)
+    encode = Encoder(layout).encode
+    return [
+        encode(Scan(k % 256, rng.integers(400, 900, layout.n_channels), ticks=k * 100 % 65536))
+        for k in range(n)
+    ]
+
+
+def flipped(data: bytes, per_byte: float) -> bytes:
+    rng = np.random.default_rng(1)
+    octets = np.frombuffer(data, np.uint8).copy()
+    hit = rng.random(len(octets)) < per_byte
+    octets[hit] ^= (1 << rng.integers(0, 8, int(hit.sum()))).astype(np.uint8)
+    return octets.tobytes()
+
+
+class Line:
+    """A watch behind a decoder, fed for four seconds as the daemon feeds it."""
+
+    def __init__(self, parts: list[bytes], framing_errors: list[int] | None = None) -> None:
+        layout = LAYOUT
+        self.watch = LineWatch(layout.name, BAUD, other_layouts(layout))
+        decoder, reasons = Decoder(layout), Counter[str]()
+        self.watch.reset(0.0)
+        self.watch.count(Tally(framing_errors=None if framing_errors is None else 0), 0.0)
+        for k, part in enumerate(parts):
+            self.now_s = 4.0 * (k + 1) / len(parts)
+            self.watch.received(part, self.now_s)
+            reasons.update(f.reason for f in decoder.feed(part) if isinstance(f, Corrupt))
+            errors = None if framing_errors is None else framing_errors[k]
+            tally = Tally(
+                decoder.bytes_in, decoder.bytes_framed, decoder.bytes_discarded, dict(reasons), errors
+            )
+            self.watch.count(tally, self.now_s)
+
+    @property
+    def fault(self) -> str:
+        return self.watch.fault(self.now_s)
+
+
+def test_a_good_line_has_no_fault_and_no_warning() -> None:
+    line = Line(scans(LAYOUT))
+    assert (line.fault, line.watch.warning()) == ("", "")
+
+
+@pytest.mark.parametrize("sent_baud", [9600, 19200, 38400, 57600, 230400, 460800, 921600])
+def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
+    received = [heard(part, sent_baud, BAUD) for part in scans(LAYOUT)]
+    assert "wrong baud rate (115200 configured) most likely" in Line([part for part, _ in received]).fault
+    counted = np.cumsum([bad for _, bad in received]).tolist()
+    line = Line([part for part, _ in received], counted)
+    assert "wrong baud rate (115200 configured): the UART counts framing errors" in line.fault
+
+
+def test_the_model_of_the_uart_hears_what_was_sent_at_the_right_rate() -> None:
+    data = b"".join(scans(LAYOUT, 5))
+    assert heard(data, BAUD, BAUD) == (data, 0)
+    assert heard(data, BAUD * 1.02, BAUD) == (data, 0)  # two crystals differ by less
+
+
+def test_frames_of_another_shipped_layout_are_named() -> None:
+    line = Line(scans(LEGACY))
+    assert f"wrong protocol ({LAYOUT.name} configured): these are frames of {LEGACY.name}" in line.fault
+
+
+def test_clean_bytes_that_are_no_frames_are_another_protocol_where_the_uart_counts() -> None:
+    rng = np.random.default_rng(2)
+    parts = [rng.integers(0, 256, 90).astype(np.uint8).tobytes() for _ in range(400)]
+    assert f"wrong protocol ({LAYOUT.name} configured); 115200 baud is right" in Line(parts, [0] * 400).fault
+    assert "most likely" in Line(parts).fault
+
+
+def test_intact_frames_of_another_version_are_told_from_noise() -> None:
+    stranger = bytes.fromhex("037f050350c700")  # type 0x7f, checksum right
+    assert "intact frames of another one or version" in Line([stranger * 10] * 100).fault
+
+
+def test_a_console_is_quoted() -> None:
+    fault = Line([b"[boot] waiting for image\r\n"] * 100).fault
+    assert "this is text" in fault
+    assert "waiting for image" in fault
+
+
+def test_heavy_noise_is_told_from_a_wrong_rate() -> None:
+    parts = []
+    for part in scans(LAYOUT):
+        octets = bytearray(part)
+        octets[40] ^= 0x10  # inside the counts: no code byte of the stuffing
+        parts.append(bytes(octets))
+    assert "every frame is damaged: heavy noise" in Line(parts).fault
+
+
+def test_noise_that_lets_most_frames_pass_is_a_warning() -> None:
+    line = Line([flipped(b"".join(scans(LAYOUT)), 1e-3)[k : k + 85] for k in range(0, 34000, 85)])
+    assert line.fault == ""
+    assert "% of the bytes are damaged: noise on the line" in line.watch.warning()
+
+
+def test_a_flip_in_a_minute_is_no_warning() -> None:
+    parts = scans(LAYOUT, 400)
+    parts[17] = flipped(parts[17], 0.02)
+    assert Line(parts).watch.warning() == ""
+
+
+def test_silence_is_named_after_a_second_and_forgiven_with_the_first_frame() -> None:
+    watch = LineWatch("x", BAUD)
+    watch.reset(10.0)
+    watch.count(Tally(), 10.0)
+    assert watch.fault(10.0 + HICCUP_S / 2) == ""
+    assert "no bytes arrive" in watch.fault(10.0 + HICCUP_S)
+    frame = Encoder(LAYOUT).encode(SimBoard().hello())
+    watch.received(frame, 12.0)
+    watch.count(Tally(len(frame), len(frame)), 12.0)
+    assert watch.fault(12.1) == ""
+
+
+def test_the_words_stay_while_the_cause_does() -> None:
+    lines = [f"line {k} of a console that prints\r\n".encode() for k in range(100)]
+    watch = LineWatch("x", BAUD)
+    watch.reset(0.0)
+    watch.count(Tally(), 0.0)
+    said = set()
+    for k, text in enumerate(lines):
+        watch.received(text, k / 10)
+        watch.count(Tally((k + 1) * len(text), 0, k * len(text)), k / 10)
+        said.add(watch.fault(k / 10))
+    assert len(said - {""}) == 1
+
+
+def test_frames_of_no_layout_have_no_name() -> None:
+    assert frames_of(b"\x00\x01\x02" * 300, [LAYOUT, LEGACY]) is None
+    assert frames_of(b"".join(scans(LEGACY, 3)), [LAYOUT, LEGACY]) == LEGACY.name
