@@ -9,7 +9,7 @@ import zmq
 
 from tactiled.errors import ConfigError
 from tactiled.events.codec import topic_of
-from tactiled.events.endpoints import DEFAULT_ENDPOINT, notice_dead_peers
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT
 
 _RECEIVE_HIGH_WATER = 2000  # as the publisher's: a sleep of some 18 s loses nothing
 _LARGEST_BYTES = 1 << 20  # our largest message is some 40 kB (4096 channels); libzmq drops who sends more
@@ -44,7 +44,8 @@ def ask(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
 def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
     sock.setsockopt(zmq.MAXMSGSIZE, _LARGEST_BYTES)
     sock.setsockopt(zmq.IPV6, 1)
-    notice_dead_peers(sock)
+    for name, value in DEAD_PEER_OPTIONS.items():
+        sock.setsockopt(getattr(zmq, name), value)
     sock.setsockopt(zmq.LINGER, 0)
     if keys is not None:
         public, secret, daemon = _read_keys(keys)

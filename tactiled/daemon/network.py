@@ -23,7 +23,7 @@ from tactiled.daemon.endpoints import bind
 from tactiled.daemon.publisher import Publisher, PublishParams, is_guarded
 from tactiled.daemon.requests import LONGEST_BYTES
 from tactiled.daemon.security import Gate, KeyFolder
-from tactiled.events.endpoints import notice_dead_peers
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
 REQUESTS_PER_S = 500.0
 _BURST = 50  # requests at once before the pace holds: a client that catches up on every topic
@@ -200,7 +200,8 @@ def _make(context: zmq.Context[Any], gate: Gate | None) -> zmq.asyncio.Socket:
     sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
     sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot leave is counted
     sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
-    notice_dead_peers(sock)
+    for name, value in DEAD_PEER_OPTIONS.items():
+        sock.setsockopt(getattr(zmq, name), value)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.IPV6, 1)
     if gate is not None:

@@ -18,7 +18,7 @@ from tactiled.daemon.endpoints import RUNTIME, bind, fault_of, is_wide
 from tactiled.daemon.security import Gate
 from tactiled.daemon.store import Store
 from tactiled.events import codec
-from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint, notice_dead_peers
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, control_endpoint
 from tactiled.events.types import Event, Sent
 from tactiled.tomlfile import Params
 
@@ -164,7 +164,8 @@ class Publisher:
         sock.setsockopt(zmq.LINGER, _LINGER_MS)
         sock.setsockopt(zmq.IPV6, 1)
         sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
-        notice_dead_peers(sock)
+        for name, value in DEAD_PEER_OPTIONS.items():
+            sock.setsockopt(getattr(zmq, name), value)
         if gate is not None:
             gate.guard(sock)
         return sock

@@ -1,11 +1,22 @@
-"""Where a daemon is found, and what both ends of a connection must do alike. Needs pyzmq only."""
-
-from typing import Any
-
-import zmq
+"""Where a daemon is found, and what both ends of a connection must set alike."""
 
 DEFAULT_ENDPOINT = "tcp://127.0.0.1:9872"
 """PlotJuggler's ZeroMQ plugin looks there by itself."""
+
+DEAD_PEER_OPTIONS = {
+    "TCP_KEEPALIVE": 1,
+    "TCP_KEEPALIVE_IDLE": 1,  # seconds
+    "TCP_KEEPALIVE_INTVL": 1,
+    "TCP_KEEPALIVE_CNT": 3,
+    "TCP_MAXRT": 4000,  # ms for which what was sent may stay unacknowledged
+}
+"""ZeroMQ socket options by which the kernel finds out, within some 4 s, that the other host is gone; within
+one host it knows at once.
+
+Never ZeroMQ's own heartbeats: where a queue is full and the peer dies, libzmq 4.3.5 still wants to ping it,
+finds ``_io_error`` and aborts the whole process. Measured on a subscriber that sleeps while its publisher is
+killed, and on a server that a client floods and leaves.
+"""
 
 
 def control_endpoint(endpoint: str) -> str:
@@ -26,17 +37,3 @@ def control_endpoint(endpoint: str) -> str:
         name = name.replace("events", "control") if "events" in name else f"{name}.control"
         return f"ipc://{folder}{slash}{name}"
     return ""
-
-
-def notice_dead_peers(sock: zmq.Socket[Any]) -> None:
-    """Let the kernel find out, within some 4 s, that the other host is gone; on one host it knows at once.
-
-    Never by ZeroMQ's own heartbeats: where a queue is full and the peer dies, libzmq 4.3.5 still wants to
-    ping it, finds ``_io_error`` and aborts the whole process (measured: a subscriber that sleeps while its
-    publisher is killed; a server that a client floods and leaves).
-    """
-    sock.setsockopt(zmq.TCP_KEEPALIVE, 1)
-    sock.setsockopt(zmq.TCP_KEEPALIVE_IDLE, 1)  # seconds
-    sock.setsockopt(zmq.TCP_KEEPALIVE_INTVL, 1)
-    sock.setsockopt(zmq.TCP_KEEPALIVE_CNT, 3)
-    sock.setsockopt(zmq.TCP_MAXRT, 4000)  # ms: what was sent is not acknowledged

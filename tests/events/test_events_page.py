@@ -13,9 +13,10 @@ from tactiled.events import codec
 from tactiled.events.types import SlipEvent, StatusEvent
 
 STATUS = StatusEvent(
-    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.01, clock_sd_s=0.0, clock_rate_ppm=0.0,
-    rate_hz=100.0, scans=1, frames_corrupt=0, scans_missing=0, scans_duplicate=0, restarts=0, bytes_in=0,
-    bytes_framed=0, bytes_discarded=0, bytes_pending=0, connects=1, contact="sliding", slipping=True, uptime_s=1.0,
+    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.01, clock_sd_s=0.0,
+    clock_rate_ppm=0.0, rate_hz=100.0, scans=1, frames_corrupt=0, scans_missing=0, scans_duplicate=0,
+    restarts=0, bytes_in=0, bytes_framed=0, bytes_discarded=0, bytes_pending=0, connects=1,
+    contact="sliding", slipping=True, uptime_s=1.0,
 )  # fmt: skip
 SLIP = SlipEvent(
     time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01, direction_deg=30.0,
