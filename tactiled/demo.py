@@ -291,10 +291,14 @@ def _await(lines: Queue[tuple[str, dict[str, Any] | None]], name: str, what: str
 
 
 def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A port that is free, and the next one too: the daemon takes requests there."""
+    while True:
+        with socket.socket() as probe, socket.socket() as beside:
+            probe.bind(("127.0.0.1", 0))
+            port: int = probe.getsockname()[1]
+            with contextlib.suppress(OSError, OverflowError):  # in use, or beyond the last port
+                beside.bind(("127.0.0.1", port + 1))
+                return port
 
 
 def _phase_words(phase: dict[str, Any]) -> str:

@@ -18,7 +18,9 @@ hears nothing, ever: the log is the only place where anyone learns of it.
 
 import asyncio
 import logging
+import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +64,8 @@ class KeyFolder:
         self._seen: tuple[tuple[str, int], ...] = ()
         self._names: dict[bytes, str] = {}
 
-    def pair(self) -> tuple[bytes, bytes]:
-        """Public and secret key of the daemon.
+    def pair(self, environ: Mapping[str, str] = os.environ) -> tuple[bytes, bytes]:
+        """Public and secret key of the daemon; from systemd's credentials where the unit loads them.
 
         Raises
         ------
@@ -71,6 +73,10 @@ class KeyFolder:
             There is none, it is none, or others can read it.
         """
         path = self.path / "daemon.toml"
+        # A daemon that runs as nobody cannot read what root keeps: LoadCredential= hands it over.
+        loaded = Path(environ.get("CREDENTIALS_DIRECTORY", "/nonexistent")) / "daemon.toml"
+        if loaded.exists():
+            path = loaded
         try:
             mode = path.stat().st_mode
         except OSError:

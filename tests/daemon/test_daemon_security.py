@@ -51,6 +51,16 @@ def test_making_a_client_makes_the_daemon_too_and_secrets_stay_secret(
     assert sorted(folder.clients().values()) == ["left", "right"]
 
 
+def test_the_pair_may_come_from_the_service_manager(folder: KeyFolder, tmp_path: Path) -> None:
+    pair = folder.pair()
+    credentials = tmp_path / "credentials"
+    credentials.mkdir()
+    (folder.path / "daemon.toml").rename(credentials / "daemon.toml")
+    assert folder.pair({"CREDENTIALS_DIRECTORY": str(credentials)}) == pair
+    with pytest.raises(ConfigError, match="cannot be read"):
+        folder.pair({"CREDENTIALS_DIRECTORY": str(tmp_path)})
+
+
 @pytest.mark.parametrize("name", ["", "a/b", "../x", ".hidden", "daemon", "a b", "x" * 64, "é"])
 def test_what_is_no_name_is_refused(folder: KeyFolder, tmp_path: Path, name: str) -> None:
     with pytest.raises(OperatorError, match="letters, digits"):
@@ -193,7 +203,7 @@ def server(tmp_path: Path, folder: KeyFolder, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(publisher_module, "is_guarded", is_guarded)
     monkeypatch.setattr(network_module, "is_guarded", is_guarded)
     with zmq.Context() as context, context.socket(zmq.PUB) as probe:
-        port = probe.bind_to_random_port("tcp://127.0.0.1", min_port=20_000, max_port=40_000)
+        port = probe.bind_to_random_port("tcp://127.0.0.1", min_port=20_000, max_port=32_000)
     return Server(tmp_path, port, folder)
 
 
