@@ -7,6 +7,7 @@ and the container ends with this process whatever becomes of it.
 import contextlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -92,13 +93,14 @@ class Container:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
+        # Power off, not shut down: nothing in it is kept, and a shutdown may wait for anything.
+        for pid in self._children():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
         try:
             self._process.wait(OFF_S)
         except subprocess.TimeoutExpired:
-            for pid in (*self._children(), self._process.pid):
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, 9)
+            self._process.kill()
             self._process.wait(OFF_S)
 
     def _children(self) -> list[int]:
