@@ -9,13 +9,13 @@ along the column sees each ridge earlier by ``t = l sin a / (v cos(theta - a))``
 For motion along +x these are the paper's ``a = atan(v t / l)`` and ``D = v cos(a) / f``. Delays are known
 modulo the ripple's period only, and every period that may be added to one is another answer. The paper's
 ``t1 - t2`` over ``l1 - l2`` has the shortest lever l, so its answers lie furthest apart; where the gaps are
-equal, ``t1`` over ``l1`` must do. An answer counts if its angle is within `max_angle_deg` and its period at
-least `min_period_mm`; if more than one does, or none, that is "ambiguous". The limits are the operator's:
-grooves outside them may be taken for others inside.
+equal, ``t1`` over ``l1`` must do. An answer must be no more inclined than `max_angle_deg` and no finer than
+`min_period_mm`, and every other must miss that by three of its sigmas or more; else it is "ambiguous". The
+limits are the operator's: grooves outside them may be taken for others inside.
 
 For motion along x, answers lie ``D / (l cos a)`` apart in ``tan a``, so that there is one within +-A at any
-angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm: with A = 70 degrees that is 0.88 mm,
-just below the finest of the paper's plates; 75 would ask for 1.16 mm.
+angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm. With A = 65 degrees that is 0.71 mm, and
+leaves the finest of the paper's plates, 0.9 mm, the sigmas; 75 would ask for 1.16 mm and more.
 
 What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
 of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage that a frequency between
@@ -36,6 +36,7 @@ from tactiled.tomlfile import Params
 
 _MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say little about the angle
 _MAX_CANDIDATES = 8
+_COUNTED_SIGMAS = 3.0  # an answer that may be is one more, even where it is not likely
 # A sine between two bins, d of a bin from the nearest, k, leaks its mirror image at -f into that bin: d / 2k
 # of it, at a phase that differs from taxel to taxel. Over d in +-1/2 and all phases: 0.102 / k radians rms.
 # The largest there is, all three taxels against each other, is four times the sigma that comes of it.
@@ -53,7 +54,7 @@ class GrooveParams(Params):
         description="two periods, from maximum and minimum of the correlation, may differ by",
     )
     max_angle_deg: float = Field(
-        default=70.0, gt=0, lt=90, description="grooves are not inclined by more than this"
+        default=65.0, gt=0, lt=90, description="grooves are not inclined by more than this"
     )
     # A third of the paper's finest plate; a skin 0.8 mm thick hardly feels anything finer.
     min_period_mm: float = Field(default=0.3, ge=0.01, description="grooves are not finer than this")
@@ -114,6 +115,7 @@ def estimate(
     if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
         return replace(found, status="ambiguous")  # the sense of the motion gives the angle its sign
     period_s = 1.0 / seen.peak_hz
+    bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
     # Sampled later by the skew, a taxel seems to lead by it.
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
@@ -128,24 +130,24 @@ def estimate(
         gap_mm = float(gaps_mm[0])
         delays_s = _into_half(leads_s[:, 0], period_s)
         delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
-    readings = _readings(float(delays_s.mean()), period_s, gap_mm, motion, params)
-    if len(readings) != 1:
+    readings = _readings(float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params)
+    if len(readings) != 1 or not readings[0].fits(params, 0.0):
         return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
-    delays_s = delays_s + readings[0].turns * period_s
+    (reading,) = readings
+    delays_s = delays_s + reading.turns * period_s
     answers = [_solve(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
     (angle_max, period_max), (angle_min, period_min) = answers
     if abs(period_max - period_min) > params.agreement_mm:
-        both = [_Reading(angle_deg, period_mm, readings[0].turns) for angle_deg, period_mm in answers]
+        both = [
+            reading._replace(angle_deg=angle_deg, period_mm=period_mm) for angle_deg, period_mm in answers
+        ]
         return replace(found, status="ambiguous", candidates=_candidates(both))
-    angle_sd_deg, period_sd_mm = _sigmas(
-        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, rate_hz / len(volts) / np.sqrt(12), motion
-    )
     return replace(
         found,
         period_mm=(period_max + period_min) / 2,
-        period_sd_mm=period_sd_mm,
+        period_sd_mm=reading.period_sd_mm,
         angle_deg=(angle_max + angle_min) / 2,
-        angle_sd_deg=angle_sd_deg,
+        angle_sd_deg=reading.angle_sd_deg,
     )
 
 
@@ -195,23 +197,37 @@ class _Reading(NamedTuple):
 
     angle_deg: float
     period_mm: float
+    angle_sd_deg: float
+    period_sd_mm: float
     turns: int
+
+    def fits(self, params: GrooveParams, sigmas: float) -> bool:
+        """Whether it lies within the limits, or no further outside than so many of its sigmas."""
+        return (
+            abs(self.angle_deg) <= params.max_angle_deg + sigmas * self.angle_sd_deg
+            and self.period_mm >= params.min_period_mm - sigmas * self.period_sd_mm
+        )
 
 
 def _readings(
-    delay_s: float, period_s: float, gap_mm: float, motion: Motion, params: GrooveParams
+    delay_s: float,
+    delay_sd_s: float,
+    gap_mm: float,
+    frequency_hz: float,
+    frequency_sd_hz: float,
+    motion: Motion,
+    params: GrooveParams,
 ) -> list[_Reading]:
-    """Every answer within the limits for a delay known modulo the period, smallest angle first."""
-    # |sin a| / D = |t| / (l T) is at most 1 / D.
-    most = int(abs(gap_mm) / params.min_period_mm) + 1
-    answers = [
-        _Reading(*_solve(delay_s + turns * period_s, gap_mm, 1 / period_s, motion), turns)
-        for turns in range(-most, most + 1)
-    ]
-    fitting = [
-        a for a in answers if abs(a.angle_deg) <= params.max_angle_deg and a.period_mm >= params.min_period_mm
-    ]
-    return sorted(fitting, key=lambda a: abs(a.angle_deg))
+    """Every answer that may fit, for a delay known modulo the period; smallest angle first."""
+    # |sin a| / D = |t| f / l is at most 1 / D. One more for the sigmas, one for rounding.
+    most = int(abs(gap_mm) / params.min_period_mm) + 2
+    readings = []
+    for turns in range(-most, most + 1):
+        turned_s = delay_s + turns / frequency_hz
+        answer = _solve(turned_s, gap_mm, frequency_hz, motion)
+        sigmas = _sigmas(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
+        readings.append(_Reading(*answer, *sigmas, turns))
+    return sorted((r for r in readings if r.fits(params, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg))
 
 
 def _candidates(readings: Sequence[_Reading]) -> tuple[Candidate, ...]:

@@ -10,7 +10,7 @@ A turn is more than `turn_deg` for `_HELD_S`, in which the response has settled 
 then went from what it was to what it is along a straight chord, as ``1 - exp(-(t - t0) / tau)``: it passed
 0.2 and 0.5 of the chord 0.223 and 0.693 tau after t0, which gives t0 back.
 
-Turns that are smaller, or too slow to settle (below some 0.1 mm/s), are not seen.
+Smaller turns are not seen. At 0.1 mm/s some are taken for a stop, below it most.
 """
 
 from typing import NamedTuple

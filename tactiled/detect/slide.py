@@ -62,14 +62,20 @@ class MotionResponse:
         self._along = along
         self.skew_s = float(np.average(look.channel_offset_s, weights=np.abs(along @ self._weights)))
 
+    def now(self, look: Look) -> float:
+        """Response, in steps."""
+        return self._above(self._weights @ look.steps[-1])
+
     def before_kink(self, look: Look) -> float:
         """Response before any kink that the filter answers to now."""
-        response = mean_response(self._weights, look.steps[: self._n_before])
-        return float((response - self._before) @ self._along)
+        return self._above(mean_response(self._weights, look.steps[: self._n_before]))
 
     def kinks_back(self, look: Look) -> bool:
         """Whether it kinks against the motion."""
         return bool(self._along @ (self._weights @ look.coefficients) < 0)
+
+    def _above(self, response: FloatArray) -> float:
+        return float((response - self._before) @ self._along)
 
 
 class Slide:
@@ -150,14 +156,16 @@ class Slide:
     def gave_back(self, look: Look, relaxed_part: float) -> bool:
         """Whether the response has lost that part of what it was before it kinked back, or all of it.
 
-        Not while it points elsewhere: a slow turn looks like that for a while. Asked of the response before
-        any kink that the filter may still answer to: a fall just now belongs to a kink that is yet to come.
+        Not while it points elsewhere: a slow turn looks like that for a while. Nor when it falls just now:
+        that fall belongs to a kink which the filter has yet to answer to.
         """
         if self._response is None or self._heading is None:
             return True
         if self._heading.is_off:
             return False
-        return self._response.before_kink(look) < (1 - relaxed_part) * self._before_kinks
+        left = (1 - relaxed_part) * self._before_kinks
+        now, before = self._response.now(look), self._response.before_kink(look)
+        return now < left and (before < left or before - now < relaxed_part / 2 * self._before_kinks)
 
     def ended(self, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
         """Event for the end; it repeats what the onset's event said."""

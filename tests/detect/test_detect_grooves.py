@@ -225,7 +225,7 @@ def test_the_limits_decide_what_is_ambiguous() -> None:
 
 
 def test_every_plate_above_the_stated_period_has_one_reading() -> None:
-    """At 70 degrees l / cos A is 0.88 mm; maximum and minimum may disagree, which is not asked here."""
+    """At 65 degrees l / cos A is 0.71 mm; maximum and minimum may disagree, which is not asked here."""
     rng = np.random.default_rng(8)
     for seed in range(100):
         sines = Sines(rng.uniform(0.95, 2.5), rng.uniform(-60, 60), seed=seed, snr_db=30.0)
