@@ -6,119 +6,22 @@ import logging
 import os
 import signal
 import socket
-import threading
 import time
-from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import pytest
-import zmq
-import zmq.asyncio
-from boards import LAYOUT, PtyBoard, SimBoard, descriptors
+from boards import LAYOUT, PtyBoard, SimBoard
+from daemons import ARRAY, Daemon, play
 
-from tactiled.array import load_array
 from tactiled.daemon import service as service_module
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import Service, ServiceParams, serve
 from tactiled.daemon.session import SessionParams
 from tactiled.daemon.source import PortParams
 from tactiled.errors import ConfigError
-from tactiled.pipeline import Pipeline
 from tactiled.wire.frames import Command
-
-ARRAY = load_array("wang2019-3x3")
-Row = dict[str, Any]
-
-
-class Daemon:
-    """A service with what it published, newest last, by topic."""
-
-    def __init__(self, tmp_path: Path, **session: Any) -> None:
-        self.link = tmp_path / "board"
-        self.endpoint = f"ipc://{tmp_path}/events.ipc"
-        self.params = ServiceParams(
-            port=PortParams(url=str(self.link)),
-            session=SessionParams(**session),
-            publish=PublishParams(endpoints=(self.endpoint,)),
-        )
-        self.pipeline = Pipeline(LAYOUT, ARRAY)
-        self.heard: dict[str, list[Row]] = {}
-        self._changed = asyncio.Event()
-
-    def rows(self, topic: str) -> list[Row]:
-        return self.heard.get(topic, [])
-
-    @property
-    def status(self) -> Row:
-        return self.rows("status")[-1]
-
-    async def listen(self) -> None:
-        context = zmq.asyncio.Context()
-        sub = context.socket(zmq.SUB)
-        sub.subscribe("")
-        sub.connect(self.endpoint)
-        try:
-            while True:
-                topic, payload = await sub.recv_multipart()
-                self.heard.setdefault(topic.decode().rsplit("/", 1)[-1], []).append(msgpack.unpackb(payload))
-                self._changed.set()
-        finally:
-            sub.close(0)
-            context.term()
-
-    async def until(self, condition: Callable[[], bool], what: str) -> None:
-        try:
-            async with asyncio.timeout(8):
-                while not condition():
-                    self._changed.clear()
-                    await self._changed.wait()
-        except TimeoutError:
-            raise AssertionError(f"never: {what}; last status {self.rows('status')[-1:]}") from None
-
-    async def until_state(self, state: str, words: str = "") -> None:
-        await self.until(
-            lambda: (
-                bool(self.rows("status")) and self.status["state"] == state and words in self.status["reason"]
-            ),
-            f"{state} {words}",
-        )
-
-    async def until_scans(self, n: int = 3) -> None:
-        goal = len(self.rows("scan")) + n
-        await self.until(lambda: len(self.rows("scan")) >= goal, f"{n} scans")
-
-
-def play(daemon: Daemon, story: Callable[[Service], Awaitable[None]]) -> None:
-    """Run the service beside a story; nothing may be left over."""
-
-    async def main() -> None:
-        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY)
-        listening = asyncio.create_task(daemon.listen())
-        serving = asyncio.create_task(service.run())
-        try:
-            await asyncio.sleep(0)
-            telling = asyncio.ensure_future(story(service))
-            await asyncio.wait([telling, serving], return_when=asyncio.FIRST_COMPLETED)
-            if serving.done() and not telling.done():
-                telling.cancel()
-                await serving
-            await telling
-        finally:
-            service.stop()
-            await serving
-            await asyncio.sleep(0.05)
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
-        assert asyncio.all_tasks() == {asyncio.current_task()}
-
-    before = descriptors()
-    threads = set(threading.enumerate())
-    asyncio.run(main())
-    assert descriptors() == before
-    assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]
 
 
 def test_scans_status_and_info_of_a_board(tmp_path: Path) -> None:

@@ -1,0 +1,264 @@
+"""The link through the whole daemon: dead descriptors, restarts told from loss, backlog never fresh."""
+
+import asyncio
+import itertools
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from boards import LAYOUT, PtyBoard, SimBoard
+from daemons import ARRAY, Daemon, play
+
+from tactiled.daemon import device
+from tactiled.daemon.diagnosis import LineWatch
+from tactiled.daemon.link import SILENT_S, Link
+from tactiled.daemon.service import Service
+from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.source import PortParams
+from tactiled.emulator.faults import FaultAt, FaultParams
+from tactiled.emulator.links import PtyLink
+from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.shell import Emulator
+from tactiled.events.types import Event
+from tactiled.pipeline import Pipeline
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Command, Frame
+from tactiled.wire.layout import Layout
+
+
+class Stuck(PtyBoard):
+    """A board whose old descriptor stays open and dead when it comes back under its name."""
+
+    def replace(self) -> None:
+        """The node is made anew; whoever reads the old one hears nothing, not even that it is gone."""
+        self._masters = [*getattr(self, "_masters", []), os.dup(self._master)]
+        self.unplug()
+        self.plug()
+
+    def _live(self, master: int, gone: threading.Event) -> None:
+        self._master = master
+        super()._live(master, gone)
+
+    def __exit__(self, *exits: object) -> None:
+        super().__exit__(*exits)
+        for master in getattr(self, "_masters", []):
+            os.close(master)
+
+
+async def until_connects(daemon: Daemon, n: int) -> None:
+    await daemon.until(lambda: bool(daemon.rows("status")) and daemon.status["connects"] == n, f"port {n}")
+
+
+def test_a_descriptor_that_is_stuck_is_left_for_the_device_that_bears_the_name(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+    took_s = []
+
+    async def story(_: Service) -> None:
+        board = Stuck(daemon.link)
+        with board:
+            await daemon.until_state("running")
+            await daemon.until_scans()
+            for turn in range(2):
+                await asyncio.to_thread(board.replace)
+                back_s = time.monotonic()
+                await until_connects(daemon, turn + 2)
+                await daemon.until_state("running")
+                await daemon.until_scans()
+                took_s.append(time.monotonic() - back_s)
+
+    play(daemon, story)
+    reasons = {row["reason"] for row in daemon.rows("status") if row["state"] == "no-device"}
+    assert any("its name leads to another device" in reason for reason in reasons)
+    assert len(took_s) == 2
+
+
+@contextmanager
+def tcp_board(port: int, deaf: int) -> Iterator[None]:
+    """A board behind TCP whose first `deaf` connections are half dead: accepted, and never answered."""
+    sim, decoder, encode = SimBoard(), Decoder(LAYOUT, "host-to-board"), Encoder(LAYOUT).encode
+    listener = socket.create_server(("127.0.0.1", port))
+    listener.settimeout(0.05)
+    ending = threading.Event()
+    kept: list[socket.socket] = []
+
+    def live() -> None:
+        while len(kept) <= deaf and not ending.is_set():
+            with suppress(TimeoutError):
+                kept.append(listener.accept()[0])
+        board, n = kept[-1], 0
+        board.settimeout(0.01)  # which also paces the scans
+        while not ending.is_set():
+            n += 1
+            replies: list[Frame] = [sim.scan(10_000 * n)]
+            with suppress(TimeoutError):
+                for frame in decoder.feed(board.recv(4096)):
+                    replies += sim.answer(frame) if isinstance(frame, Command) else []
+            with suppress(OSError):
+                board.sendall(b"".join(encode(frame) for frame in replies[not sim.streaming :]))
+
+    thread = threading.Thread(target=live)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+        for item in (*kept, listener):
+            item.close()
+
+
+def test_a_half_dead_connection_is_opened_anew(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        with tcp_board(port, deaf=1):
+            await daemon.until(lambda: bool(daemon.rows("info")), "a board that answers")
+            await until_connects(daemon, 2)
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    daemon.params = daemon.params.model_copy(update={"port": PortParams(url=f"socket://127.0.0.1:{port}")})
+    play(daemon, story)
+    assert any("no byte for 3 s: opened anew" in row["reason"] for row in daemon.rows("status"))
+
+
+def bare_link() -> Link:
+    line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
+    session = Session(SessionParams(), LAYOUT, lambda _: None, line)
+    return Link(Pipeline(LAYOUT, ARRAY), session, line)
+
+
+def test_a_silent_port_is_opened_anew_ever_more_rarely() -> None:
+    link, now_s, openings = bare_link(), 100.0, []
+    link.opened(now_s)
+    while now_s < 800.0:
+        now_s += 0.1
+        if reason := link.dead_because(now_s):
+            openings.append(now_s)
+            link.lost(reason)
+            link.opened(now_s)
+    waits = [b - a for a, b in itertools.pairwise([100.0, *openings])]
+    assert waits[0] == pytest.approx(SILENT_S, abs=0.2)
+    assert all(b >= a - 0.2 for a, b in itertools.pairwise(waits))
+    assert waits[-1] == pytest.approx(60.0, abs=0.2)
+
+
+def test_bytes_make_it_patient_again() -> None:
+    link = bare_link()
+    link.opened(100.0)
+    assert link.dead_because(100.0 + SILENT_S)
+    link.opened(104.0)
+    assert not link.dead_because(104.0 + SILENT_S)
+    link.received(b"\0", 105.0, lambda _: None)
+    assert not link.dead_because(105.0 + 0.9 * SILENT_S)
+    assert link.dead_because(105.0 + SILENT_S)
+
+
+def stream(sim: SimBoard, n: int, tick: int) -> bytes:
+    encode = Encoder(LAYOUT).encode
+    return b"".join(encode(sim.scan(tick + 10_000 * k)) for k in range(n))
+
+
+@pytest.mark.parametrize("hello_is_lost", [False, True])
+def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
+    sim, link, events = SimBoard(), bare_link(), list[Event]()
+    encode = Encoder(LAYOUT).encode
+    link.opened(100.0)
+    link.received(encode(sim.hello()) + stream(sim, 50, 0), 100.5, events.append)
+    sim.reboot()
+    if not hello_is_lost:
+        link.received(encode(sim.hello()), 101.0, events.append)
+    link.received(stream(sim, 50, 0), 101.5, events.append)
+    link.received(encode(sim.hello()), 101.6, events.append)
+    status = link.status(101.6, started_s=100.0, connects=1)
+    assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
+
+
+def test_another_board_on_the_port_is_not_a_restart_of_the_first() -> None:
+    """The second has the boot count and the rate of the first, and another ADC: its volts are its own."""
+    link, events = bare_link(), list[Event]()
+    encode = Encoder(LAYOUT).encode
+    for serial in ("TS0001", "TS0002"):
+        sim = SimBoard(serial=serial)
+        link.opened(100.0)
+        link.received(encode(sim.hello()) + stream(sim, 5, 0), 100.5, events.append)
+        link.lost("unplugged")
+    status = link.status(101.0, started_s=100.0, connects=2)
+    assert (status.restarts, status.scans_missing, status.scans) == (0, 0, 10)
+
+
+def test_lost_frames_are_missing_and_no_restart() -> None:
+    sim, link, events = SimBoard(), bare_link(), list[Event]()
+    link.opened(100.0)
+    link.received(Encoder(LAYOUT).encode(sim.hello()) + stream(sim, 10, 0), 100.1, events.append)
+    stream(sim, 7, 100_000)
+    link.received(stream(sim, 10, 170_000), 100.27, events.append)
+    status = link.status(100.3, started_s=100.0, connects=1)
+    assert (status.restarts, status.scans_missing, status.scans) == (0, 7, 20)
+
+
+def test_an_adapter_that_hands_over_late_is_said_in_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(device, "hasten", lambda _: 16)
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+        await daemon.until(lambda: "every 16 ms only" in daemon.status["warning"], "the warning")
+
+    with PtyBoard(daemon.link):
+        play(daemon, story)
+    assert caplog.text.count("every 16 ms only") == 1
+
+
+@contextmanager
+def emulated(link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAYOUT) -> Iterator[None]:
+    """The emulator beside the daemon, in a thread of its own."""
+    emulator = Emulator(scene, layout, PtyLink(link), faults=faults, report=lambda _: None)
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        yield
+    finally:
+        emulator.stop()
+        thread.join()
+
+
+def test_a_backlog_is_delivered_marked_late_and_raises_no_valid_slip(tmp_path: Path) -> None:
+    """The skin begins to slide while nothing arrives; half a second later all of it does."""
+    demo = load_scene("demo")
+    rest, press, hold, slide = demo.phases[:4]
+    phases = [
+        rest.model_copy(update={"duration_s": 0.3}),
+        press.model_copy(update={"duration_s": 0.6}),
+        hold.model_copy(update={"duration_s": 1.1}),
+        slide,
+    ]
+    scene = demo.model_copy(update={"phases": phases})
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until(lambda: any(row["late"] for row in daemon.rows("scan")), "late scans")
+        await daemon.until(lambda: bool(daemon.rows("slip")), "the slip")
+        await daemon.until_state("running")
+        await daemon.until(lambda: daemon.status["valid"], "fresh again")
+
+    stall = FaultParams(at=[FaultAt(kind="stall", at_s=2.05)], stall_s=1.0)
+    with emulated(daemon.link, scene, stall):
+        play(daemon, story)
+    onset = next(row for row in daemon.rows("slip") if row["state"] == "onset")
+    assert not onset["valid"]
+    scans = daemon.rows("scan")
+    late = [row for row in scans if row["late"]]
+    assert len(late) >= 50
+    assert all(row["age_s"] > 0.1 for row in late)
+    assert [row["index"] for row in scans] == list(range(scans[0]["index"], scans[-1]["index"] + 1))
+    stalled = [row for row in daemon.rows("status") if row["state"] == "stalled"]
+    assert stalled
+    assert not any(row["valid"] for row in stalled)
