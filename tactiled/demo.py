@@ -197,7 +197,8 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: Seen) -> None:
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
     """The event that a message was made of, its instants back on the monotonic clock."""
-    fields = {k: v for k, v in message.items() if k not in ("topic", "v", "seq", "board", "timestamp")}
+    head = ("topic", "recovered", "v", "timestamp", "seq", "board", "run")
+    fields = {name: value for name, value in message.items() if name not in head}
     fields["time_s"] = message["timestamp"] - unix_offset_s
     if topic == "slip":
         for name in ("onset", "detected"):
