@@ -5,28 +5,22 @@ the published detectors. The scenes prescribe signals: what is compared is the e
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
+from tactiled.bench.off_protocol import off_protocol
+from tactiled.bench.play import NONE, Run, play, spread
 from tactiled.bench.report import table
 from tactiled.detect.slip_wavelet import level_at
 from tactiled.detect.suite import DetectParams
-from tactiled.detect.texture_paper import TextureParams
-from tactiled.detect.wang2019 import Wang2019Params
 from tactiled.detect.wavelet import BankParams, SwtBank, border_scans
-from tactiled.emulator.scene import Grooves, Scene, Slide, paper_scenes
-from tactiled.emulator.simulate import Simulation
-from tactiled.emulator.truth import Truth
-from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent
-from tactiled.pipeline import Pipeline, PipelineParams
+from tactiled.emulator.scene import Scene, paper_scenes
+from tactiled.events.types import TextureEvent
 from tactiled.samples.block import regular_block
-from tactiled.wire.layout import load_layout
 
 FloatArray = NDArray[np.float64]
-NONE = "-"
 # Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); what is not given or not legible is "-".
 PUBLISHED: dict[tuple[float, int], dict[str, tuple[str, str, str]]] = {
     (0.9, 0): {"simulation": ("1.11", "0.90", NONE), "experiment": ("1.06", "0.95", NONE)},
@@ -39,41 +33,10 @@ PUBLISHED: dict[tuple[float, int], dict[str, tuple[str, str, str]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Run:
-    """One protocol played once."""
-
-    volts: FloatArray
-    time_s: FloatArray
-    events: list[Event]
-    truth: Truth
-
-
-def play(scene: Scene, seed: int) -> Run:
-    """Run a scene from volts to events, with its own noise and taxels, and the plate put down anywhere."""
-    if isinstance(scene.surface, Grooves):
-        offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
-        scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})
-    slides = [phase for phase in scene.phases if isinstance(phase, Slide)]
-    texture = TextureParams(speed_mm_s=slides[0].speed_mm_s)
-    params = PipelineParams(detect=DetectParams(wang2019=Wang2019Params(texture=texture)))
-    layout = load_layout("board-v1")
-    pipeline = Pipeline(layout, load_array(scene.array), params)
-    simulation = Simulation(scene.with_changes(seed=seed + 1), layout)
-    volts, times, events = [], [], []
-    for arrival_s, data in simulation:
-        for output in pipeline.receive_data(data, arrival_s):
-            if isinstance(output, ScanEvent):
-                volts.append(output.volts)
-                times.append(output.time_s)
-            elif isinstance(output, Event):
-                events.append(output)
-    return Run(np.array(volts), np.array(times), events, simulation.truth)
-
-
 def bench_paper(say: Callable[[str], None], *, quick: bool) -> str:
-    """Slip on a flat plate, and table 2 of the paper for simulation and for experiment."""
-    return compare(say, paper_scenes(), seeds=2 if quick else 10)
+    """Slip on a flat plate, table 2 of the paper for simulation and for experiment, and slip elsewhere."""
+    seeds = 2 if quick else 10
+    return f"{compare(say, paper_scenes(), seeds=seeds)}\n\n{off_protocol(say, seeds=seeds)}"
 
 
 def compare(say: Callable[[str], None], scenes: Mapping[str, Scene], *, seeds: int) -> str:
@@ -107,19 +70,19 @@ def _slip_table(flat: dict[str, list[Run]]) -> str:
     for name, runs in flat.items():
         peaks = np.array([_peaks_mv(run) for run in runs])
         change = np.array([_relative_change(run) for run in runs])
-        onsets = [(event, run.truth.slips[0]) for run in runs for event in _onsets(run)]
+        onsets = [(event, run.truth.slips[0]) for run in runs for event in run.slips("onset")]
         onset_ms = [1e3 * (event.onset_s - true.onset_s) for event, true in onsets]
         delay_ms = [1e3 * (event.detected_s - true.onset_s) for event, true in onsets]
         turn_deg = [e.direction_deg - t.direction_deg for e, t in onsets if t.direction_deg is not None]
         rows.append(
             [
                 name,
-                f"{_spread(peaks[:, 0], 1)} mV",
-                f"{_spread(peaks[:, 1], 1)} mV",
+                f"{spread(peaks[:, 0], 1)} mV",
+                f"{spread(peaks[:, 1], 1)} mV",
                 f"{100 * change[:, 0].mean():+.0f} %, {100 * change[:, 1].mean():+.0f} %",
-                f"{_spread(onset_ms, 0)} ms",
-                f"{_spread(delay_ms, 0)} ms",
-                f"{_spread(turn_deg, 2)} deg",
+                f"{spread(onset_ms, 0)} ms",
+                f"{spread(delay_ms, 0)} ms",
+                f"{spread(turn_deg, 2)} deg",
                 f"{len(onsets)} / {sum(len(run.truth.slips) for run in runs)}",
             ]
         )
@@ -140,12 +103,12 @@ def _groove_table(runs: dict[str, list[Run]], kind: str) -> str:
             [
                 f"{period_mm:.2f} mm, {angle_deg} deg",
                 *published[kind],
-                _spread([e.frequency_hz for e in said], 2),
-                _spread([e.period_mm for e in agreed], 3),
-                _spread([e.angle_deg for e in agreed], 2),
+                spread([e.frequency_hz for e in said], 2),
+                spread([e.period_mm for e in agreed], 3),
+                spread([e.angle_deg for e in agreed], 2),
                 f"{len(agreed)} of {len(said)}",
-                _spread([reading[0] for reading in readings], 3),
-                _spread([reading[1] for reading in readings], 2),
+                spread([reading[0] for reading in readings], 3),
+                spread([reading[1] for reading in readings], 2),
             ]
         )
     return table(head, rows)
@@ -156,10 +119,6 @@ def _readings(event: TextureEvent) -> list[tuple[float, float]]:
     if event.status == "ok":
         return [(event.period_mm, event.angle_deg)]
     return [(c.period_mm, c.angle_deg) for c in event.candidates]
-
-
-def _onsets(run: Run) -> list[SlipEvent]:
-    return [e for e in run.events if isinstance(e, SlipEvent) and e.state == "onset"]
 
 
 def _textures(run: Run) -> list[TextureEvent]:
@@ -187,9 +146,3 @@ def _relative_change(run: Run) -> tuple[float, float]:
     during = (run.time_s > slip.end_s - 1) & (run.time_s < slip.end_s)
     ratio = run.volts[during].mean(axis=0) / run.volts[before].mean(axis=0) - 1
     return float(ratio[0::4].mean()), float(ratio[2::4].mean())
-
-
-def _spread(values: FloatArray | list[float], digits: int) -> str:
-    if not len(values):
-        return NONE
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}"
