@@ -11,8 +11,8 @@ two periods disagree, sample again; else output their mean, and go on while slip
   does not slide. A speed that changes within a window starts a new one.
 * The direction is that of the slip event, unless configured. Towards the column (beyond 60 degrees from x),
   or where it is unknown, delays say nothing of the angle: "ambiguous", as for an array without a column.
-* A slip that ends before any window was full is "no-slip"; late scans in the window are "stale"; no resistor
-  with all but 1 % of its readings good in all three taxels is "saturated".
+* A slip that ends before any window was full is "no-slip"; a window whose last scan came late is "stale"; no
+  resistor with all but 1 % of its readings good in all three taxels is "saturated".
 """
 
 from collections.abc import Sequence
@@ -153,7 +153,7 @@ class PaperTexture:
             rows = slice(self._n_gathered, self._n_gathered + len(part))
             self._volts[rows] = part.volts
             self._good[rows] = self._column.good(part)
-            self._late = self._late or bool(part.late.any())
+            self._late = bool(part.late[-1])  # earlier backlog is in the past by now, and its volts are good
             self._n_gathered += len(part)
             done += len(part)
             if self._n_gathered == n_window:

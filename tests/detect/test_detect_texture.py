@@ -111,14 +111,22 @@ def test_a_speed_set_later_starts_a_window_at_its_scan() -> None:
         )
 
 
-def test_late_scans_make_a_window_stale() -> None:
+def test_a_window_that_ends_with_a_late_scan_is_stale_and_no_other() -> None:
+    """An answer of long ago must not look fresh; one scan that came late ten seconds ago is good data."""
     block = SLIDE.block(WANG)
-    late = np.zeros(len(block), dtype=np.bool_)
-    late[1200] = True
-    events = Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(
-        dataclasses.replace(block, late=late)
-    )
-    assert [event.status == "stale" for event in textures(events)] == [True, False, False]
+
+    def statuses(late_scan: int) -> list[bool]:
+        late = np.zeros(len(block), dtype=np.bool_)
+        late[late_scan] = True
+        detector = Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED))
+        return [
+            e.status == "stale" for e in textures(detector.process(dataclasses.replace(block, late=late)))
+        ]
+
+    ends = textures(Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block))
+    last = int(np.searchsorted(block.time_s, ends[0].time_s))
+    assert statuses(last) == [True, False, False]
+    assert statuses(last - 500) == [False, False, False]
 
 
 def test_bad_channels_are_passed_over_until_none_is_left() -> None:
