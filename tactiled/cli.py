@@ -417,6 +417,25 @@ def keys_list(folder: Path) -> None:
         click.echo(json.dumps({"name": name, "public_key": key.decode()}))
 
 
+@cli.command()
+@click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
+@click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
+@click.option("--speed", "speed_mm_s", type=float, default=0.0, help="Sliding speed, for what is resolved.")
+@click.option("--json", "json_lines", is_flag=True, help="One JSON line a check.")
+def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines: bool) -> None:
+    """Check port, board, array, endpoints, disk and installation, and say what to do. 1 if a check fails.
+
+    Example: tactiled doctor --config /etc/tactiled/left.toml
+    """
+    from tactiled.doctor.examine import run_doctor
+
+    if config is None and port is None:
+        raise click.UsageError("say --config FILE, or --port PORT to check with defaults")
+    report, code = run_doctor(config, port, json_lines=json_lines, speed_mm_s=speed_mm_s)
+    click.echo(report)
+    sys.exit(code)
+
+
 def main() -> None:
     """Entry point: every fault of an operator or a board ends in one clear line."""
     try:

@@ -24,7 +24,7 @@ def tactiled(
 
 VERBS = [
     "demo", "run", "emulate", "listen", "detect", "bench", "fit-material", "check-config",
-    "record", "replay", "recover", "export", "command", "keys",
+    "record", "replay", "recover", "export", "command", "keys", "doctor",
 ]  # fmt: skip
 
 

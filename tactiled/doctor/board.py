@@ -1,0 +1,173 @@
+"""The board itself: opened, asked who it is, listened to for a moment, and left as it was found."""
+
+import asyncio
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from tactiled.config import Setup
+from tactiled.daemon.device import is_url
+from tactiled.daemon.diagnosis import LineWatch, frames_of, other_layouts
+from tactiled.daemon.link import Link
+from tactiled.daemon.session import Session
+from tactiled.daemon.source import Port, open_port_in_thread
+from tactiled.doctor.finding import Finding, split
+from tactiled.errors import PortError
+from tactiled.events.types import ScanEvent, StatusEvent
+from tactiled.pipeline import Health, check_hello
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command, Hello
+from tactiled.wire.layout import Layout
+
+LISTEN_S = 2.0  # twice the second after which a cause is named; 200 scans tell the rate to a per cent
+_STEP_S = 0.02
+_TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
+_BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
+_SAME_RATE = 0.03  # relative: 200 scans in a window whose ends fall anywhere
+_SURE_SD_S = 2e-3  # after two seconds behind a lazy adapter; 0.1 ms behind a prompt one
+_NOISY_PART = 0.01
+
+
+@dataclass
+class Heard:
+    """What came of listening."""
+
+    status: StatusEvent
+    health: Health
+    hello: Hello | None
+    scans_s: list[float] = field(default_factory=list)
+    """Instants of the scans."""
+
+
+def check_board(setup: Setup) -> tuple[list[Finding], float]:
+    """Findings on the line and the board, whose port must be free, and its scan rate (0 where unknown)."""
+    url = setup.config.port.url
+    baud = setup.config.port.baud or setup.layout.file.baud
+    try:
+        heard = asyncio.run(_listen(setup, url, baud))
+        findings = _judge(heard, setup.layout)
+        if not heard.health.frames and not is_url(url):
+            findings += asyncio.run(_search(setup.layout, url, baud))
+    except PortError as error:
+        return [split("line", str(error).removeprefix(f"{url}: "), "fail")], 0.0
+    return findings, heard.health.rate_hz
+
+
+async def _listen(setup: Setup, url: str, baud: int) -> Heard:
+    """Be the daemon for `LISTEN_S`, then put the board back as it was."""
+    layout, pipeline = setup.layout, setup.make_pipeline()
+    line = LineWatch(layout.name, baud, other_layouts(layout))
+    session = Session(
+        setup.config.session, layout, lambda hello: check_hello(hello, layout, setup.array), line
+    )
+    link, encoder = Link(pipeline, session, line), Encoder(layout)
+    began_s = time.monotonic()
+    scans_s: list[float] = []
+    found_streaming: list[bool] = []
+    lost: list[str] = []
+    port = await open_port_in_thread(url, baud)
+
+    def say(commands: list[Command]) -> None:
+        for command in commands:
+            port.write(encoder.encode(command))
+
+    def received(data: bytes) -> None:
+        say(
+            link.received(
+                data,
+                time.monotonic(),
+                lambda event: scans_s.append(event.time_s) if isinstance(event, ScanEvent) else None,
+            )
+        )
+        if session.hello is not None and not found_streaming:
+            found_streaming.append(session.hello.streaming)
+
+    try:
+        port.attach(received, lost.append)
+        say(link.opened(time.monotonic(), _framing(port)))
+        while time.monotonic() < began_s + LISTEN_S and not lost:
+            await asyncio.sleep(_STEP_S)
+            say(link.watch(time.monotonic(), _framing(port)))
+        status = link.status(time.monotonic(), started_s=began_s, connects=1, warning=port.warning)
+        if found_streaming == [False]:
+            say(session.stop())
+    finally:
+        port.detach()
+        await asyncio.to_thread(port.close)
+    if lost:
+        raise PortError(f"{url}: {lost[0]}")
+    return Heard(status, pipeline.health(), session.hello, scans_s)
+
+
+def _judge(heard: Heard, layout: Layout) -> list[Finding]:
+    health, status, hello = heard.health, heard.status, heard.hello
+    findings = [_bytes(health, status)]
+    if status.state == "fault" or (status.state != "running" and health.frames):
+        findings.append(split("board", status.reason, "fail"))
+    elif hello is not None and health.frames:
+        who = f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, wears {hello.array_id}"
+        findings.append(Finding("board", "ok", f"{who}, speaks {layout.name} {hello.protocol_version}"))
+    if len(heard.scans_s) > 1 and hello is not None:
+        findings += [_rate(heard.scans_s, hello.rate_hz), _clock(health)]
+    if status.warning:
+        findings.append(split("line quality", status.warning, "warn"))
+    return findings
+
+
+def _bytes(health: Health, status: StatusEvent) -> Finding:
+    per_s = health.bytes_in / LISTEN_S
+    if not health.frames:
+        words = status.reason if status.reason else "no frame passes"
+        return split("line", words, "fail")
+    part = health.bytes_discarded / health.bytes_in
+    words = f"{per_s:.0f} bytes a second, {health.frames} good frames, {100 * part:.1f} % of bytes damaged"
+    if part < _NOISY_PART:
+        return Finding("line", "ok", words)
+    return Finding("line", "warn", words, "noise: look at cable, ground and connectors")
+
+
+def _rate(scans_s: list[float], nominal_hz: float) -> Finding:
+    measured_hz = (len(scans_s) - 1) / (scans_s[-1] - scans_s[0])
+    words = f"{measured_hz:.1f} scans a second arrive, the board says {nominal_hz:g}"
+    if abs(measured_hz / nominal_hz - 1) < _SAME_RATE:
+        return Finding("rate", "ok", words)
+    return Finding("rate", "warn", words, "scans are lost on the way, or its firmware cannot keep its rate")
+
+
+def _clock(health: Health) -> Finding:
+    words = f"instants of scans are known to {1e3 * health.clock_sd_s:.2f} ms after {LISTEN_S:g} s"
+    if health.clock_sd_s < _SURE_SD_S:
+        return Finding("clock", "ok", words)
+    return Finding(
+        "clock", "warn", words, "bytes arrive in bunches: see the latency timer, and load on the host"
+    )
+
+
+async def _search(layout: Layout, url: str, baud: int) -> list[Finding]:
+    """Listen at other baud rates and for other layouts."""
+    layouts = [layout, *other_layouts(layout)]
+    for other in (baud, *(rate for rate in _BAUDS if rate != baud)):
+        data = bytearray()
+        with suppress(PortError):  # a rate that the driver does not make
+            port = await open_port_in_thread(url, other)
+            try:
+                port.attach(data.extend, lambda _: None)
+                if layout.has("identify"):
+                    port.write(Encoder(layout).encode(Command("identify", 1)))
+                await asyncio.sleep(_TRY_S)
+            finally:
+                port.detach()
+                await asyncio.to_thread(port.close)
+        if (name := frames_of(bytes(data), layouts)) is not None:
+            found = f"frames of {name} pass at {other} baud"
+            return [Finding("search", "fail", found, f"set port.baud = {other} and board.protocol to {name}")]
+    return [
+        Finding(
+            "search", "fail", f"no frame of {', '.join(item.name for item in layouts)} at any usual baud rate"
+        )
+    ]
+
+
+def _framing(port: Port) -> int | None:
+    errors = port.errors()
+    return errors.framing if errors is not None else None

@@ -1,0 +1,59 @@
+"""All checks in their order."""
+
+from pathlib import Path
+
+from tactiled import tomlfile
+from tactiled.config import Setup, default_config, load_config
+from tactiled.doctor.board import check_board
+from tactiled.doctor.finding import Finding, as_json, as_text
+from tactiled.doctor.host import check_disk, check_endpoints, check_installation, running_daemon
+from tactiled.doctor.port import check_port
+from tactiled.doctor.resolving import check_array
+from tactiled.errors import ConfigError
+
+
+def run_doctor(
+    config: Path | None, port: str | None, *, json_lines: bool, speed_mm_s: float = 0.0
+) -> tuple[str, int]:
+    """Report of all checks, and the exit code: 1 when something fails."""
+    findings = examine(config, port, speed_mm_s)
+    report = as_json(findings) if json_lines else as_text(findings)
+    return report, int(any(finding.verdict == "fail" for finding in findings))
+
+
+def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> list[Finding]:
+    """Every finding; a broken configuration is one of them, and the port is looked at all the same."""
+    try:
+        setup = default_config(port or "") if config is None else load_config(config, port)
+    except ConfigError as error:
+        broken = [Finding("configuration", "fail", f"{error.source}: {fault}") for fault in error.faults]
+        url = port or _named_port(config)
+        return [*broken, *(check_port(url) if url else []), *check_installation()]
+    source = str(config) if config is not None else "defaults"
+    return [Finding("configuration", "ok", f"{source}: good"), *_with_setup(setup, speed_mm_s)]
+
+
+def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
+    publish, texture = setup.config.publish, setup.config.detect.wang2019.texture
+    findings = check_port(setup.config.port.url)
+    daemon = running_daemon(publish)
+    rate_hz = setup.config.session.rate_hz or 0.0
+    if daemon is not None:
+        findings.append(daemon)
+    elif not any(finding.verdict == "fail" for finding in findings):
+        board, board_hz = check_board(setup)
+        findings += board
+        rate_hz = rate_hz or board_hz
+    findings += check_array(setup.array, texture, rate_hz or 100.0, speed_mm_s or texture.speed_mm_s)
+    findings += check_endpoints(publish, daemon is not None)
+    return [*findings, *check_disk(setup.config.record), *check_installation()]
+
+
+def _named_port(config: Path | None) -> str:
+    """The port that a configuration names, however broken the rest of it is; "" when it names none."""
+    try:
+        table = tomlfile.read(config)["port"] if config is not None else {}
+    except (ConfigError, KeyError):
+        return ""
+    url = table.get("url") if isinstance(table, dict) else None
+    return url if isinstance(url, str) else ""

@@ -1,0 +1,54 @@
+"""What a check found."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+Verdict = Literal["ok", "warn", "fail"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report.
+
+    Attributes
+    ----------
+    check : str
+        What was looked at.
+    verdict : {"ok", "warn", "fail"}
+        "warn": it works, and could be better; "fail": it does not work.
+    words : str
+        What was found.
+    remedy : str
+        What to do; empty where nothing need be done.
+    """
+
+    check: str
+    verdict: Verdict
+    words: str
+    remedy: str = ""
+
+
+def as_text(findings: Sequence[Finding]) -> str:
+    """Lines for people, and the sum of them."""
+    width = max(len(finding.check) for finding in findings)
+    lines = []
+    for finding in findings:
+        lines.append(f"{finding.verdict:4}  {finding.check:{width}}  {finding.words}")
+        if finding.remedy:
+            lines.append(f"{'':4}  {'':{width}}  -> {finding.remedy}")
+    n_fail = sum(finding.verdict == "fail" for finding in findings)
+    n_warn = sum(finding.verdict == "warn" for finding in findings)
+    return "\n".join([*lines, f"{len(findings)} checks: {n_fail} fail, {n_warn} warn"])
+
+
+def as_json(findings: Sequence[Finding]) -> str:
+    """One JSON line a finding."""
+    return "\n".join(json.dumps(asdict(finding)) for finding in findings)
+
+
+def split(check: str, line: str, verdict: Verdict) -> Finding:
+    """Finding from a line of ours, ``what is wrong; what to do``."""
+    words, _, remedy = line.partition("; ")
+    return Finding(check, verdict, words, remedy)

@@ -1,0 +1,60 @@
+"""The port before it is opened: is it there, may we, who has it, does its name stay, is it prompt."""
+
+import os
+from pathlib import Path
+
+from tactiled.daemon import device
+from tactiled.daemon.source import check_url
+from tactiled.doctor.finding import Finding, split
+from tactiled.errors import ConfigError
+
+
+def check_port(url: str) -> list[Finding]:
+    """Findings on a port that stays closed."""
+    try:
+        check_url(url)
+    except ConfigError as error:
+        return [split("port", error.faults[0], "fail")]
+    if device.is_url(url):
+        return [Finding("port", "ok", f"{url}: reached over a network or a bridge")]
+    path = Path(url)
+    if not path.exists():
+        return [Finding("port", "fail", f"{url}: no such port", device.available().removeprefix("; "))]
+    if not path.is_char_device():
+        return [Finding("port", "fail", f"{url}: not a serial port", device.available().removeprefix("; "))]
+    node = path.resolve()
+    return [
+        Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there"),
+        _permission(url),
+        _holders(url),
+        _name(url),
+        _latency(url),
+    ]
+
+
+def _permission(url: str) -> Finding:
+    if os.access(url, os.R_OK | os.W_OK):
+        return Finding("permission", "ok", "this user may read and write it")
+    return Finding("permission", "fail", "this user may not use it", device.permission(url))
+
+
+def _holders(url: str) -> Finding:
+    if who := device.holders(url):
+        return Finding("in use", "warn", f"open in {', '.join(who)}", "if it is not tactiled, stop it")
+    return Finding("in use", "ok", "nobody that we can see has it open")
+
+
+def _name(url: str) -> Finding:
+    stable = device.stable_name(url)
+    if stable is None or str(stable) == url or Path(url).is_symlink():
+        return Finding("name", "ok", f"{url} does not move from port to port, as far as can be told")
+    return Finding("name", "warn", f"{url} moves when things are plugged", f'set port.url = "{stable}"')
+
+
+def _latency(url: str) -> Finding:
+    timer_ms = device.latency_ms(url)
+    if line := device.laziness(url, timer_ms):
+        words, _, remedy = line.partition(": ")
+        return Finding("latency timer", "warn", words, remedy)
+    words = "the adapter has none" if timer_ms is None else f"{timer_ms} ms"
+    return Finding("latency timer", "ok", words)

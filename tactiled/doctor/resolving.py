@@ -1,0 +1,99 @@
+"""What an array can tell apart by its geometry, before any board is plugged in.
+
+Phase delays between taxels are known modulo the ripple's period. Over a lever l (the difference of two gaps
+of a column, or its one gap where all are equal; `detect.grooves`) and for motion along x, grooves of period
+D at angle a read like those at angle a' with ``tan a' = tan a + k D / (l cos a)``, k any whole number. No two
+angles within +-A are confused as long as::
+
+    D > l / cos A        where A >= 45 degrees (the minimum over a of tan a + D / (l cos a) lies inside)
+    D > 2 l sin A        where A < 45 degrees (it lies at the border, a = -A)
+
+Ripples must also be sampled: ``v / D`` below half the rate (Nyquist) and below the low-pass.
+"""
+
+import numpy as np
+
+from tactiled.array import Array
+from tactiled.detect.grooves import GrooveParams
+from tactiled.doctor.finding import Finding
+
+_EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
+
+
+def lever_mm(array: Array, column: list[int]) -> tuple[float, bool]:
+    """The lever that tells angles apart in a column, and whether it is a difference of unequal gaps."""
+    gaps_mm = np.diff(array.y_mm[column])
+    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
+        return float(abs(gaps_mm[0] - gaps_mm[1])), True
+    return float(gaps_mm[0]), False
+
+
+def least_period_mm(lever: float, max_angle_deg: float) -> float:
+    """Finest period at which no two angles within +-`max_angle_deg` are confused."""
+    angle = np.radians(max_angle_deg)
+    return float(lever / np.cos(angle) if max_angle_deg >= 45 else 2 * lever * np.sin(angle))
+
+
+def widest_angle_deg(lever: float, period_mm: float) -> float:
+    """Largest A such that no two angles within +-A are confused at this period; the inverse of the above."""
+    if period_mm >= np.sqrt(2) * lever:
+        return float(np.degrees(np.arccos(lever / period_mm)))
+    return float(np.degrees(np.arcsin(period_mm / (2 * lever))))
+
+
+def check_array(array: Array, params: GrooveParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
+    """What the array resolves at this rate; a speed of 0 is not known."""
+    shear = (
+        Finding("direction", "ok", f"{array.name} feels shear: the direction of slip can be told")
+        if array.has_shear
+        else Finding("direction", "warn", f"{array.name} has no shear channels: direction cannot be told")
+    )
+    return [shear, _angles(array, params), _sampling(params, rate_hz, speed_mm_s)]
+
+
+def _angles(array: Array, params: GrooveParams) -> Finding:
+    columns = array.columns()
+    if not columns:
+        return Finding(
+            "groove angle", "warn", f"{array.name} has no column of two taxels: no angle of grooves"
+        )
+    lever, unequal = lever_mm(array, columns[0])
+    least_mm = least_period_mm(lever, params.max_angle_deg)
+    by_period = ", ".join(
+        f"{period:g} mm to {widest_angle_deg(lever, period):.0f} deg" for period in (0.5, 0.9, 1.2, 2.0, 5.0)
+    )
+    gaps = "gaps differ by" if unequal else "equal gaps of"
+    words = (
+        f"{gaps} {lever:g} mm: angles within +-{params.max_angle_deg:g} deg are unambiguous from "
+        f"{least_mm:.2f} mm of period on ({by_period})"
+    )
+    if unequal:
+        return Finding("groove angle", "ok", words)
+    return Finding(
+        "groove angle",
+        "warn",
+        words,
+        "lower max_angle_deg to what can occur, or wear an array with unequal gaps (wang2019-3x3: 0.3 mm)",
+    )
+
+
+def _sampling(params: GrooveParams, rate_hz: float, speed_mm_s: float) -> Finding:
+    top_hz = min(rate_hz / 2, params.low_pass_hz)
+    limit = "half the scan rate" if rate_hz / 2 <= params.low_pass_hz else "the low-pass"
+    words = f"ripples are seen up to {top_hz:g} Hz ({limit})"
+    if speed_mm_s <= 0:
+        return Finding(
+            "groove period",
+            "ok",
+            f"{words}: periods from speed / {top_hz:g} Hz on, 0.1 mm at 2 mm/s and 20 Hz",
+        )
+    finest_mm = speed_mm_s / top_hz
+    words = f"{words}: at {speed_mm_s:g} mm/s periods from {finest_mm:.2f} mm on"
+    if finest_mm <= params.min_period_mm:
+        return Finding("groove period", "ok", words)
+    return Finding(
+        "groove period",
+        "warn",
+        f"{words}, and min_period_mm is {params.min_period_mm:g}",
+        "slide slower, scan faster (session.rate_hz), raise low_pass_hz, or raise min_period_mm",
+    )

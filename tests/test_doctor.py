@@ -1,0 +1,302 @@
+"""The doctor on a good set-up and on broken ones: every fault is named, with what to do."""
+
+import itertools
+import json
+import sys
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from uart import heard
+
+from tactiled.array import load_array
+from tactiled.cli import main
+from tactiled.config import Setup, load_config
+from tactiled.daemon import device
+from tactiled.detect.grooves import GrooveParams
+from tactiled.doctor import board as board_checks
+from tactiled.doctor.board import check_board
+from tactiled.doctor.examine import examine, run_doctor
+from tactiled.doctor.finding import Finding
+from tactiled.doctor.host import check_disk, check_endpoints, check_installation, running_daemon
+from tactiled.doctor.port import check_port
+from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
+from tactiled.emulator.faults import FaultParams
+from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.links import PtyLink
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.shell import Emulator
+from tactiled.wire.layout import load_layout
+
+LAYOUT = load_layout("board-v1")
+
+
+class AtAnotherRate(PtyLink):
+    """A pty whose board sends at `sent_baud`, whatever the host has set."""
+
+    def __init__(self, path: Path, sent_baud: int) -> None:
+        super().__init__(path)
+        self._sent_baud = sent_baud
+        self.rates = {getattr(termios, f"B{rate}"): rate for rate in (9600, 57600, 115200, 230400, 460800)}
+
+    def write(self, data: bytes) -> int:
+        set_baud = self.rates.get(termios.tcgetattr(self._slave)[5], self._sent_baud / 7)
+        super().write(heard(data, self._sent_baud, set_baud)[0])
+        return len(data)
+
+
+@contextmanager
+def emulated(
+    path: Path,
+    *,
+    layout: str = "board-v1",
+    link: PtyLink | None = None,
+    board: BoardParams | None = None,
+    faults: FaultParams | None = None,
+) -> Iterator[None]:
+    """A board on a pty."""
+    scene = load_scene("rest")
+    if layout == "legacy-9":
+        scene = scene.model_copy(update={"array": "normal-3x3"})
+    emulator = Emulator(
+        scene, load_layout(layout), link or PtyLink(path), board=board, faults=faults, report=lambda _: None
+    )
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        while not path.exists():
+            assert thread.is_alive()
+        yield
+    finally:
+        emulator.stop()
+        thread.join()
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "tactiled.toml"
+    path.write_text(
+        f'[port]\nurl = "{tmp_path}/board"\n[publish]\nendpoints = ["ipc://{tmp_path}/events.ipc"]\n'
+        f'[record]\ndirectory = "{tmp_path}"\nmin_free_mb = 0.0\n'
+    )
+    return path
+
+
+@pytest.fixture
+def setup(config: Path) -> Setup:
+    return load_config(config)
+
+
+def by_check(findings: list[Finding]) -> dict[str, Finding]:
+    return {finding.check: finding for finding in findings}
+
+
+def failed(findings: list[Finding]) -> list[str]:
+    return [f"{f.check}: {f.words}" for f in findings if f.verdict == "fail"]
+
+
+def test_a_good_set_up_passes_and_the_board_is_left_idle(config: Path, tmp_path: Path) -> None:
+    with emulated(tmp_path / "board"):
+        for _ in range(2):  # the second time too: the first left nothing behind
+            findings = by_check(examine(config, None))
+            assert failed(list(findings.values())) == []
+    assert "TS0001" in findings["board"].words
+    assert "100.0 scans" in findings["rate"].words or "scans a second" in findings["rate"].words
+    for check in (
+        "configuration",
+        "port",
+        "line",
+        "board",
+        "rate",
+        "clock",
+        "groove angle",
+        "disk",
+        "endpoint",
+    ):
+        assert findings[check].verdict == "ok", findings[check]
+
+
+def test_the_report_says_it_in_lines_and_in_json(
+    config: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["tactiled", "doctor", "--config", str(config), "--json"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 1
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {row["verdict"] for row in rows} <= {"ok", "warn", "fail"}
+    (port,) = [row for row in rows if row["check"] == "port"]
+    assert port["verdict"] == "fail"
+    assert "no such port" in port["words"]
+    text, code = run_doctor(config, None, json_lines=False)
+    assert code == 1
+    assert "fail  port" in text
+    assert text.splitlines()[-1].startswith(f"{len(rows)} checks: 1 fail")
+
+
+def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text('[port]\nurl = "/dev/ttyUSB77"\nbauds = 3\n[session]\nrate = 100\n')
+    faults = failed(examine(path, None))
+    assert any("port.bauds: unknown key" in fault for fault in faults)
+    assert any("use rate_hz" in fault for fault in faults)
+    assert any("/dev/ttyUSB77: no such port" in fault for fault in faults)
+    path.write_text(
+        f'[port]\nurl = "{tmp_path}/none"\n[record]\ndirectory = "{tmp_path}/nowhere"\n'
+        f'[publish]\nendpoints = ["ipc://{tmp_path}/no/such/folder.ipc"]\n'
+    )
+    checks = {fault.split(":")[0] for fault in failed(examine(path, None))}
+    assert checks == {"port", "disk", "endpoint"}
+
+
+def test_a_wrong_baud_rate_is_found_and_the_right_one_named(setup: Setup, tmp_path: Path) -> None:
+    with emulated(
+        tmp_path / "board", link=AtAnotherRate(tmp_path / "board", 57600), board=BoardParams(rate_hz=50.0)
+    ):
+        findings, _ = check_board(setup)
+    faults = failed(findings)
+    assert any("wrong baud rate (115200 configured)" in fault for fault in faults)
+    assert "search: frames of tactiled-board pass at 57600 baud" in faults
+
+
+def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(board_checks, "_TRY_S", 0.2)
+    with emulated(tmp_path / "board", layout="legacy-9"):
+        findings, _ = check_board(setup)
+    assert any("these are frames of legacy-9" in fault for fault in failed(findings))
+
+
+def test_a_silent_board_is_told_from_a_wrong_one(
+    setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(board_checks, "_TRY_S", 0.02)
+
+    class Silent(PtyLink):
+        def write(self, data: bytes) -> int:
+            return len(data)
+
+    with emulated(tmp_path / "board", link=Silent(tmp_path / "board")):
+        faults = failed(check_board(setup)[0])
+    assert any("no bytes arrive: is the board powered" in fault for fault in faults)
+    with emulated(tmp_path / "board", board=BoardParams(board_serial="TS0009")):
+        pinned = setup.config.session.model_copy(update={"board_serial": "TS0001"})
+        other = Setup(setup.config.model_copy(update={"session": pinned}), setup.layout, setup.array)
+        (fault,) = failed(check_board(other)[0])
+    assert "board TS0009 is plugged in, board TS0001 is configured" in fault
+
+
+def test_a_noisy_line_is_a_warning(setup: Setup, tmp_path: Path) -> None:
+    with emulated(tmp_path / "board", faults=FaultParams(flip_per_byte=1e-3)):
+        findings, _ = check_board(setup)
+    line = by_check(findings)["line"]
+    assert line.verdict == "warn"
+    assert "noise" in line.remedy
+
+
+def test_what_is_no_port_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    assert "not a serial port" in failed(check_port(str(tmp_path / "file")))[0]
+    assert "is a directory" in failed(check_port(str(tmp_path)))[0]
+    assert "not known" in failed(check_port("usb://x"))[0]
+    assert failed(check_port("socket://robot:7000")) == []
+
+
+def test_permission_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)
+    permission = by_check(check_port("/dev/null"))["permission"]
+    assert permission.verdict == "fail"
+    assert "sudo usermod -aG" in permission.remedy
+
+
+def test_a_name_that_moves_and_a_lazy_adapter_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device, "stable_name", lambda _: Path("/dev/serial/by-id/usb-FTDI_X-if00"))
+    monkeypatch.setattr(device, "latency_ms", lambda _: 16)
+    findings = by_check(check_port("/dev/null"))
+    assert findings["name"].remedy == 'set port.url = "/dev/serial/by-id/usb-FTDI_X-if00"'
+    assert "every 16 ms" in findings["latency timer"].words
+    assert "99-tactiled.rules" in findings["latency timer"].remedy
+
+
+def test_endpoints_taken_by_others_are_told_from_a_daemon_that_runs(setup: Setup) -> None:
+    publish = setup.config.publish
+    assert failed(check_endpoints(publish, daemon_runs=False)) == []
+    with zmq.Context() as context, context.socket(zmq.PUB) as taken:
+        taken.bind(publish.endpoints[0])
+        assert running_daemon(publish) is None
+        (fault,) = failed(check_endpoints(publish, daemon_runs=False))
+    assert "in use" in fault
+
+
+def test_disk(setup: Setup) -> None:
+    record = setup.config.record
+    assert failed(check_disk(record)) == []
+    assert check_disk(record.model_copy(update={"directory": None})) == []
+    full = check_disk(record.model_copy(update={"min_free_mb": 1e12}))
+    assert "recording stops below" in failed(full)[0]
+    assert "no such directory" in failed(check_disk(record.model_copy(update={"directory": "/no"})))[0]
+
+
+def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) -> None:
+    bare = by_check(check_installation(tmp_path, {}))
+    assert bare["systemd unit"].verdict == bare["udev rule"].verdict == "warn"
+    for name in ("etc/systemd/system/tactiled@.service", "usr/lib/udev/rules.d/99-tactiled.rules"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True)
+        path.touch()
+    done = by_check(check_installation(tmp_path, {"OPENBLAS_NUM_THREADS": "1"}))
+    assert {finding.verdict for finding in done.values()} == {"ok"}
+
+
+# ---- what an array resolves ----------------------------------------------------------------------------
+
+
+def confused(lever: float, period_mm: float, max_angle_deg: float) -> bool:
+    """Brute force: whether some grooves of this period read like others within the limits."""
+    angles = np.radians(np.linspace(-max_angle_deg, max_angle_deg, 20001))
+    step = period_mm / (lever * np.cos(angles))
+    return bool(np.any(np.abs(np.tan(angles) + step) <= np.tan(np.radians(max_angle_deg))))
+
+
+@given(lever=st.floats(0.1, 10), angle=st.floats(2, 88))
+def test_the_finest_period_is_where_brute_force_finds_it(lever: float, angle: float) -> None:
+    least = least_period_mm(lever, angle)
+    assert confused(lever, 0.99 * least, angle)
+    assert not confused(lever, 1.01 * least, angle)
+
+
+@given(lever=st.floats(0.1, 10), period=st.floats(0.05, 20))
+def test_widest_angle_and_finest_period_are_inverse(lever: float, period: float) -> None:
+    widest = widest_angle_deg(lever, period)
+    assume(0.1 < widest < 89.9)
+    assert least_period_mm(lever, widest) == pytest.approx(period, rel=1e-6)
+
+
+def test_equal_gaps_are_named_and_unequal_ones_praised() -> None:
+    params = GrooveParams()
+    paper, equal = load_array("wang2019-3x3"), load_array("normal-3x3")
+    lever, unequal = lever_mm(paper, paper.columns()[0])
+    assert (round(lever, 9), unequal) == (0.3, True)
+    assert lever_mm(equal, equal.columns()[0]) == (5.0, False)
+    good = by_check(check_array(paper, params, 100.0, 1.0))
+    assert {finding.verdict for finding in good.values()} == {"ok"}
+    assert "from 0.71 mm of period on" in good["groove angle"].words
+    poor = by_check(check_array(equal, params, 100.0, 40.0))
+    assert {finding.verdict for finding in poor.values()} == {"warn"}
+    assert "from 11.83 mm" in poor["groove angle"].words
+    assert "periods from 2.00 mm on" in poor["groove period"].words
+
+
+def test_half_the_rate_limits_where_it_is_below_the_low_pass() -> None:
+    array, params = load_array("wang2019-3x3"), GrooveParams(low_pass_hz=20.0)
+    for rate_hz, speed in itertools.product((30.0, 100.0), (1.0, 9.0)):
+        words = by_check(check_array(array, params, rate_hz, speed))["groove period"].words
+        top = min(rate_hz / 2, 20.0)
+        assert f"up to {top:g} Hz" in words
+        assert f"periods from {speed / top:.2f} mm" in words
