@@ -4,7 +4,7 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field
 
@@ -12,7 +12,7 @@ from tactiled.array import Array
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ContractError
-from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent
+from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -55,7 +55,7 @@ class Health:
     clock_sd_s: float
     clock_rate_ppm: float
     rate_hz: float
-    contact: Literal["none", "loading", "holding", "sliding"]
+    contact: ContactState
     slipping: bool
 
 
@@ -88,7 +88,7 @@ class Pipeline:
         self._frames = 0
         self._corrupt: Counter[str] = Counter()
         self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
-        self._contact: Literal["none", "loading", "holding", "sliding"] = "none"
+        self._contact: ContactState = "none"
         self._slipping = False
         if (assumed := self.layout.file.assumed_hello) is not None:
             fields = assumed.model_dump()
@@ -258,6 +258,6 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
     if not slowest <= hello.rate_hz <= fastest or hello.adc_bits < 1 or hello.adc_reference_v <= 0:
         return (
             f"board {hello.board_serial} reports {hello.rate_hz:g} Hz, {hello.adc_bits} bits and "
-            f"{hello.adc_reference_v:g} V; possible are {slowest:g} to {fastest:g} Hz, 1 bit or more, over 0 V"
+            f"{hello.adc_reference_v:g} V; possible are {slowest:g} to {fastest:g} Hz, some bits, some volts"
         )
     return None

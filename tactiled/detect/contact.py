@@ -11,7 +11,7 @@ pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sl
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,9 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held, Quantiser
-from tactiled.events.types import ContactEvent, Event
+from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
-
-ContactState = Literal["none", "loading", "holding", "sliding"]
 
 
 class ContactParams(Params):
@@ -105,6 +103,7 @@ class ContactTracker:
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self.state: ContactState = "none"
+        self._is_first = True
         self._totals: FloatArray | None = None
         self._steady = 0
         self._steady_before = 0  # length of the steady stretch before this unsteady one
@@ -140,7 +139,10 @@ class ContactTracker:
     def step(self, touches: bool, released: bool, slope_volts_s: float) -> Transition | None:
         """Take one scan in; the change of state that it brings, if any."""
         self._follow_load(slope_volts_s)
+        is_first, self._is_first = self._is_first, False
         if self.state == "none":
+            if touches and is_first:
+                return self._go("unknown")
             self._steady = self._steady_before = 0  # what was steady before the touch was no hold
             return self._go("loading") if touches else None
         if released:

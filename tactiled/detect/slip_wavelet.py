@@ -37,7 +37,6 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact import (
     ContactParams,
-    ContactState,
     ContactTracker,
     Transition,
     contact_event,
@@ -49,7 +48,7 @@ from tactiled.detect.pairs import PairResponse, mean_response
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slide import Look, MotionResponse, Slide
 from tactiled.detect.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
-from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
+from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 

@@ -3,10 +3,9 @@
 from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.contact import ContactState
 from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
 from tactiled.detect.texture_paper import PaperTexture, TextureParams
-from tactiled.events.types import Event, SlipEvent
+from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 

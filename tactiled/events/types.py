@@ -50,13 +50,18 @@ class SlipEvent(Event):
         return self.detected_s
 
 
+# "unknown": touching, and nobody saw the touch begin (a start or a long gap in mid-contact): it may hold or
+# slide. A slip is still found; its "onset" may then be a stop.
+ContactState = Literal["none", "unknown", "loading", "holding", "sliding"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContactEvent(Event):
     """The contact as a whole changed its state."""
 
     topic: ClassVar[str] = "contact"
-    state: Literal["none", "loading", "holding", "sliding"]
-    previous: Literal["none", "loading", "holding", "sliding"]
+    state: ContactState
+    previous: ContactState
     taxels: tuple[int, ...]
     valid: bool
 
@@ -155,7 +160,7 @@ class StatusEvent(Event):
     bytes_discarded: int
     bytes_pending: int
     connects: int
-    contact: Literal["none", "loading", "holding", "sliding"]
+    contact: ContactState
     slipping: bool
     uptime_s: float
     inhibited_s: float = 0.0

@@ -78,6 +78,19 @@ def test_long_gaps_and_restarts_reach_the_detector() -> None:
         assert lost, gap
 
 
+@pytest.mark.parametrize("start", [400, 700])
+def test_a_contact_that_began_unseen_is_not_called_a_hold(start: int) -> None:
+    """A daemon that starts in mid-contact cannot tell a hold from a steady slide, and says so."""
+    found = events([BLOCK[start:1090]])
+    contacts = [e for e in found if isinstance(e, ContactEvent)]
+    assert contacts[0].state == "unknown"
+    if start < ONSET:  # the slip is found all the same
+        assert [e.state for e in found if isinstance(e, SlipEvent)] == ["onset"]
+        assert [e.state for e in contacts] == ["unknown", "sliding"]
+    else:
+        assert len(contacts) == 1
+
+
 def test_bridging_does_not_depend_on_chunks_and_reset_equals_new() -> None:
     items = with_holes({300, 301, 605, 1102})
     whole = events(items)

@@ -54,6 +54,7 @@ def test_channels_that_vanish_are_no_change_of_load() -> None:
 def test_slow_loading_is_a_hold_and_fast_loading_is_not() -> None:
     for slope, expected in ((0.02, "holding"), (0.05, "loading")):
         volts = 0.6 + slope * np.arange(1000)[:, np.newaxis] / 100 + np.zeros(36)
+        volts[0] = 0.0  # the touch is seen to begin
         states = contact_states(ContactGate(WANG).process(regular_block(volts, 100.0)))
         assert states[-1] == expected
 
