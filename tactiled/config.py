@@ -9,6 +9,7 @@ from pydantic import Field
 
 from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
+from tactiled.daemon.exporter import MetricsParams
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import ServiceParams
 from tactiled.daemon.session import SessionParams
@@ -41,10 +42,11 @@ class Config(Params):
     detect: DetectParams = DetectParams()
     publish: PublishParams = PublishParams()
     record: RecordParams = RecordParams()
+    metrics: MetricsParams = MetricsParams()
 
     @property
     def service(self) -> ServiceParams:
-        return ServiceParams(port=self.port, session=self.session, publish=self.publish)
+        return ServiceParams(port=self.port, session=self.session, publish=self.publish, metrics=self.metrics)
 
     @property
     def pipeline(self) -> PipelineParams:

@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from tactiled.daemon.device import LineErrors
 from tactiled.daemon.source import Port, open_port_in_thread
 from tactiled.errors import PortError
 
@@ -60,10 +61,9 @@ class Connection:
         """What should be mended although the port works; empty when nothing, or there is none."""
         return self._port.warning if self._port is not None else ""
 
-    def framing_errors(self) -> int | None:
-        """Bytes without their stop bit since the driver was loaded; None where nobody counts them."""
-        errors = self._port.errors() if self._port is not None else None
-        return errors.framing if errors is not None else None
+    def errors(self) -> LineErrors | None:
+        """What the UART's driver counted; None where it keeps no count, or there is no port."""
+        return self._port.errors() if self._port is not None else None
 
     def check(self, dead_because: str) -> None:
         """Leave a port that is dead, as the caller says, or whose name leads to another device by now."""

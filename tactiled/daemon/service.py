@@ -19,8 +19,10 @@ from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.commands import Commands, Done
 from tactiled.daemon.connection import Connection
 from tactiled.daemon.diagnosis import LineWatch, other_layouts
+from tactiled.daemon.exporter import Exporter, MetricsParams
 from tactiled.daemon.health import info_event
 from tactiled.daemon.link import Link
+from tactiled.daemon.metrics import Metrics
 from tactiled.daemon.network import Network
 from tactiled.daemon.notify import Notifier
 from tactiled.daemon.publisher import PublishParams
@@ -51,6 +53,7 @@ class ServiceParams(Params):
     port: PortParams
     session: SessionParams = SessionParams()
     publish: PublishParams = PublishParams()
+    metrics: MetricsParams = MetricsParams()
 
     def without_publishing(self) -> Self:
         """The same, but nobody is told: for one who only records."""
@@ -113,8 +116,10 @@ class Service:
             self._tuned,
             None if recorder is None else lambda on: recorder.switch(on, pipeline.hello),
         )
+        self._metrics = Metrics(pipeline.health, self._connection.errors)
         self._network = Network(params.publish, self._asked, self._commands.settings)
         self._publisher = self._network.publisher
+        self._exporter = self._make_exporter(params.metrics)
         self._notifier = Notifier()
         self._said: tuple[BoardState, str] = (self._session.state, self._session.reason(0.0))
         self._warned = ""
@@ -128,6 +133,8 @@ class Service:
         self._end: asyncio.Future[None] = loop.create_future()
         parts = (self._connection.run(), self._report(), self._network.run())
         tasks = [asyncio.create_task(part) for part in parts]
+        if self._exporter is not None:
+            tasks.append(asyncio.create_task(self._exporter.run()))
         try:
             self._notifier.ready()
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -143,6 +150,8 @@ class Service:
             if self._timer is not None:
                 self._timer.cancel()
             self._network.close()
+            if self._exporter is not None:
+                self._exporter.close()
             self._notifier.close()
 
     def stop(self) -> None:
@@ -163,8 +172,9 @@ class Service:
         except TactiledError as error:
             logger.error("configuration not reloaded, the old one stays: %s", error)
         else:
-            if new.publish != self._params.publish:
-                logger.warning("publish has changed: restart tactiled for it to take effect")
+            for table in ("publish", "metrics"):
+                if getattr(new, table) != getattr(self._params, table):
+                    logger.warning("%s has changed: restart tactiled for it to take effect", table)
             moved = new.port != self._params.port
             self._params = new
             if moved:
@@ -172,6 +182,13 @@ class Service:
             logger.info("configuration reloaded")
         self._notifier.ready()
         self._act([])
+
+    def _make_exporter(self, params: MetricsParams) -> Exporter | None:
+        try:
+            return Exporter(params, self._metrics.text) if params.port else None
+        except TactiledError:
+            self._network.close()
+            raise
 
     @property
     def _baud(self) -> int:
@@ -197,10 +214,12 @@ class Service:
             self._next_info_s = now_s
         self._notifier.alive(now_s)
         self._act(commands)
+        self._metrics.handled(time.monotonic() - now_s)
 
     def _send(self, event: Event) -> None:
         """Publish what the pipeline found; the recorder has it with the bytes that it was found in."""
         self._publisher.send(event, board=self._board, unix_offset_s=self._clock.offset_s)
+        self._metrics.said(event, self._publisher.dropped)
 
     def _publish(self, event: Event) -> None:
         """Publish, and record, what the daemon says itself."""
@@ -277,8 +296,12 @@ class Service:
 
     # ---- the connection ----------------------------------------------------------------------------
 
+    def _framing_errors(self) -> int | None:
+        errors = self._connection.errors()
+        return errors.framing if errors is not None else None
+
     def _opened(self) -> None:
-        self._act(self._link.opened(time.monotonic(), self._connection.framing_errors()))
+        self._act(self._link.opened(time.monotonic(), self._framing_errors()))
 
     def _lost(self, reason: str) -> None:
         if self._link.lost(reason) and self._recorder is not None:
@@ -299,7 +322,7 @@ class Service:
         next_s = next_look_s = time.monotonic()
         while True:
             now_s = time.monotonic()
-            self._act(self._link.watch(now_s, self._connection.framing_errors()))
+            self._act(self._link.watch(now_s, self._framing_errors()))
             if self._session.state != "running":
                 self._connection.check(self._link.dead_because(now_s))
             self._publish_status(now_s)

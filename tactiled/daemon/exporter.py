@@ -1,0 +1,118 @@
+"""``GET /metrics`` over HTTP/1.0 on loopback, from the daemon's own loop.
+
+Whoever asks costs at most a bounded request, a few connections and two seconds each; the data path never
+waits for any of them.
+"""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Callable
+
+from pydantic import Field
+
+from tactiled.errors import OperatorError
+from tactiled.tomlfile import Params
+
+_HOST = "127.0.0.1"  # other hosts scrape through what their operators trust: a proxy, node_exporter, ssh
+_REQUEST_BYTES = 4096  # Prometheus sends some 300
+_PATIENCE_S = 2.0  # to ask and to take the answer
+_CLIENTS = 8  # at once; further ones are turned away
+_KIND = "text/plain; version=0.0.4; charset=utf-8"
+
+
+class MetricsParams(Params):
+    """Where Prometheus may ask."""
+
+    port: int = Field(
+        default=0,
+        ge=0,
+        le=65535,
+        description="TCP port of this host for http://127.0.0.1:PORT/metrics; 0: none. 9874 beside the "
+        "usual endpoints; a second daemon needs another.",
+    )
+
+
+class Exporter:
+    """Answers scrapes.
+
+    Parameters
+    ----------
+    params : MetricsParams
+        With a port.
+    text : callable
+        The metrics, made anew for each scrape.
+
+    Raises
+    ------
+    OperatorError
+        The port cannot be had.
+    """
+
+    def __init__(self, params: MetricsParams, text: Callable[[], str]) -> None:
+        self._text = text
+        self._writers: set[asyncio.StreamWriter] = set()
+        try:
+            self._socket = socket.create_server((_HOST, params.port))
+        except OSError as error:
+            where = f"{_HOST}:{params.port}"
+            raise OperatorError(
+                f"metrics.port: {where} cannot be had ({error.strerror}); "
+                f"see who has it: ss -tlnp 'sport = :{params.port}'"
+            ) from None
+
+    async def run(self) -> None:
+        """Serve until cancelled; nothing is left over then."""
+        server = await asyncio.start_server(self._serve, sock=self._socket, limit=_REQUEST_BYTES)
+        try:
+            await server.serve_forever()
+        finally:
+            server.close()
+            for writer in self._writers:
+                writer.transport.abort()
+            while self._writers:
+                await asyncio.sleep(0)
+
+    def close(self) -> None:
+        """Give the port back, also when `run` never began."""
+        self._socket.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(self._writers) >= _CLIENTS:
+            writer.transport.abort()
+            return
+        self._writers.add(writer)
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                writer.write(self._answer(await _request_line(reader)))
+                await writer.drain()
+                writer.close()
+                await writer.wait_closed()
+        except (TimeoutError, OSError, EOFError, asyncio.LimitOverrunError):
+            pass  # too slow, too long, or gone
+        finally:
+            writer.transport.abort()
+            self._writers.discard(writer)
+
+    def _answer(self, request_line: str) -> bytes:
+        method, _, rest = request_line.partition(" ")
+        path = rest.split(" ")[0].split("?")[0]
+        if method != "GET":
+            return _response("405 Method Not Allowed", "only GET\n")
+        if path != "/metrics":
+            return _response("404 Not Found", "only /metrics\n")
+        return _response("200 OK", self._text())
+
+
+async def _request_line(reader: asyncio.StreamReader) -> str:
+    """First line of a request, once all of its head is here."""
+    head = await reader.readuntil(b"\r\n\r\n")
+    with contextlib.suppress(ValueError):
+        return head.split(b"\r\n", 1)[0].decode("ascii")
+    return ""
+
+
+def _response(status: str, text: str) -> bytes:
+    body = text.encode()
+    head = f"HTTP/1.0 {status}\r\nContent-Type: {_KIND}\r\nContent-Length: {len(body)}\r\n\r\n"
+    return head.encode() + body

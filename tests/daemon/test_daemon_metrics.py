@@ -1,0 +1,251 @@
+"""Metrics as Prometheus' own parser reads them; a port that slow, greedy and hostile clients cannot hurt."""
+
+import asyncio
+import itertools
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from pathlib import Path
+
+import pytest
+from boards import LAYOUT, PtyBoard
+from daemons import ARRAY, Daemon, play
+from hypothesis import given
+from hypothesis import strategies as st
+from prometheus_client import Metric
+from prometheus_client.parser import text_string_to_metric_families
+
+from tactiled.daemon import exporter as exporter_module
+from tactiled.daemon.device import LineErrors
+from tactiled.daemon.exporter import Exporter, MetricsParams
+from tactiled.daemon.metrics import Histogram, Metrics
+from tactiled.daemon.service import Service
+from tactiled.errors import OperatorError
+from tactiled.events.types import RecordingEvent
+from tactiled.pipeline import Pipeline
+
+
+def parse(text: str) -> dict[str, Metric]:
+    return {family.name: family for family in text_string_to_metric_families(text)}
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])
+
+
+def value(families: dict[str, Metric], name: str, **labels: str) -> float:
+    (sample,) = [
+        s for family in families.values() for s in family.samples if s.name == name and s.labels == labels
+    ]
+    return float(sample.value)
+
+
+@asynccontextmanager
+async def connected(port: int) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        yield reader, writer
+    finally:
+        writer.close()
+        with suppress(ConnectionError):
+            await writer.wait_closed()
+
+
+async def scrape(port: int, request: bytes = b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n") -> tuple[str, str]:
+    async with connected(port) as (reader, writer):
+        writer.write(request)
+        answer = await reader.read()
+    head, _, body = answer.decode().partition("\r\n\r\n")
+    return head, body
+
+
+def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
+    port = free_port()
+    daemon = Daemon(tmp_path)
+    daemon.params = daemon.params.model_copy(update={"metrics": MetricsParams(port=port)})
+    scraped: list[tuple[str, str]] = []
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+        await daemon.until_scans(20)
+        await daemon.until(lambda: daemon.status["valid"], "a valid status")
+        scraped.append(await scrape(port))
+
+    with PtyBoard(daemon.link):
+        play(daemon, story)
+    head, body = scraped[0]
+    assert head.startswith("HTTP/1.0 200 OK")
+    assert "text/plain; version=0.0.4" in head
+    families = parse(body)
+    status = daemon.status
+    assert 0 < value(families, "tactiled_scans_total", result="received") <= status["scans"]
+    assert value(families, "tactiled_scans_total", result="missing") == 0
+    assert value(families, "tactiled_frames_total", result="good") > 20
+    assert value(families, "tactiled_state", state="running") == 1
+    assert value(families, "tactiled_state", state="stalled") == 0
+    assert value(families, "tactiled_valid") == 1
+    assert value(families, "tactiled_scan_rate_hertz") == 100
+    assert value(families, "tactiled_connects_total") == 1
+    assert value(families, "tactiled_messages_total", topic="scan") > 0
+    count = value(families, "tactiled_scan_latency_seconds_count")
+    assert count == value(families, "tactiled_scan_latency_seconds_bucket", le="+Inf") >= 20
+    assert value(families, "tactiled_handling_seconds_count") > 0
+    assert all(family.documentation for family in families.values())
+
+
+def bare(errors: LineErrors | None = None) -> Metrics:
+    return Metrics(Pipeline(LAYOUT, ARRAY).health, lambda: errors)
+
+
+def test_before_anything_happened_there_is_a_valid_answer() -> None:
+    families = parse(bare().text())
+    assert value(families, "tactiled_frames_total", result="good") == 0
+    assert "tactiled_state" not in families
+    assert "tactiled_uart_errors" not in families
+
+
+def test_uart_and_disk_are_told_where_they_are_known() -> None:
+    metrics = bare(LineErrors(framing=3, overrun=4))
+    metrics.said(
+        RecordingEvent(
+            time_s=0.0, state="recording", reason="", file="x", parts=1, bytes_written=5,
+            free_mb=2.5, reads_dropped=6, reads_waiting=7,
+        ),
+        8,
+    )  # fmt: skip
+    families = parse(metrics.text())
+    assert value(families, "tactiled_uart_errors_total", kind="framing") == 3
+    assert value(families, "tactiled_uart_errors_total", kind="overrun") == 4
+    assert value(families, "tactiled_recording") == 1
+    assert value(families, "tactiled_disk_free_bytes") == 2.5e6
+    assert value(families, "tactiled_reads_unrecorded_total") == 6
+    assert value(families, "tactiled_messages_refused_total") == 8
+
+
+@given(st.lists(st.floats(-1, 20, allow_subnormal=False), max_size=50))
+def test_a_histogram_counts_every_value_once(values: list[float]) -> None:
+    bounds = (0.1, 1.0, 5.0)
+    histogram = Histogram(bounds)
+    for item in values:
+        histogram.add(item)
+    found = [(labels.get("le", ending), number) for ending, labels, number in histogram.samples()]
+    expected = [(str(b), sum(v <= b for v in values)) for b in bounds]
+    assert [(float(le), n) for le, n in found[:3]] == [(float(b), n) for b, n in expected]
+    assert found[3] == ("+Inf", len(values))
+    assert found[4][1] == pytest.approx(sum(values))
+    assert found[5] == ("_count", len(values))
+    assert all(a <= b for (_, a), (_, b) in itertools.pairwise(found[:4]))
+
+
+async def nothing() -> None:
+    """Nothing to do after a story."""
+
+
+def serve(
+    story: Callable[[int], Awaitable[None]],
+    text: Callable[[], str] = lambda: "x 1\n",
+    after: Callable[[], Awaitable[None]] = nothing,
+) -> None:
+    """An exporter beside a story; when it has ended, no task is left over."""
+
+    async def main() -> None:
+        port = free_port()
+        exporter = Exporter(MetricsParams(port=port), text)
+        serving = asyncio.create_task(exporter.run())
+        try:
+            await asyncio.wait_for(story(port), 10)
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            exporter.close()
+        assert len(asyncio.all_tasks()) == 1
+        await after()
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("request_line", "status"),
+    [
+        (b"GET /metrics?x=1 HTTP/1.0", "200"),
+        (b"GET / HTTP/1.1", "404"),
+        (b"POST /metrics HTTP/1.1", "405"),
+        (b"\xff\xfe\x00 nonsense", "405"),
+        (b"", "405"),
+    ],
+)
+def test_anything_asked_is_answered(request_line: bytes, status: str) -> None:
+    async def story(port: int) -> None:
+        head, _ = await scrape(port, request_line + b"\r\nHost: x\r\n\r\n")
+        assert f"HTTP/1.0 {status}" in head
+
+    serve(story)
+
+
+def test_a_request_without_end_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.2)
+
+    async def story(port: int) -> None:
+        for request in (b"GET /metrics HTTP/1.1\r\n", b"x" * 100_000):  # too slow; too long
+            async with connected(port) as (reader, writer):
+                writer.write(request)
+                with pytest.raises((ConnectionError, EOFError)):
+                    await reader.readexactly(1)
+        assert (await scrape(port))[1] == "x 1\n"
+
+    serve(story)
+
+
+def test_a_client_that_does_not_read_is_cut_and_hurts_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.3)
+
+    async def story(port: int) -> None:
+        with socket.create_connection(("127.0.0.1", port)) as lazy:
+            lazy.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+            _, body = await scrape(port)
+            assert len(body) == 20_000_000
+            await asyncio.sleep(0.5)
+            lazy.settimeout(5)
+            received = 0
+            with suppress(ConnectionError):
+                while data := lazy.recv(1 << 20):
+                    received += len(data)
+            assert received < 20_000_000
+
+    serve(story, lambda: "x" * 20_000_000)
+
+
+def test_too_many_clients_are_turned_away_and_room_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.3)
+
+    async def story(port: int) -> None:
+        async with AsyncExitStack() as held:
+            for _ in range(12):
+                await held.enter_async_context(connected(port))
+            await asyncio.sleep(0.1)
+            with suppress(ConnectionError):
+                assert await scrape(port) == ("", "")
+            await asyncio.sleep(0.4)
+            assert "200" in (await scrape(port))[0]
+
+    serve(story)
+
+
+def test_open_clients_do_not_hold_up_the_end() -> None:
+    async def story(port: int) -> None:
+        for _ in range(3):
+            _, writer = await held.enter_async_context(connected(port))
+            writer.write(b"GET")
+        await asyncio.sleep(0.05)
+
+    held = AsyncExitStack()
+    serve(story, after=held.aclose)
+
+
+def test_a_port_that_is_taken_is_one_clear_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(OperatorError, match=rf"metrics\.port: 127\.0\.0\.1:{port} cannot be had"):
+            Exporter(MetricsParams(port=port), str)
