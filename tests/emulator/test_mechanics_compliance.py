@@ -92,12 +92,12 @@ moves = st.lists(
         st.sampled_from([0.0, 1e-3, 0.02]),
     ),
     min_size=1,
-    max_size=12,
+    max_size=5,
 )
 
 
 @given(plate, moves)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_any_plate_and_any_move_give_finite_forces_inside_coulombs_cone(
     surface: Surface, steps: list[tuple[float, float, float]]
 ) -> None:

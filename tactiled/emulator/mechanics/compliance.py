@@ -32,6 +32,9 @@ _SUBSTEP_OF_PERIOD = 1 / 30
 # Friction forgets within the presliding distance (some 0.3 mm): of a longer jump only the end counts.
 _SUBSTEPS = 32
 _HALVINGS = 4  # of a substep that does not converge, before it is flagged
+# Of one step of one taxel: one that needs more is jammed (friction without bound between ridges) and is
+# flagged, not ground at for minutes.
+_FAILURES = 6
 _HEIGHT_MM = CHIP_MM + BASE_MM + RIM_MM + CAP_MM  # arm of friction at the apex over the read-out areas
 # The material that carries a pressure down is dragged along less than the surface is. One number, fitted to
 # left minus right of finite elements at full slip at friction 0.6 (coarse mesh, 1.667 N); 0.3 and 0.9 then
@@ -67,6 +70,7 @@ class _Taxel:
         self.value: float | None = None
         self.held: Held = "force"
         self.warning = 0
+        self.failures = 0  # solves of this step that did not converge
 
 
 class Compliance:
@@ -135,6 +139,7 @@ class Compliance:
         if taxel.value == value and taxel.held == held and np.array_equal(taxel.base_mm, base_mm):
             return
         taxel.warning = 0
+        taxel.failures = 0
         start, way = taxel.base_mm, base_mm - taxel.base_mm
         first = taxel.value if taxel.value is not None and taxel.held == held else self._current(taxel, held)
         wanted = math.ceil(float(np.hypot(*way)) / self._substep_mm)
@@ -142,7 +147,8 @@ class Compliance:
         length = self._substep_mm / max(float(np.hypot(*way)), self._substep_mm) if wanted > 1 else 1.0
         for left in range(count - 1, -1, -1):
             share = 1.0 - left * (length if wanted > _SUBSTEPS else 1.0 / count)
-            self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
+            if taxel.failures < _FAILURES or not left:
+                self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
         taxel.base_mm, taxel.value, taxel.held = base_mm.copy(), value, held
 
     def _current(self, taxel: _Taxel, held: Held) -> float:
@@ -154,7 +160,8 @@ class Compliance:
         assert taxel.base_mm is not None
         here = taxel.base_mm
         solution, frame = self._solve(taxel, held, value, base_mm)
-        if not solution.converged and halvings:
+        taxel.failures += not solution.converged
+        if not solution.converged and halvings and taxel.failures < _FAILURES:
             self._substep(taxel, held, (before + value) / 2, (here + base_mm) / 2, halvings - 1)
             self._substep(taxel, held, value, base_mm, halvings - 1)
             return
