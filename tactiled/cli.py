@@ -85,7 +85,7 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 
 @cli.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
-@click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, info.")
+@click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, ...")
 @click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many messages.")
 @click.option(
     "--timeout", "timeout_s", type=click.FloatRange(0), help="Stop after so many seconds; 1 if nothing came."
@@ -99,7 +99,10 @@ def listen(
     Example: tactiled listen --topic slip --topic texture
     """
     from tactiled.client.listen import listen as run_listener
+    from tactiled.events.types import EVENT_TYPES
 
+    if strangers := sorted(set(topics) - set(EVENT_TYPES)):
+        raise click.UsageError(f"no topic {', '.join(strangers)}; there are: {', '.join(EVENT_TYPES)}")
     sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s, keys=keys))
 
 

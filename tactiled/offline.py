@@ -79,7 +79,12 @@ def detect_file(
     if plot is not None:
         from tactiled.bench.pictures import draw_log
 
-        draw_log(plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name)
+        try:
+            draw_log(
+                plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name
+            )
+        except OSError as error:
+            raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
     return len(log.events)
 
 

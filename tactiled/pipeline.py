@@ -255,9 +255,10 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
             f"{layout.name} has {layout.n_channels}: mend the array file or the layout file"
         )
     slowest, fastest = RATES_HZ
-    if not slowest <= hello.rate_hz <= fastest or hello.adc_bits < 1 or hello.adc_reference_v <= 0:
+    converts = 1 <= hello.adc_bits <= 32 and 0 < hello.adc_reference_v <= 100
+    if not (slowest <= hello.rate_hz <= fastest and converts):
         return (
             f"board {hello.board_serial} reports {hello.rate_hz:g} Hz, {hello.adc_bits} bits and "
-            f"{hello.adc_reference_v:g} V; possible are {slowest:g} to {fastest:g} Hz, some bits, some volts"
+            f"{hello.adc_reference_v:g} V; possible are {slowest:g} to {fastest:g} Hz, 32 bits, 100 V"
         )
     return None

@@ -45,6 +45,7 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["emulate", "--scene", "bad.toml", "--link", "x"], "period_mm"),
         (["emulate", "--protocol", "none", "--link", "x"], "board-v1"),
         (["listen", "nonsense"], "nonsense"),
+        (["listen", "--topic", "slipp"], "no topic slipp; there are: slip"),
         (["detect", "none.csv"], "none.csv"),
         (["check-config"], "FILE"),
         (["bench", "none"], "none"),

@@ -19,7 +19,10 @@ RUNTIME = "{runtime}"  # stands in an endpoint for the runtime directory
 def fault_of(endpoint: str) -> str:
     """Why this is no endpoint; empty where it is one."""
     transport, _, address = endpoint.partition("://")
-    if transport in ("tcp", "ipc") and address:
+    port = address.rsplit(":", 1)[-1]
+    if transport == "tcp" and ":" in address and (port == "*" or (port.isdigit() and int(port) < 65536)):
+        return ""
+    if transport == "ipc" and address:
         return ""
     return f"{endpoint}: not an endpoint; give tcp://127.0.0.1:PORT or ipc://PATH"
 
@@ -53,6 +56,9 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     if path is not None and _is_served(path):
         # libzmq would take the path away from the other daemon without a word.
         raise OperatorError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
+    if path is not None and path.exists() and not path.is_socket():
+        # libzmq would delete whatever stands there.
+        raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
     try:
         sock.bind(endpoint)
         if path is not None:

@@ -240,6 +240,8 @@ class WaveletSlip:
             direction_sd_deg = self._pairs.direction_sd_deg(
                 moved, taxels, onset.along, onset.direction_sd_deg
             )
+        if self._tracker.state == "unknown":
+            confidence /= 2  # it may as well be the stop of a slide that began unseen
         onset_s = look.time_s + response.skew_s - onset.delay.scans / self._rate_hz
         event = SlipEvent(
             time_s=onset_s,

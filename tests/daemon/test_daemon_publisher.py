@@ -195,3 +195,17 @@ def test_the_placeholder_stands_for_the_runtime_directory(tmp_path: Path) -> Non
     publisher = Publisher(params, {"RUNTIME_DIRECTORY": str(tmp_path)})
     assert (tmp_path / "events.ipc").is_socket()
     publisher.close()
+
+
+def test_an_endpoint_does_not_delete_a_file(tmp_path: Path) -> None:
+    precious = tmp_path / "notes.txt"
+    precious.write_text("keep me")
+    with pytest.raises(OperatorError, match="no socket"):
+        Publisher(PublishParams(endpoints=(f"ipc://{precious}",)))
+    assert precious.read_text() == "keep me"
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:999999", "tcp://127.0.0.1", "tcp://127.0.0.1:http"])
+def test_an_impossible_port_is_no_endpoint(endpoint: str) -> None:
+    with pytest.raises(ValueError, match="not an endpoint"):
+        PublishParams(endpoints=(endpoint,))

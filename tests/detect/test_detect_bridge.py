@@ -87,6 +87,9 @@ def test_a_contact_that_began_unseen_is_not_called_a_hold(start: int) -> None:
     if start < ONSET:  # the slip is found all the same
         assert [e.state for e in found if isinstance(e, SlipEvent)] == ["onset"]
         assert [e.state for e in contacts] == ["unknown", "sliding"]
+        sure = next(e for e in events([BLOCK[:1090]]) if isinstance(e, SlipEvent))
+        (unsure,) = (e for e in found if isinstance(e, SlipEvent))
+        assert unsure.confidence == pytest.approx(sure.confidence / 2, rel=0.05)
     else:
         assert len(contacts) == 1
 
