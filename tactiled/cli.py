@@ -159,7 +159,7 @@ def emulate(
     )
 
 
-BENCHES = ("clock", "paper", "contact", "faults", "soak")
+BENCHES = ("clock", "paper", "contact")
 
 
 @cli.command()
@@ -170,8 +170,7 @@ def bench(name: str, quick: bool, plot: Path | None) -> None:
     """Measure, and print the table that README shows.
 
     clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
-    what each contact model costs and what it gets wrong. faults: what a bad line costs, and for how long.
-    soak: days of board time.
+    what each contact model costs and what it gets wrong.
 
     Example: tactiled bench clock
     """
