@@ -95,6 +95,11 @@ class Port:
             self.board.receive(data, now_s)
             self._collect(now_s)
 
+    def inflict(self, kind: FaultKind, now_s: float) -> None:
+        """Do this now, beside what is planned; what is done to a frame happens to the next one sent."""
+        self._run_until(now_s)
+        self._inflict(kind, now_s)
+
     def _next_cause_s(self) -> float:
         return min(self.board.next_deadline_s(), self._plan.next_s(), self._replug_s)
 

@@ -13,12 +13,13 @@ import select
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from tactiled.emulator.control import ControlLines, contact_report, control_link
-from tactiled.emulator.faults import FaultParams
+from tactiled.emulator.faults import FaultKind, FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import Link, make_link
 from tactiled.emulator.physical import PhysicalContact
@@ -88,7 +89,9 @@ class Emulator:
         self._control = control
         self._control_lines = ControlLines(self._port.contact)
         self._slips_reported = 0
+        self._asked_for: deque[FaultKind] = deque()
         self._is_stopping = False
+        self._is_plugged = True
         self._is_scene_reported = False
         self._bytes_overflowed = 0
         self._wake_read, self._wake_write = os.pipe()
@@ -98,6 +101,11 @@ class Emulator:
         self._is_stopping = True
         with contextlib.suppress(OSError):  # `run` has ended and closed it
             os.write(self._wake_write, b"x")
+
+    def inflict(self, kind: FaultKind) -> None:
+        """Do this to the line or the board at once; may be called from another thread."""
+        self._asked_for.append(kind)
+        os.write(self._wake_write, b"x")
 
     def run(self) -> None:
         """Be a board until `stop`."""
@@ -121,10 +129,12 @@ class Emulator:
 
     def _step(self) -> None:
         """Do what is due, then sleep until something is."""
-        was_plugged = self._port.plugged
+        while self._asked_for:
+            self._port.inflict(self._asked_for.popleft(), time.monotonic())
         for arrival in self._port.advance(time.monotonic()):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
-        if was_plugged != self._port.plugged:
+        if self._is_plugged != self._port.plugged:
+            self._is_plugged = self._port.plugged
             self._replug()
         self._report_scene()
         self._report_slips()
@@ -132,6 +142,8 @@ class Emulator:
         fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
         awaited = [self._wake_read, *fds, *control_fds]
         ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
+        if self._wake_read in ready:
+            os.read(self._wake_read, 64)
         if any(fd in fds for fd in ready) and (data := self._link.read()):
             self._port.receive(data, time.monotonic())
         if self._control is not None and any(fd in control_fds for fd in ready):
@@ -145,7 +157,7 @@ class Emulator:
             control.write(answer)
 
     def _replug(self) -> None:
-        if self._port.plugged:
+        if self._is_plugged:
             self._link.open()
             self._report({"what": "plugged", "time_s": time.monotonic(), **self._link.describe()})
         else:

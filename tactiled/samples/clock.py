@@ -67,6 +67,9 @@ class ClockFit:
     EARLIEST_PER_MEAN = 0.3
     # Bunched frames are spread over the whole wait between two reads: their median is half of it late.
     UNBUNCHED_PART = 0.25
+    # A second of which everything came late is the backlog of a stall, and says nothing of the line; when all
+    # has come late for so many, the board's clock has lost time.
+    LATE_BUCKETS_TO_BELIEVE = 10
     STALLED_WAITS = 3.0  # a read after so many typical waits ended a stall
     HANDOVER_JITTER_S = 1e-4  # of USB polling and of the host's scheduler, on top of an adapter's timer
 
@@ -84,6 +87,7 @@ class ClockFit:
         self._line: Line | None = None
         self._drop = 0.0  # how far arrivals since the last fit pushed the line down
         self._n_early = 0
+        self._late_since: float | None = None
         self._wait_s = math.inf  # usual wait between hand-overs, as of the last bucket
 
     @property
@@ -183,10 +187,28 @@ class ClockFit:
         late = median(arrival.delay for arrival in self._arrivals) - least
         return late <= self.UNBUNCHED_PART * median(arrival.waited for arrival in self._arrivals)
 
+    def _is_backlog(self, band: Band, newest: float) -> bool:
+        """Whether all of a bucket was held back; `newest` is when the last of it arrived, since the origin."""
+        if self._line is None or band.low <= self._line.at(band.low_x) + self._drop + self._params.gate_s:
+            self._late_since = None
+            return False
+        if self._late_since is None:
+            self._late_since = newest
+        if newest < self._late_since + self.LATE_BUCKETS_TO_BELIEVE * self._params.bucket_s:
+            return True  # a stall's backlog comes at once: this counts by arrival, not by board time
+        self._late_since = None
+        self._bands.clear()
+        self._line = None
+        return False
+
     def _close_bucket(self) -> None:
-        self._bands.append(self._band())
+        band = self._band()
         self._wait_s = self._usual_wait()
+        newest = self._arrivals[-1].x + self._arrivals[-1].delay
         self._arrivals.clear()
+        if self._is_backlog(band, newest):
+            return
+        self._bands.append(band)
         if len(self._bands) > 1:
             self._line = line_through(self._bands, self._params.max_drift_ppm * 1e-6)
             self._drop = 0.0

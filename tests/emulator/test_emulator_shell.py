@@ -253,3 +253,20 @@ def test_an_address_in_use_is_refused() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"cannot listen on 127.0.0.1:{port}"):
             run_emulator(DEMO, V1, tcp=f"tcp://127.0.0.1:{port}", report=lambda _: None)
+
+
+def test_a_fault_is_done_when_another_thread_asks_for_it() -> None:
+    reports: Reports = []
+    emulator = Emulator(DEMO, V1, PtyLink(None), faults=FaultParams(unplug_s=0.05), report=reports.append)
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        wait_for(lambda: bool(reports), "a board")
+        emulator.inflict("unplug")
+        wait_for(lambda: len(what(reports, "plugged")) == 1, "plugging in")
+        emulator.inflict("unplug")
+        wait_for(lambda: len(what(reports, "plugged")) == 2, "plugging in again")
+    finally:
+        emulator.stop()
+        thread.join(PATIENCE_S)
+    assert what(reports, "end")[0]["counts"]["unplugs"] == 2

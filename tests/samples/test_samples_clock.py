@@ -1,5 +1,7 @@
 """The clock fit recovers instants from arrivals that a line delays, bunches and stalls."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -160,3 +162,32 @@ def test_a_known_timer_is_believed_where_reads_cannot_show_it() -> None:
         time_s, sd_s = estimate(fit, np.asarray(number * 0.016, dtype=np.float64), arrival_s)
         ratios.append(((time_s - true_s) / sd_s)[-1])
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+@pytest.mark.parametrize("rate_hz", [4.0, 35.7, 100.0])
+@pytest.mark.parametrize("reads", [1, 5])
+def test_the_backlog_of_a_stall_does_not_move_the_clock(rate_hz: float, reads: int) -> None:
+    """Whole seconds of scans that all came late, in one read or in several close together."""
+    fit = ClockFit(ClockParams(), 0.0)
+    period_s = 1 / rate_hz
+    for k in range(int(60 * rate_hz)):
+        true_s = 100 + k * period_s
+        begin_s = 130.3 if true_s < 145 else 150.3
+        stalled = begin_s <= true_s < begin_s + 2.4
+        # The backlog in order, a few reads of it 0.2 ms apart.
+        part = math.floor(reads * (true_s - begin_s) / 2.4) * 2e-4 if stalled else 0.0
+        arrival_s = begin_s + 2.4 + part if stalled else true_s
+        waited_s = math.inf if stalled and part else 2.4 if stalled else period_s
+        fit.add(k * period_s, arrival_s, waited_s)
+        if true_s > 110:
+            time_s, sd_s = fit.time_of(k * period_s)
+            assert time_s == pytest.approx(true_s, abs=1e-3)
+            assert sd_s < 1e-2
+
+
+def test_a_board_whose_clock_lost_time_is_followed_after_a_while() -> None:
+    """Ticks stood still for half a second: from then on everything is late, and stays so."""
+    fit = ClockFit(ClockParams(), 0.0)
+    for k in range(5000):
+        fit.add(k * 0.01, 100 + k * 0.01 + (0.5 if k > 2000 else 0.0), 0.01)
+    assert fit.time_of(49.99)[0] == pytest.approx(150.49, abs=1e-3)
