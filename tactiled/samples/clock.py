@@ -188,7 +188,7 @@ class ClockFit:
         return late <= self.UNBUNCHED_PART * median(arrival.waited for arrival in self._arrivals)
 
     def _is_backlog(self, band: Band, newest: float) -> bool:
-        """Whether all of a bucket was held back; `newest` is when the last of it arrived, since the origin."""
+        """Whether all of a bucket was held back; `newest`: when its last arrived, since the origin."""
         if self._line is None or band.low <= self._line.at(band.low_x) + self._drop + self._params.gate_s:
             self._late_since = None
             return False
