@@ -159,7 +159,7 @@ def emulate(
     )
 
 
-BENCHES = ("clock", "paper", "contact")
+BENCHES = ("clock", "paper", "contact", "soak")
 
 
 @cli.command()
@@ -170,7 +170,7 @@ def bench(name: str, quick: bool, plot: Path | None) -> None:
     """Measure, and print the table that README shows.
 
     clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
-    what each contact model costs and what it gets wrong.
+    what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
 
     Example: tactiled bench clock
     """

@@ -40,8 +40,9 @@ class ScanCounter:
     SLACK_SCANS = 5
     # Long silences: crystals and a rate rounded to millihertz are good for a per cent.
     SLACK_PART = 0.01
-    # Bytes may be queued up somewhere for so long; more, and the board was off meanwhile.
-    SLACK_S = 2.0
+    # Bytes may be queued up somewhere for so long (the kernel's 64 KiB for a tty are 7 s of a board at 115200
+    # baud); more, and the board was off meanwhile.
+    SLACK_S = 10.0
     # A line that repeats or reorders does so at once; older scans than these do not come back.
     STRAGGLERS = 16
 

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -177,6 +178,19 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
     link.received(encode(sim.hello()), 101.6, events.append)
     status = link.status(101.6, started_s=100.0, connects=1)
     assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
+
+
+def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
+    """Nothing came for 4 s, then a hello that the board had said after 1.3 s."""
+    sim, link, events = SimBoard(), bare_link(), list[Event]()
+    encode = Encoder(LAYOUT).encode
+    link.opened(100.0)
+    link.received(encode(replace(sim.hello(), ticks=0)) + stream(sim, 50, 0), 100.5, events.append)
+    link.received(encode(replace(sim.hello(), ticks=1_760_000)), 104.4, events.append)
+    stream(sim, 350, 500_000)
+    link.received(stream(sim, 50, 4_000_000), 104.5, events.append)
+    status = link.status(104.5, started_s=100.0, connects=1)
+    assert (status.restarts, status.scans, status.scans_missing) == (0, 100, 350)
 
 
 def test_another_board_on_the_port_is_not_a_restart_of_the_first() -> None:
