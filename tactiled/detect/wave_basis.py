@@ -1,0 +1,112 @@
+"""A window reduced to what a plane wave's likelihood depends on.
+
+Near one frequency, readings matter only through their products with a few functions of time: sine and cosine
+of each harmonic, and the same times the way travelled, which is how the wave answers to a small change of
+frequency. Slow polynomials are projected out of readings and functions alike, which is the same as fitting
+them (Frisch, Waugh, Lovell). So one pass over the window makes a small table for each channel, and all
+questions about wave vectors, phases and amplitudes are asked of the tables.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactiled.array import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Readings with the slow part taken out.
+
+    The way travelled runs from about -1 to 1 over the window; `half_way` is what 1 stands for, in
+    millimetres (or seconds, where the speed is not known).
+
+    Attributes
+    ----------
+    volts : (channels, n) float64
+        Orthogonal to `trend`.
+    way : (1 or channels, n) float64
+        One row where all channels travel evenly, else each channel's own.
+    lag : (channels,) float64
+        By how much more way each channel has travelled than `way` says.
+    half_way : float
+    trend : (n, terms) float64
+        Orthonormal polynomials.
+    """
+
+    volts: FloatArray
+    way: FloatArray
+    lag: FloatArray
+    half_way: float
+    trend: FloatArray
+
+    @property
+    def n(self) -> int:
+        return self.volts.shape[1]
+
+
+def trend_basis(n: int, order: int) -> FloatArray:
+    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1)."""
+    steps = np.linspace(-1.0, 1.0, n)
+    return np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
+
+
+def make_window(
+    volts: FloatArray, way: FloatArray, way_rate: FloatArray, channel_offset_s: FloatArray, order: int
+) -> Window:
+    """Window from readings (n, channels), way travelled (n,) at each scan, and its rate (n,)."""
+    trend = trend_basis(len(volts), order)
+    readings = volts.T - (volts.T @ trend) @ trend.T
+    half_way = float(np.ptp(way)) / 2 or 1.0
+    way = (way - (way.min() + way.max()) / 2) / half_way
+    rate = way_rate / half_way
+    if np.ptp(rate) <= 1e-9 * abs(rate).max():
+        return Window(readings, way[np.newaxis], channel_offset_s * rate[0], half_way, trend)
+    each = way + np.outer(channel_offset_s, rate)
+    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, trend)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Products of a window with cosine, sine of each harmonic, then the same times the way.
+
+    Attributes
+    ----------
+    turn : float
+        Phase of the fundamental for 1 of way, radians.
+    gram : (1 or channels, 4 harmonics, 4 harmonics) float64
+    product : (channels, 4 harmonics) float64
+    """
+
+    turn: float
+    n_harmonics: int
+    gram: FloatArray
+    product: FloatArray
+
+    def phasors(self) -> FloatArray:
+        """Least-squares cosine and sine parts of each channel by itself: (channels, 2 harmonics)."""
+        m = 2 * self.n_harmonics
+        return np.asarray(np.linalg.solve(self.gram[:, :m, :m], self.product[:, :m, np.newaxis])[..., 0])
+
+    def explained(self) -> FloatArray:
+        """Sum of squares that `phasors` explain in each channel, volts^2: (channels,)."""
+        return np.asarray((self.phasors() * self.product[:, : 2 * self.n_harmonics]).sum(axis=1))
+
+
+def tabulate(window: Window, turn: float, n_harmonics: int) -> Tables:
+    """Tables of a window at one frequency."""
+    wave = np.exp(1j * turn * window.way)
+    rows = []
+    power = np.ones_like(wave)
+    for _ in range(n_harmonics):
+        power = power * wave
+        rows += [power.real, power.imag]
+    basis = np.stack(rows, axis=1)  # (groups, 2 harmonics, n)
+    basis = np.concatenate([basis, basis * window.way[:, np.newaxis]], axis=1)
+    basis -= (basis @ window.trend) @ window.trend.T
+    gram = basis @ basis.transpose(0, 2, 1)
+    if len(basis) == 1:
+        product = window.volts @ basis[0].T
+    else:
+        product = (basis @ window.volts[:, :, np.newaxis])[..., 0]
+    return Tables(turn, n_harmonics, gram, product)

@@ -1,0 +1,127 @@
+"""All wave vectors that the phases of one frequency allow: the integer ambiguity, listed and weighed."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import FloatArray
+from tactiled.detect.wave_basis import Tables, Window
+from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
+from tactiled.detect.wave_solve import Solver, Waves
+
+_STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
+_MOST_STARTS = 24
+_SLACK_SIGMAS = 3.0
+_SAME_RAD = 0.3  # at the rim: two starts that meet this closely have found one maximum
+
+
+def search(
+    window: Window,
+    tables: Tables,
+    layout: Layout,
+    motion: WaveMotion,
+    params: WaveParams,
+    solver: Solver,
+    variance: FloatArray,
+) -> Waves:
+    """Local maxima of the likelihood over the wave vector, the best first; maybe none.
+
+    Parameters
+    ----------
+    tables : Tables
+        At the line's frequency, fundamental only.
+    """
+    heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
+    along, across = _grid(window, tables.turn, layout, motion, params)
+    if not len(along) or not len(across):
+        return _none()
+    scores = _scores(tables, window, layout, heading, along, across, variance)
+    a, b = np.meshgrid(along, across, indexing="ij")
+    allowed = np.hypot(a, b) <= 2 * np.pi / params.min_period_mm
+    if motion.has_direction:
+        allowed &= np.abs(b) <= a * np.tan(np.radians(params.max_tilt_deg))
+    starts = np.flatnonzero((_is_peak(scores) & allowed).ravel())
+    if not len(starts):
+        return _none()
+    starts = starts[np.argsort(-scores.ravel()[starts], kind="stable")][:_MOST_STARTS]
+    normal = np.array([-heading[1], heading[0]])
+    k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
+    turn = solver.turn_of(k) if motion.has_speed else np.full(len(k), tables.turn)
+    found = solver.solve(tables, k, turn)
+    return _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
+
+
+def _grid(
+    window: Window, turn: float, layout: Layout, motion: WaveMotion, params: WaveParams
+) -> tuple[FloatArray, FloatArray]:
+    """Components of the wave vector along the motion and across it."""
+    rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+    step = _STEP_RAD / rim_mm
+    largest = 2 * np.pi / params.min_period_mm
+    n_across = int(np.ceil(largest / step))
+    across = np.arange(-n_across, n_across + 1) * step
+    if not motion.has_speed:
+        along = across[across > 0] if motion.has_direction else across
+        return along, across
+    exact = turn / window.half_way
+    tilt = np.tan(np.radians(params.max_tilt_deg))
+    across = across[np.abs(across) <= exact * tilt + step]
+    relative = motion.speed_sd_mm_s / motion.speed_mm_s
+    slack = float(np.hypot(exact * relative, np.abs(across).max() * np.radians(motion.direction_sd_deg)))
+    n_along = int(np.ceil(_SLACK_SIGMAS * slack / step)) if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0
+    along = exact + np.arange(-n_along, n_along + 1) * step
+    return along[along > 0], across
+
+
+def _scores(
+    tables: Tables,
+    window: Window,
+    layout: Layout,
+    heading: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    variance: FloatArray,
+) -> FloatArray:
+    """What a wave would explain if amplitudes were those that channels show by themselves."""
+    parts = tables.phasors()
+    z = (parts[:, 0] - 1j * parts[:, 1]) * np.exp(-1j * tables.turn * window.lag)
+    x = layout.x_mm * heading[0] + layout.y_mm * heading[1]
+    y = layout.y_mm * heading[0] - layout.x_mm * heading[1]
+    scores = np.zeros((len(along), len(across)))
+    for kind in np.unique(layout.kind):
+        mine = layout.kind == kind
+        pull = np.abs(z[mine]) * z[mine] / variance[mine]
+        total = np.abs(pull).sum()
+        if total > 0:
+            by_along = np.exp(-1j * np.outer(along, x[mine])) * pull
+            by_across = np.exp(-1j * np.outer(y[mine], across))
+            scores += np.abs(by_along @ by_across) ** 2 / total
+    return scores
+
+
+def _is_peak(scores: FloatArray) -> NDArray[np.bool_]:
+    """Points no lower than their neighbours along each axis."""
+    peak = np.ones(scores.shape, dtype=np.bool_)
+    for axis in (0, 1):
+        if scores.shape[axis] > 1:
+            rises = np.diff(scores, axis=axis) > 0
+            first = [slice(None)] * 2
+            first[axis] = slice(0, 1)
+            edge = np.ones_like(rises[tuple(first)])
+            peak &= np.concatenate([edge, rises], axis=axis) & ~np.concatenate([rises, ~edge], axis=axis)
+    return peak
+
+
+def _distinct(waves: Waves, layout: Layout) -> Waves:
+    """Without those that another start found before."""
+    rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+    kept: list[int] = []
+    for i in range(len(waves.k)):
+        gaps = np.abs(waves.k[kept] - waves.k[i]).max(axis=1) if kept else np.array([np.inf])
+        if gaps.min() * rim_mm > _SAME_RAD:
+            kept.append(i)
+    return waves[np.array(kept)]
+
+
+def _none() -> Waves:
+    empty = np.zeros(0)
+    return Waves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
