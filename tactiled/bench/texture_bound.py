@@ -1,14 +1,14 @@
 """How well anybody could know a grating: the Cramer-Rao bound of a plane wave seen by an array.
 
-The model, with phases in turns of the groove pattern. A channel c at (x, y) that is sampled at the instant t reads
+The model, with phases in turns of the groove pattern: a channel c at (x, y), sampled at the instant t, reads
 
     level_c + drift_c t + sum over h of A_ch cos(2 pi h s + psi_kh) + white noise of sigma_c
     s = ((x + v t cos(theta)) cos(a) + (y + v t sin(theta)) sin(a)) / D
 
-for a period D, an angle a of the groove normal, a speed v along theta, and harmonics h = 1, 2, ... Unknown, besides
-D, a and (where nobody gives it) v: level, drift and amplitudes of each channel, and a phase psi for each harmonic
-and kind k of channel (R1 of all taxels, R2 of all, ...), since the four sides of a bump meet a ridge at
-different times but taxels are alike.
+for a period D, an angle a of the groove normal, a speed v along theta, and harmonics h = 1, 2, ... Unknown,
+besides D, a and (where nobody gives it) v: level, drift and amplitudes of each channel, and a phase psi for
+each harmonic and kind k of channel (R1 of all taxels, R2 of all, ...), since the four sides of a bump meet a
+ridge at different times but taxels are alike.
 
 With G the derivatives of all readings by the parameters over sigma, the Fisher information is ``G' G`` and no
 unbiased estimator has a covariance below its inverse (Kay, Fundamentals of Statistical Signal Processing I,
@@ -98,9 +98,7 @@ def turns(wave: Wave, sensed: Sensed, time_s: FloatArray) -> FloatArray:
     return np.asarray((x * np.cos(angle) + y * np.sin(angle)) / wave.period_mm)
 
 
-def bound(
-    wave: Wave, sensed: Sensed, time_s: FloatArray, *, is_speed_known: bool, n_drift: int = 2
-) -> Bound:
+def bound(wave: Wave, sensed: Sensed, time_s: FloatArray, *, is_speed_known: bool, n_drift: int = 2) -> Bound:
     """The bound for one window.
 
     Parameters
@@ -118,9 +116,7 @@ def bound(
     phase = 2 * np.pi * turns(wave, sensed, time_s)
     by_period = -phase / wave.period_mm
     by_angle = 2 * np.pi * (y * np.cos(angle) - x * np.sin(angle)) / wave.period_mm
-    by_speed = (
-        2 * np.pi * (time_s[:, None] + sensed.offset_s) * np.cos(theta - angle) / wave.period_mm
-    )
+    by_speed = 2 * np.pi * (time_s[:, None] + sensed.offset_s) * np.cos(theta - angle) / wave.period_mm
     shared = [by_period, by_angle] if is_speed_known else [by_period, by_angle, by_speed]
     n_kinds, n_harmonics = sensed.phase_rad.shape
     order = np.arange(1, n_harmonics + 1)

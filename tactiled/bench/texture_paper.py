@@ -1,0 +1,142 @@
+"""Table 2 of the paper on scenes that obey physics: the paper, its procedure here, and the joint fit.
+
+Each plate of the experiment protocol is played by the `periodic` rung through firmware, line, decoder and
+clock fit. The joint fit sees the very windows of the procedure (10 s each, from 1 s after the slip was
+detected), and windows of 2 s of the same slide; both are told the speed, as the procedure must be.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactiled.array import load_array
+from tactiled.bench.paper import PUBLISHED
+from tactiled.bench.play import NONE, Run, play, spread
+from tactiled.bench.report import table
+from tactiled.bench.texture_answers import joint_fit
+from tactiled.detect.grooves import Motion
+from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.scene import paper_scenes
+from tactiled.events.types import TextureEvent
+
+Plate = tuple[float, int]
+PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
+WINDOWS_S = (10.0, 2.0)
+_SETTLE_S = 1.0  # as the procedure has it
+_WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What one way of estimating said of one plate.
+
+    Attributes
+    ----------
+    windows : int
+        Full windows that there were.
+    said : list of (period_mm, angle_deg)
+        One for each window that was answered.
+    """
+
+    plate: Plate
+    method: str
+    windows: int
+    said: list[tuple[float, float]]
+
+    def errors(self) -> tuple[float, float]:
+        """Root mean square of period (mm) and angle (degrees); NaN where nothing was said."""
+        if not self.said:
+            return float("nan"), float("nan")
+        off = np.array(self.said) - np.array(self.plate, dtype=np.float64)
+        period_mm, angle_deg = np.sqrt((off**2).mean(axis=0))
+        return float(period_mm), float(angle_deg)
+
+
+def run_table2(
+    say: Callable[[str], None], *, n_seeds: int, plates: Sequence[Plate] = PLATES
+) -> list[Answered]:
+    """Every plate with seeds 0 to n_seeds - 1, in two processes."""
+    found: list[Answered] = []
+    with ProcessPoolExecutor(_WORKERS) as pool:
+        for plate, answers in zip(plates, pool.map(_Played(n_seeds), plates), strict=True):
+            found += answers
+            say(f"plate of {plate[0]:g} mm at {plate[1]} degrees: {n_seeds} slides of 40 s")
+    return found
+
+
+@dataclass(frozen=True)
+class _Played:
+    """A plate, in whichever process."""
+
+    n_seeds: int
+
+    def __call__(self, plate: Plate) -> list[Answered]:
+        period_mm, angle_deg = plate
+        scene = paper_scenes()[f"experiment-d{period_mm:.2f}-a{angle_deg}"].with_changes(contact="periodic")
+        runs = [play(scene, seed) for seed in range(self.n_seeds)]
+        textures = [e for run in runs for e in run.events if isinstance(e, TextureEvent)]
+        textures = [e for e in textures if e.status != "no-slip"]
+        agreed = [(e.period_mm, e.angle_deg) for e in textures if e.status == "ok"]
+        found = [Answered(plate, "procedure", len(textures), agreed)]
+        for window_s in WINDOWS_S:
+            answers = [answer for run in runs for answer in _joint(run, window_s)]
+            said = [answer for answer in answers if answer is not None]
+            found.append(Answered(plate, f"joint, {window_s:g} s", len(answers), said))
+        return found
+
+
+def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
+    """Period and angle of window after window of a slide; None where the fit refuses."""
+    onset, end_s = run.slips("onset")[0], run.truth.slips[0].end_s
+    begin = int(np.searchsorted(run.time_s, onset.detected_s + _SETTLE_S))
+    end = int(np.searchsorted(run.time_s, end_s))
+    board = BoardParams()
+    array = load_array("wang2019-3x3")
+    offset_s = board.channel_step_s * np.arange(array.n_channels, dtype=np.float64)
+    n = round(window_s * board.rate_hz)
+    motion = Motion(1.0, 0.0, onset.direction_deg, onset.direction_sd_deg)
+    answers: list[tuple[float, float] | None] = []
+    for first in range(begin, end - n + 1, n):
+        fit = joint_fit(array, run.volts[first : first + n], board.rate_hz, offset_s, motion)
+        answers.append((fit.period_mm, fit.angle_deg) if fit.status == "ok" else None)
+    return answers
+
+
+def table2(found: Sequence[Answered]) -> str:
+    """Five columns: period and angle, mean and standard deviation over windows (answered of all)."""
+    head = ["D, angle", "paper, simulation", "paper, experiment", *dict.fromkeys(a.method for a in found)]
+    rows = []
+    for plate in dict.fromkeys(a.plate for a in found):
+        published = PUBLISHED[plate]
+        cells = [" mm, ".join(published[kind][1:]) + " deg" for kind in ("simulation", "experiment")]
+        rows.append([_name(plate), *cells, *(_said(a) for a in found if a.plate == plate)])
+    return table(head, rows)
+
+
+def errors2(found: Sequence[Answered]) -> str:
+    """Errors (rms) of the three, and by how much the joint fit's are smaller than the procedure's."""
+    methods = list(dict.fromkeys(a.method for a in found))
+    head = ["D, angle", *(f"{method}: D, angle" for method in methods)]
+    head += [f"smaller at {method.removeprefix('joint, ')}" for method in methods[1:]]
+    rows = []
+    for plate in dict.fromkeys(a.plate for a in found):
+        errors = [a.errors() for a in found if a.plate == plate]
+        cells = [f"{1e3 * period:.2f} um, {angle:.3f} deg" for period, angle in errors]
+        base = errors[0]
+        cells += [f"{base[0] / period:.1f}, {base[1] / angle:.1f} times" for period, angle in errors[1:]]
+        rows.append([_name(plate), *cells])
+    return table(head, rows)
+
+
+def _name(plate: Plate) -> str:
+    return f"{plate[0]:.2f} mm, {plate[1]} deg"
+
+
+def _said(answered: Answered) -> str:
+    if not answered.said:
+        return f"{NONE} (0/{answered.windows})"
+    said = np.array(answered.said)
+    share = f"{len(said)}/{answered.windows}"
+    return f"{spread(said[:, 0], 4)} mm, {spread(said[:, 1], 3)} deg ({share})"
