@@ -23,7 +23,9 @@ _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
 _SLOW_PART = 0.3  # of the line's power: stronger slow parts may be grooves of too few periods
 _FALSE_FUNDAMENTAL = 1e-6  # noise passes for lines below the strongest one so often
-_REFINEMENTS = 3
+# A fundamental has at least this part of its harmonics' power; less may be what the model does not describe.
+_LEAST_FUNDAMENTAL = 0.03
+_REFINEMENTS = 4
 _MOST_CANDIDATES = 8
 
 
@@ -94,21 +96,24 @@ def _fit(
         return WaveFit("aliased", frequency_hz)
     variance = lines.variance
     turn = _centred(window, np.pi * float(lines.cycles[peaks[0]]) * (window.n - 1) / window.n, variance)
-    turn = _fundamental(window, turn, params, variance)
+    turn = _fundamental(window, turn, params)
     tables = tabulate(window, turn, 1)
-    solver = Solver(window, layout, motion, variance)
-    found = search(window, tables, layout, motion, params, solver, variance)
+    found = search(window, tables, layout, motion, params, Solver(window, layout, motion, variance), variance)
     if not len(found.k):
         return WaveFit("ambiguous", frequency_hz)
-    best, tables, variance = _refined(window, layout, motion, params, found[0])
+    best, refined, variance, stray = _refined(window, layout, motion, params, found[0])
+    # All readings anew, with what is known by now of noise and strays.
+    solver = Solver(window, layout, motion, variance, stray[:, :1])
+    found = solver.solve(tabulate(window, float(best.turn[0]), 1), found.k, found.turn, steps=2)
+    found = found[np.argsort(-found.gain, kind="stable")]
+    tables = refined
     power = tables.explained()
     snr_db = 10 * float(np.log10(max(float((power / variance).mean()) / window.n, 1e-10)))
     frequency_hz = float(best.turn[0]) / np.pi / duration_s
     fit = WaveFit("ok", frequency_hz, snr_db)
     if best.turn[0] / np.pi < params.min_periods - 0.05:
         return replace(fit, status="too-few-periods")
-    misfit = _misfit(window, layout, motion, variance, found)
-    odds = np.exp((found.gain - found.gain[0]) / 2 / misfit)
+    odds = np.exp((found.gain - found.gain[0]) / 2)
     weights = odds / odds.sum()
     fit = replace(fit, error_probability=float(1 - weights[0]))
     if fit.error_probability > params.error_probability:
@@ -117,14 +122,19 @@ def _fit(
     return _answer(fit, best, window, motion, tables.n_harmonics)
 
 
-def _fundamental(window: Window, turn: float, params: WaveParams, variance: FloatArray) -> float:
+def _fundamental(window: Window, turn: float, params: WaveParams) -> float:
     """The line's own turn, or that of the line that it is a harmonic of."""
-    alone = float((tabulate(window, turn, 1).explained() / variance).sum())
+    alone = tabulate(window, turn, 1).explained()
+    total = (window.volts**2).sum(axis=1)
     for part in range(params.max_harmonics, 1, -1):
         if turn / part < np.pi * params.min_periods:
             continue
-        more = float((tabulate(window, turn / part, part).explained() / variance).sum()) - alone
-        if more > stats.chi2.isf(_FALSE_FUNDAMENTAL, 2 * (part - 1) * len(variance)):
+        explained = tabulate(window, turn / part, part).explained()
+        n_free = window.n - window.trend.shape[1] - 2 * part
+        variance = np.maximum((total - explained) / n_free, LEAST_VARIANCE)
+        more = float(((explained - alone) / variance).sum())
+        level = stats.chi2.isf(_FALSE_FUNDAMENTAL, 2 * (part - 1) * len(variance))
+        if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
             return turn / part
     return turn
 
@@ -164,31 +174,20 @@ def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
 
 def _refined(
     window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, start: Waves
-) -> tuple[Waves, Tables, FloatArray]:
-    """The best wave with the harmonics that are seen, its tables and each channel's noise."""
+) -> tuple[Waves, Tables, FloatArray, FloatArray]:
+    """The best wave with the harmonics that are seen; its tables; noise of channels, strays of kinds."""
     best = start
     n_harmonics = _harmonics(window, float(best.turn[0]), params)
+    stray = np.zeros((len(np.unique(layout.kind)), n_harmonics))
     for _ in range(_REFINEMENTS):
         tables = tabulate(window, float(best.turn[0]), n_harmonics)
         used = window.trend.shape[1] + 2 * n_harmonics
         rest = (window.volts**2).sum(axis=1) - tables.explained()
         variance = np.maximum(rest / (window.n - used), LEAST_VARIANCE)
-        solver = Solver(window, layout, motion, variance)
+        solver = Solver(window, layout, motion, variance, stray)
         best = solver.solve(tables, best.k, best.turn, steps=3)
-    return best, tables, variance
-
-
-def _misfit(window: Window, layout: Layout, motion: WaveMotion, variance: FloatArray, found: Waves) -> float:
-    """By how much the phases miss the best wave more than noise would make them."""
-    turn = float(found.turn[0])
-    tables = tabulate(window, turn, 1)
-    free = float((tables.explained() / variance).sum())
-    tied = float(
-        Solver(window, layout, motion, variance).solve(tables, found.k[:1], found.turn[:1], 3).gain[0]
-    )
-    n_channels = len(variance)
-    dof = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
-    return max(1.0, (free - tied) / dof)
+        stray = solver.stray_of(tables, best)
+    return best, tables, variance, stray
 
 
 def _candidates(found: Waves, weights: FloatArray, shown: list[int]) -> tuple[Candidate, ...]:

@@ -70,7 +70,7 @@ def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
     """Level that noise passes once in `1 / _FALSE_LINE` windows, from how the bins around scatter.
 
     The mean of m independent channels' spectra is gamma distributed with shape m. Noise that channels share,
-    such as a random texture under all taxels, has a smaller shape, down to 1: the scatter of logarithms tells.
+    such as a random texture under all taxels, has a smaller shape, down to 1: the scatter of the logs tells.
     """
     bins = np.log(np.maximum(pooled[::_PADDING], 1e-12))
     width = 2 * _NEIGHBOURS + 1

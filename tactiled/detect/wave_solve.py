@@ -2,11 +2,17 @@
 
 Gauss-Newton with the linear part solved exactly at each step (variable projection: Golub, Pereyra 1973).
 Several starting points go side by side, along the first axis of every array.
+
+On a real skin no two taxels are quite alike, and at a good signal this is what limits the phases, not noise.
+So each channel's phases may stray from its kind's, with a variance of the kind that is found from the fit
+(`stray`). Strays are integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window
@@ -14,6 +20,7 @@ from tactiled.detect.wave_model import Layout, WaveMotion
 
 _STEPS = 6  # quadratic from a start within a fraction of a radian
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
+_FALSE_STRAY = 1e-3  # noise passes for strays of a kind so often
 _RIDGE = 1e-12  # what no channel tells must have a finite sigma
 
 
@@ -40,7 +47,7 @@ class Waves:
     covariance: FloatArray
     phase: FloatArray
 
-    def __getitem__(self, chosen: int | FloatArray) -> "Waves":
+    def __getitem__(self, chosen: int | NDArray[np.int64]) -> "Waves":
         index = np.atleast_1d(np.asarray(chosen, dtype=np.int64))
         return Waves(
             self.k[index], self.turn[index], self.gain[index], self.covariance[index], self.phase[index]
@@ -58,14 +65,24 @@ class Solver:
     motion : WaveMotion
     variance : (channels,) float64
         Of each channel's noise, volts^2.
+    stray : (kinds, harmonics) float64, optional
+        Variance of phases within a kind, radians^2; zeros where left out.
     """
 
-    def __init__(self, window: Window, layout: Layout, motion: WaveMotion, variance: FloatArray) -> None:
+    def __init__(
+        self,
+        window: Window,
+        layout: Layout,
+        motion: WaveMotion,
+        variance: FloatArray,
+        stray: FloatArray | None = None,
+    ) -> None:
         self._weight = 1.0 / variance
         self._place = np.stack([layout.x_mm, layout.y_mm], axis=1)
         self._rim_mm = max(float(np.abs(self._place).max()), 1e-3)
         kinds = np.unique(layout.kind)
         self._is_kind = (layout.kind[:, np.newaxis] == kinds).astype(np.float64)
+        self._stray = None if stray is None else self._is_kind @ stray
         self._lag = window.lag
         self._motion = motion
         # Where the motion is known, turn = half_way (k . heading) (1 + what its sigmas allow).
@@ -97,7 +114,8 @@ class Solver:
         for step in range(steps + 1):
             slack = self._slack(k)
             off = (turn - self.turn_of(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
-            normal, gradient, gain = self._linearised(tables, k, turn, phase, slack)
+            waves = Waves(k, turn, np.zeros(len(k)), np.zeros((len(k), 3, 3)), phase)
+            normal, gradient, gain = self._linearised(tables, waves, slack)
             if self._motion.has_speed:
                 normal[:, 2, 2] += 1.0
                 gradient[:, 2] -= off
@@ -119,6 +137,24 @@ class Solver:
         covariance = to_turn @ inverse[:, :3, :3] @ to_turn.transpose(0, 2, 1)
         return Waves(k, turn, gain, covariance, phase)
 
+    def stray_of(self, tables: Tables, waves: Waves) -> FloatArray:
+        """Variance of phases within each kind that noise does not account for: (kinds, harmonics).
+
+        The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any at all.
+        """
+        _, push, information, _ = self._by_channel(tables, waves, self._slack(waves.k))
+        known = np.einsum("chh->ch", information[0, :, 3:, 3:])
+        excess = np.where(known > 0, push[0, :, 3:] ** 2 / np.where(known > 0, known, 1.0), 0.0)
+        seen = (known > 0).astype(np.float64)
+        # Each kind spends a phase of its own for each harmonic, and all of them two for the wave vector.
+        spent = 1.0 + 2.0 / max(tables.n_harmonics * self._is_kind.shape[1], 1)
+        dof = np.maximum(self._is_kind.T @ seen - spent, 0.0)
+        q, total = self._is_kind.T @ excess, self._is_kind.T @ known
+        usual = stats.chi2.isf(_FALSE_STRAY, np.maximum(dof, 1e-3))
+        share = dof / np.maximum(self._is_kind.T @ seen, 1.0)
+        found = (q > usual) & (dof > 0)
+        return np.where(found, (q - dof) / np.where(found, total * share, 1.0), 0.0)
+
     def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
         parts = tables.phasors()
@@ -129,12 +165,28 @@ class Solver:
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._is_kind)))
 
     def _linearised(
-        self, tables: Tables, k: FloatArray, turn: FloatArray, phase: FloatArray, slack: FloatArray
+        self, tables: Tables, waves: Waves, slack: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information, gradient and gain, amplitudes solved for and taken out.
+        """Information, gradient and gain, with amplitudes and strays taken out.
 
         Unknowns: kx, ky, the turn in units of its slack, then kind by kind the phases of the harmonics.
         """
+        gain, push, information, own = self._by_channel(tables, waves, slack)
+        if self._stray is not None and self._stray.any():
+            # With T their variance, strays e have the information F + T^-1; its inverse is T (1 + F T)^-1.
+            straying = information[..., 3:, 3:] * self._stray[:, np.newaxis] + np.eye(tables.n_harmonics)
+            spread = self._stray[..., np.newaxis] * np.linalg.inv(straying)
+            taken = information[..., 3:] @ spread
+            gain = gain + (push[..., np.newaxis, 3:] @ spread @ push[..., 3:, np.newaxis]).sum(axis=(1, 2, 3))
+            push = push - (taken @ push[..., 3:, np.newaxis])[..., 0]
+            information = information - taken @ information[..., 3:, :]
+        return *_spread(information, push, self._is_kind, own), gain
+
+    def _by_channel(
+        self, tables: Tables, waves: Waves, slack: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """Gain (starts,); gradient, information of each channel, amplitudes taken out; number of phases."""
+        k, turn, phase = waves.k, waves.turn, waves.phase
         n_starts, n_harmonics = len(k), tables.n_harmonics
         n_channels, n_kinds = self._is_kind.shape
         gram, product = tables.gram, tables.product
@@ -179,7 +231,7 @@ class Solver:
         information -= coupling.swapaxes(-1, -2) @ np.linalg.solve(inner, coupling)
         information *= self._weight[:, np.newaxis, np.newaxis]
         push = (by.swapaxes(-1, -2) @ rest[..., np.newaxis])[..., 0] * self._weight[:, np.newaxis]
-        return *_spread(information, push, self._is_kind, n_kinds * n_harmonics), gain
+        return gain, push, information, n_kinds * n_harmonics
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
