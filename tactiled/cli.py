@@ -17,6 +17,7 @@ from tactiled.errors import TactiledError
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 FILE = click.Path(path_type=Path, dir_okay=False)
+SPEED = click.FloatRange(0, 1000)  # mm/s, as in the configuration; never negative: directions are found
 CONFIG_ENV = "TACTILED_CONFIG"
 
 
@@ -159,7 +160,7 @@ def emulate(
     )
 
 
-BENCHES = ("clock", "paper", "contact", "soak")
+BENCHES = ("clock", "paper", "contact", "soak", "faults")
 
 
 @cli.command()
@@ -171,6 +172,7 @@ def bench(name: str, quick: bool, plot: Path | None) -> None:
 
     clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
     what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
+    faults: what a line and a board can do wrong, done to a daemon on a pty.
 
     Example: tactiled bench clock
     """
@@ -225,7 +227,7 @@ def check_config(file: Path | None, schema: bool) -> None:
 @click.argument("file", type=FILE)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
-@click.option("--speed", "speed_mm_s", type=float, help="Sliding speed, for texture.")
+@click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
 def detect(
@@ -422,7 +424,9 @@ def keys_list(folder: Path) -> None:
 @cli.command()
 @click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
 @click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
-@click.option("--speed", "speed_mm_s", type=float, default=0.0, help="Sliding speed, for what is resolved.")
+@click.option(
+    "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for what is resolved."
+)
 @click.option("--json", "json_lines", is_flag=True, help="One JSON line a check.")
 def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines: bool) -> None:
     """Check port, board, array, endpoints, disk and installation, and say what to do. 1 if a check fails.

@@ -14,9 +14,9 @@ import pytest
 import zmq
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from uart import heard
 
 from tactiled.array import load_array
+from tactiled.bench.uart import heard
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
 from tactiled.daemon import device

@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from boards import LAYOUT, SimBoard
-from uart import heard
 
+from tactiled.bench.uart import heard
 from tactiled.daemon.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan

@@ -1,0 +1,54 @@
+"""How the bench of faults counts, on scans written by hand, and a fault that is really played."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.bench.fault_cases import CASES, Case
+from tactiled.bench.faults import Time, lost_scans, once
+from tactiled.bench.stage import RATE_HZ, Heard, Stage
+
+PERIOD_S = 1 / RATE_HZ
+
+
+def heard(place: int, count: int, error_s: float = 0.0) -> Heard:
+    return Heard(100 + place * PERIOD_S + error_s, 0.0, {"index": count})
+
+
+@given(lost=st.sets(st.integers(1, 58)), error=st.floats(-0.6, 0.6), base=st.integers(0, 1000))
+def test_scans_that_never_came_are_found_whatever_the_instants_err(
+    lost: set[int], error: float, base: int
+) -> None:
+    """One instant in three errs by more than half a period, as while a new clock fit settles."""
+    taken_s = [100 + k * PERIOD_S for k in range(60)]
+    came = [k for k in range(60) if k not in lost]
+    scans = [heard(k, base + k, error * PERIOD_S * (k % 3 == 1)) for k in came]
+    assert lost_scans(taken_s, scans) == [taken_s[k] for k in sorted(lost)]
+
+
+def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
+    taken_s = [100 + k * PERIOD_S for k in range(60)]
+    scans = [heard(k, k) for k in range(20)] + [heard(k, k - 10) for k in range(30, 60)]
+    assert lost_scans(taken_s, scans) == taken_s[20:30]
+
+
+@pytest.mark.parametrize("name", ["a bit flips", "its sequence jumps", "unplugged while running"])
+def test_a_fault_played_on_a_pty_costs_what_it_must_and_no_more(name: str, tmp_path: Path) -> None:
+    (case,) = [case for case in CASES if case.name == name]
+
+    async def play(case: Case) -> tuple[Time, list[float]]:
+        async with Stage(tmp_path) as stage:
+            await stage.until_said("running")
+            return await once(case, stage), lost_scans(stage.board.taken_s, stage.scans)
+
+    done, lost_s = asyncio.run(play(case))
+    to_it, until_recovered, besides = done.lost(case, lost_s)
+    assert done.counted("scans_missing") == to_it + until_recovered
+    assert (besides, done.counted("restarts")) == (0, case.restarts)
+    if case.scans_hit is not None:
+        assert (to_it, until_recovered) == (case.scans_hit, 0)
+    else:
+        assert to_it > 50
