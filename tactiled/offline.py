@@ -23,6 +23,7 @@ from tactiled.wire.frames import Hello
 
 FloatArray = NDArray[np.float64]
 PICTURES = (".png", ".pdf", ".svg")
+_NO_VOLTS_PART = 2.0  # of full scale: a saturated reading is below, millivolts and counts are far above
 
 
 @dataclass
@@ -119,6 +120,13 @@ def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams
             f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
             f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml"
         )
+    impossible = np.argwhere(np.abs(volts) > _NO_VOLTS_PART * log.array.full_scale_volts)
+    if len(impossible):
+        row, channel = impossible[0].tolist()
+        raise DataError(
+            f"{path}: row {row + 1}, channel {channel}: {volts[row, channel]:g} V, but {log.array.name} "
+            f"reads up to {log.array.full_scale_volts:g} V; are these volts? Leave what is no reading empty"
+        )
     log.time_s, log.volts = time_s.tolist(), list(volts)
     suite = build_suite(log.array, params)
     for item in to_blocks(time_s, volts, rate_hz, log.array.full_scale_volts):
@@ -126,6 +134,6 @@ def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams
 
 
 def _params(speed_mm_s: float | None, setting: str | None) -> DetectParams:
-    texture = {} if speed_mm_s is None else {"speed_mm_s": abs(speed_mm_s)}
+    texture = {} if speed_mm_s is None else {"speed_mm_s": speed_mm_s}
     named = {} if setting is None else {"setting": setting}
     return parse({"wang2019": {"texture": texture}, **named}, DetectParams, "command line")

@@ -152,9 +152,24 @@ def test_what_cannot_be_run_says_why(
         detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("reading", [1e300, -1e300, 3000.0])
+def test_what_no_channel_can_read_is_refused_and_not_called_a_contact(
+    reading: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
+    volts[41, 7] = reading
+    write_csv(tmp_path / "log.csv", time_s[:100], volts[:100])
+    with pytest.raises(DataError, match=r"row 42, channel 7: .* are these volts\?"):
+        detect_file(tmp_path / "log.csv")
+    assert capsys.readouterr().out == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
+        ({"speed_mm_s": -5.0}, "speed_mm_s: input should be greater than or equal to 0"),
+        ({"speed_mm_s": 1e308}, "speed_mm_s: input should be less than or equal to 1000"),
+        ({"speed_mm_s": float("nan")}, "speed_mm_s: input should be a finite number"),
         ({"rate_hz": 1e30}, "rows are 0.01 s apart"),
         ({"rate_hz": float("inf")}, "rows are 0.01 s apart"),
         ({"rate_hz": float("nan")}, "rows are 0.01 s apart"),
@@ -179,6 +194,13 @@ def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:
         (tmp_path / "cut.npz").write_bytes(whole[:cut])
         with pytest.raises(DataError, match=r"cut\.npz"):
             detect_file(tmp_path / "cut.npz")
+    (tmp_path / "random.npz").write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(DataError, match=r"random\.npz: is no whole npz file"):
+        detect_file(tmp_path / "random.npz")
+    objects = np.array([[None]], dtype=object)
+    np.savez(tmp_path / "objects.npz", time_s=np.arange(50) / 100, volts=objects)
+    with pytest.raises(DataError, match=r"objects\.npz: time_s and volts must be arrays of numbers"):
+        detect_file(tmp_path / "objects.npz")
     np.savez(tmp_path / "complex.npz", time_s=np.arange(50) * 1j, volts=np.zeros((50, 36)))
     with pytest.raises(DataError, match=r"complex\.npz"):
         detect_file(tmp_path / "complex.npz")

@@ -38,7 +38,7 @@ class TextureParams(GrooveParams):
     window_s: float = Field(default=10.0, gt=0, le=120, description="length of a window")
     settle_s: float = Field(default=1.0, ge=0, le=60, description="from detected slip to the first window")
     column: int = Field(default=0, ge=0, description="which column, counted along x within each pad")
-    speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: not known")
+    speed_mm_s: float = Field(default=0.0, ge=0, le=1000, description="sliding speed; 0: not known")
     speed_sd_mm_s: float = Field(default=0.0, ge=0, description="its standard deviation")
     direction_deg: float | None = Field(
         default=None,

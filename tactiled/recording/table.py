@@ -4,6 +4,7 @@ import csv
 import zipfile
 import zlib
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,20 +97,30 @@ def to_blocks(
 
 def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            missing = [name for name in ("time_s", "volts") if name not in archive]
-            if missing:
-                raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
-            time_s = archive["time_s"].astype(np.float64, casting="same_kind")
-            volts = archive["volts"].astype(np.float64, casting="same_kind")
-            if "valid" in archive:  # an export of ours: what is not valid is no reading
-                volts = np.where(np.broadcast_to(archive["valid"], volts.shape), volts, np.nan)
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        with path.open("rb") as stream:
+            if not zipfile.is_zipfile(stream):
+                raise DataError(f"{path}: is no whole npz file; write one with numpy.savez")
+            stream.seek(0)
+            return _from_archive(path, stream)
+    except ValueError:  # numpy's words speak of unpickling, which nobody should be led to
+        raise DataError(f"{path}: time_s and volts must be arrays of numbers") from None
+    except (OSError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
-    if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):
-        raise DataError(
-            f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
-        )
+
+
+def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]:
+    with np.load(stream, allow_pickle=False) as archive:
+        missing = [name for name in ("time_s", "volts") if name not in archive]
+        if missing:
+            raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
+        time_s = archive["time_s"].astype(np.float64, casting="same_kind")
+        volts = archive["volts"].astype(np.float64, casting="same_kind")
+        if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):
+            raise DataError(
+                f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
+            )
+        if "valid" in archive:  # an export of ours: what is not valid is no reading
+            volts = np.where(np.broadcast_to(archive["valid"], volts.shape), volts, np.nan)
     return time_s, volts
 
 

@@ -61,7 +61,7 @@ def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"lacks the array time_s and volts; it has \['t'\]"):
         read_table(tmp_path / "x.npz")
     (tmp_path / "y.npz").write_bytes(b"PK nonsense")
-    with pytest.raises(DataError, match="cannot be read as npz"):
+    with pytest.raises(DataError, match="is no whole npz file"):
         read_table(tmp_path / "y.npz")
 
 
