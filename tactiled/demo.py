@@ -27,11 +27,11 @@ from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml: the published procedure must be told
-# The published errors at their largest: 9.2 % in period, 7.4 % in angle (Wang 2019, table 2, experiment).
+# The published errors on simulated contact at their largest (Wang 2019, table 2): period 9.2 %, angle 23.3 %.
 # Onset and direction it does not give: a tenth of a second is about the span of the filter at level 3.
 MAX_PERIOD_ERROR = 0.092
-MAX_ANGLE_ERROR = 0.074
-MAX_ONSET_ERROR_S = 0.1
+MAX_ANGLE_ERROR = 0.233
+MAX_ONSET_ERROR_S = 0.1  # from the instant at which a tenth of the contact slips
 MAX_DIRECTION_ERROR_DEG = 10.0
 START_WITHIN_S = 15.0  # Python starting three times on a small loaded machine
 CONFIG = """\
@@ -55,10 +55,16 @@ class Seen:
     """What the subscriber received and what the emulator knows, on the host's monotonic clock."""
 
     scene: dict[str, Any] = field(default_factory=dict)
+    slips: dict[int, dict[str, Any]] = field(default_factory=dict)
     time_s: list[float] = field(default_factory=list)
     volts: list[list[float]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     channel_offset_s: list[float] | None = None
+
+    @property
+    def slides(self) -> list[dict[str, Any]]:
+        """True slips in which the skin moved on; a lift slips too, but goes nowhere."""
+        return [s for s in self.slips.values() if s["gross_s"] and s["direction_deg"] is not None]
 
     @property
     def done(self) -> bool:
@@ -108,6 +114,8 @@ def run_demo(picture: Path) -> bool:
                 if name == "board" and message.get("what") == "scene":
                     seen.scene = message
                     phases = [(p["start_s"], _phase_words(p)) for p in message["phases"]]
+                elif name == "board" and message.get("what") == "slip":
+                    seen.slips[message["number"]] = message
                 elif name == "subscriber":
                     _receive(message, unix_offset_s, seen)
             while phases and time.monotonic() >= phases[0][0]:
@@ -136,14 +144,15 @@ def compare(seen: Seen) -> tuple[list[list[str]], bool]:
         shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
         rows.append([what, truth, estimate, shown, f"{allowed:.3g} {unit}", "good" if good else "WRONG"])
 
-    for number, slip in enumerate(seen.scene["slips"], 1):
+    for number, slip in enumerate(seen.slides, 1):
         surface = slip["surface"]
         name = f"slip {number}, {surface['kind']}"
-        near = [e for e in onsets if abs(e.onset_s - slip["onset_s"]) < 1.0]
+        begins_s = slip["incipient_s"]
+        near = [e for e in onsets if abs(e.onset_s - begins_s) < 1.0]
         onset_s, direction_deg = (near[0].onset_s, near[0].direction_deg) if near else (math.inf, math.inf)
         row(
-            f"{name}: onset", f"{slip['onset_s'] - t0_s:.3f} s", f"{onset_s - t0_s:.3f} s",
-            onset_s - slip["onset_s"], MAX_ONSET_ERROR_S, "s",
+            f"{name}: onset", f"{begins_s - t0_s:.3f} s", f"{onset_s - t0_s:.3f} s",
+            onset_s - begins_s, MAX_ONSET_ERROR_S, "s",
         )  # fmt: skip
         row(
             f"{name}: direction", f"{slip['direction_deg']:.1f} deg", f"{direction_deg:.1f} deg",
@@ -163,8 +172,8 @@ def compare(seen: Seen) -> tuple[list[list[str]], bool]:
                 angle_deg - angle, MAX_ANGLE_ERROR * abs(angle), "deg",
             )  # fmt: skip
     row(
-        "slips said", str(len(seen.scene["slips"])), str(len(onsets)),
-        len(onsets) - len(seen.scene["slips"]), 0, "",
+        "slips said", str(len(seen.slides)), str(len(onsets)),
+        len(onsets) - len(seen.slides), 0, "",
     )  # fmt: skip
     return rows, all(verdicts)
 
@@ -211,9 +220,8 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
 
 
 def _draw(picture: Path, seen: Seen) -> None:
-    slips = seen.scene["slips"]
-    truth = Truth(onsets_s=tuple(s["onset_s"] for s in slips))
-    for slip in slips:
+    truth = Truth(onsets_s=tuple(s["incipient_s"] for s in seen.slides))
+    for slip in seen.slides:
         surface = slip["surface"]
         if surface["kind"] == "grooves":
             turn = math.radians(surface["angle_deg"] - slip["direction_deg"])

@@ -6,8 +6,6 @@ says when that was.
 """
 
 import contextlib
-import itertools
-import math
 import os
 import select
 import signal
@@ -20,13 +18,15 @@ from typing import Any
 
 from tactiled.emulator.control import ControlLines, contact_report, control_link
 from tactiled.emulator.faults import FaultKind, FaultParams
-from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.identity import BoardParams, worn_array
 from tactiled.emulator.links import Link, make_link
 from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.port import Port
+from tactiled.emulator.prepare import prepare
 from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
-from tactiled.emulator.truth import Truth, plain_slip
+from tactiled.emulator.slipnews import SlipNews
+from tactiled.emulator.truth import Truth
 from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
@@ -48,7 +48,8 @@ class Emulator:
         Of the faults.
     report : callable
         Gets maps with ``what``: ``"ready"`` (where the port is), ``"scene"`` (truth, instants on
-        CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, once it has ended), ``"unplugged"``, ``"plugged"``,
+        CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, with its
+        ``number``: once it is gross, and again once it has ended), ``"unplugged"``, ``"plugged"``,
         ``"scan"`` (if asked), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
@@ -77,6 +78,7 @@ class Emulator:
         self._scene = scene
         self._link = link
         self._report = report
+        prepare(scene, worn_array(scene, layout))  # before power-up: it can take a minute
         self._port = Port(
             scene,
             layout,
@@ -88,7 +90,8 @@ class Emulator:
         )
         self._control = control
         self._control_lines = ControlLines(self._port.contact)
-        self._slips_reported = 0
+        contact = self._port.contact
+        self._slips = SlipNews(contact.watch) if isinstance(contact, PhysicalContact) else None
         self._asked_for: deque[FaultKind] = deque()
         self._is_stopping = False
         self._is_plugged = True
@@ -174,16 +177,10 @@ class Emulator:
         return Truth(self._scene, t0_s, self._port.contact, self._port.array)
 
     def _report_slips(self) -> None:
-        """Slips on a physical rung, each once it has ended, with all its instants."""
-        t0_s, contact = self._port.board.scene_start_s, self._port.contact
-        if t0_s is None or not isinstance(contact, PhysicalContact):
-            return
-        known = contact.watch.count
-        if self._slips_reported < known:
-            done = self._truth(t0_s).episodes[self._slips_reported - known :]
-            for slip in itertools.takewhile(lambda slip: math.isfinite(slip.end_s), done):
-                self._report({"what": "slip", **plain_slip(slip)})
-                self._slips_reported += 1
+        t0_s = self._port.board.scene_start_s
+        if t0_s is not None and self._slips is not None:
+            for slip in self._slips.since_last(lambda: self._truth(t0_s)):
+                self._report({"what": "slip", **slip})
 
     def _report_scan(self, scan: ScanTruth) -> None:
         self._report(

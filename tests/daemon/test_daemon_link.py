@@ -246,7 +246,7 @@ def emulated(link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAY
 
 def test_a_backlog_is_delivered_marked_late_and_raises_no_valid_slip(tmp_path: Path) -> None:
     """The skin begins to slide while nothing arrives; half a second later all of it does."""
-    demo = load_scene("demo")
+    demo = load_scene("prescribed")
     rest, press, hold, slide = demo.phases[:4]
     phases = [
         rest.model_copy(update={"duration_s": 0.3}),

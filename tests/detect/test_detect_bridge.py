@@ -18,7 +18,7 @@ ONSET, STOP = 600, 1100  # scans of the demo scene at which the first slide begi
 
 
 def recording() -> ScanBlock:
-    sensor = Sensor(load_scene("demo"), ARRAY, adc_bits=12, adc_reference_v=3.0)
+    sensor = Sensor(load_scene("prescribed"), ARRAY, adc_bits=12, adc_reference_v=3.0)
     time_s = np.repeat(np.arange(1300)[:, np.newaxis] / 100.0, ARRAY.n_channels, axis=1)
     volts = np.asarray(sensor.counts(0, time_s) * (3.0 / 4096), dtype=np.float64)
     return regular_block(volts, 100.0)

@@ -65,7 +65,7 @@ def slope_change(volts: NDArray[np.float64], at: int) -> NDArray[np.float64]:
     return np.asarray(100.0 * ((volts[at + 1] - volts[at]) - (volts[at - 1] - volts[at - 2])))
 
 
-@pytest.mark.parametrize("name", ["demo", "flat-experiment", "flat-simulation"])
+@pytest.mark.parametrize("name", ["prescribed", "flat-experiment", "flat-simulation"])
 def test_slip_is_a_larger_kink_than_holding(name: str) -> None:
     scene = load_scene(name)
     volts = sensor(scene).volts(at_rate(0.0, scene.duration_s))
@@ -106,19 +106,19 @@ def test_noise_is_white_normal_and_of_the_stated_size() -> None:
 
 def test_any_chunking_gives_the_same_counts() -> None:
     time_s = at_rate(5.5, 7.5) + np.arange(36) * 2e-4
-    whole = sensor(load_scene("demo")).counts(550, time_s)
-    other = sensor(load_scene("demo"))
+    whole = sensor(load_scene("prescribed")).counts(550, time_s)
+    other = sensor(load_scene("prescribed"))
     single = [other.counts(550 + k, time_s[k : k + 1]) for k in reversed(range(len(time_s)))]
     np.testing.assert_array_equal(whole, np.concatenate(single[::-1]))
 
 
 def test_dead_channels_read_nothing_and_must_exist() -> None:
-    scene = load_scene("demo").with_changes(electronics={"dead_channels": [5], "noise_v": 0.0})
+    scene = load_scene("prescribed").with_changes(electronics={"dead_channels": [5], "noise_v": 0.0})
     counts = sensor(scene).counts(0, at_rate(4.0, 4.1))
     assert np.all(counts[:, 5] == 0)
     assert np.all(np.delete(counts, 5, axis=1) > 1000)
     with pytest.raises(ConfigError, match=r"dead_channels: \[36\]"):
-        sensor(load_scene("demo").with_changes(electronics={"dead_channels": [36]}))
+        sensor(load_scene("prescribed").with_changes(electronics={"dead_channels": [36]}))
 
 
 def test_overload_saturates_at_the_top_count() -> None:

@@ -170,7 +170,7 @@ def test_grips_that_cannot_be_are_refused() -> None:
     for force_n in (-1.0, float("nan"), float("inf"), 1e9):
         with pytest.raises(ConfigError, match="not a force from 0 to 2000 N"):
             model.grip(force_n)
-    plain = Simulation(load_scene("demo"), V1)
+    plain = Simulation(load_scene("prescribed"), V1)
     with pytest.raises(ConfigError, match="nothing to grip"):
         plain.grip(1.0)
 

@@ -27,8 +27,8 @@ def test_every_shipped_scene_loads_and_says_its_name(name: str) -> None:
     assert Truth(loaded).to_map()["phases"][-1]["end_s"] == pytest.approx(loaded.duration_s)
 
 
-def test_demo_is_a_flat_slip_and_then_grooves_within_its_time() -> None:
-    demo = load_scene("demo")
+def test_prescribed_is_a_flat_slip_and_then_grooves() -> None:
+    demo = load_scene("prescribed")
     assert demo.duration_s <= 38.0
     flat, grooves = Truth(demo).slips
     assert isinstance(flat.surface, Flat)
@@ -50,7 +50,7 @@ def test_paper_scenes_are_the_protocols_of_its_table() -> None:
 
 
 def test_with_surface_changes_the_grooves_that_the_scene_has() -> None:
-    demo = load_scene("demo").with_surface(period_mm=0.9)
+    demo = load_scene("prescribed").with_surface(period_mm=0.9)
     assert [s.surface.kind for s in Truth(demo).slips] == ["flat", "grooves"]
     surface = Truth(demo).slips[1].surface
     assert isinstance(surface, Grooves)
@@ -58,9 +58,9 @@ def test_with_surface_changes_the_grooves_that_the_scene_has() -> None:
     assert all(s.surface == Flat() for s in Truth(demo.with_surface()).slips)
     made = load_scene("flat-experiment").with_surface(period_mm=1.5, angle_deg=-20)
     assert isinstance(made.surface, Grooves)
-    with pytest.raises(ConfigError, match=r"variation of scene demo.*period_mm"):
-        load_scene("demo").with_surface(period_mm=-1)
-    assert load_scene("demo").with_changes(seed=9).seed == 9
+    with pytest.raises(ConfigError, match=r"variation of scene prescribed.*period_mm"):
+        load_scene("prescribed").with_surface(period_mm=-1)
+    assert load_scene("prescribed").with_changes(seed=9).seed == 9
 
 
 BAD = {

@@ -27,7 +27,7 @@ from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
 from tactiled.wire.layout import Layout, compile_layout, load_layout
 
 V1 = load_layout("board-v1")
-DEMO = load_scene("demo")
+DEMO = load_scene("prescribed")
 START = Encoder(V1).encode(Command("start", 1))
 PATIENCE_S = 10.0
 

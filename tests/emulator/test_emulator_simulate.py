@@ -20,7 +20,7 @@ from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Sc
 from tactiled.wire.layout import load_layout
 
 V1 = load_layout("board-v1")
-DEMO = load_scene("demo")
+DEMO = load_scene("prescribed")
 ALL_FAULTS = FaultParams(
     flip_per_byte=2e-4,
     drop_per_byte=2e-4,

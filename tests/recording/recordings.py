@@ -16,7 +16,7 @@ HEADER = Header(SOURCE, sync_s=0.5)
 UNIX_OFFSET_S = 1.7e9
 
 
-def simulated_reads(duration_s: float, scene: str = "demo") -> list[Read]:
+def simulated_reads(duration_s: float, scene: str = "prescribed") -> list[Read]:
     """What a port would have read of a board that plays a scene."""
     arrivals = Simulation(load_scene(scene), SOURCE.layout, duration_s=duration_s)
     return [Read(arrival_s, UNIX_OFFSET_S, data) for arrival_s, data in arrivals]

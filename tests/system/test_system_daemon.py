@@ -145,7 +145,7 @@ def test_a_recording_of_the_run_finds_the_slip_again(setup: Setup, tmp_path: Pat
     recording = tmp_path / "run.mcap"
     with (
         setup.process("run", "--config", str(setup.config), "--record", str(recording)) as daemon,
-        setup.process("emulate", "--scene", "demo", "--link", str(setup.link)),
+        setup.process("emulate", "--scene", "prescribed", "--link", str(setup.link)),
     ):
         slips = setup.listen("--topic", "slip", "--count", "1")
         daemon.send_signal(signal.SIGTERM)

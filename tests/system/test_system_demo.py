@@ -17,7 +17,7 @@ def test_demo_is_right_and_in_time(tmp_path: Path) -> None:
         capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    assert time.monotonic() - began_s < 60  # 45 on a quiet machine; the scene itself takes 37
+    assert time.monotonic() - began_s < 60  # the scene itself takes 30
     assert "WRONG" not in done.stdout
     for quantity in ("onset", "direction", "period", "angle"):
         assert f"grooves: {quantity}" in done.stdout
@@ -32,14 +32,17 @@ def test_an_estimate_that_is_wrong_is_called_so() -> None:
     from tactiled.events.types import SlipEvent, TextureEvent
 
     surface = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 30.0}
-    scene = {"t0_s": 0.0, "slips": [{"onset_s": 5.0, "end_s": 9.0, "direction_deg": 0.0, "surface": surface}]}
+    scene = {"t0_s": 0.0}
+    true = {"incipient_s": 5.0, "gross_s": 5.2, "end_s": 9.0, "direction_deg": 0.0, "surface": surface}
+    lift = true | {"incipient_s": 9.0, "direction_deg": None}  # goes nowhere: nothing to find
+    slips = {0: true, 1: lift}
     slip = SlipEvent(
         time_s=5.0, state="onset", kind="gross", onset_s=5.02, onset_sd_s=0.02, direction_deg=1.0,
         direction_sd_deg=1.0, confidence=1.0, taxels=(0,), detector="x", statistic=1.0, threshold=1.0,
         valid=True, detected_s=5.1,
     )  # fmt: skip
     texture = TextureEvent(time_s=9.0, status="ok", period_mm=1.22, angle_deg=30.5)
-    assert compare(Seen(scene=scene, events=[slip, texture]))[1]
+    assert compare(Seen(scene, slips, events=[slip, texture]))[1]
     for wrong in (
         [slip],
         [texture],
@@ -47,6 +50,6 @@ def test_an_estimate_that_is_wrong_is_called_so() -> None:
         [dataclasses.replace(slip, direction_deg=180.0), texture],
         [dataclasses.replace(slip, onset_s=5.2), texture],
         [slip, dataclasses.replace(texture, period_mm=1.4)],
-        [slip, dataclasses.replace(texture, angle_deg=25.0)],
+        [slip, dataclasses.replace(texture, angle_deg=22.0)],
     ):
-        assert not compare(Seen(scene=scene, events=list(wrong)))[1]
+        assert not compare(Seen(scene, slips, events=list(wrong)))[1]

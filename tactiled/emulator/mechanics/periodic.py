@@ -1,7 +1,7 @@
 """Rung `periodic`: sliding over a groove pattern, from one period of phase solved once on `compliance`.
 
 In steady sliding a taxel's forces depend on its groove phase alone (and on load, direction and plate). One
-period is solved once for each of these, kept in memory, and interpolated for every taxel and all time. The
+period is solved once for each of these, kept (`tables`), and interpolated for every taxel and all time. The
 way into sliding is the onset of `lumped`: with the friction force that it has reached, as a part w of what
 sliding gives, the forces are those at rest at this phase, plus w times what steady sliding there adds.
 
@@ -22,6 +22,7 @@ from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.fem.mesh import CAP_MM
 from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.skin import Readout
+from tactiled.emulator.mechanics.tables import table_rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,6 +40,7 @@ _RESTS = 8  # phases at which rest is solved
 _FINE = 512  # kept, by Fourier interpolation: straight lines between are then exact to 1e-4
 _RUN_IN_MM = 0.8  # travel before the period that counts: over twice the presliding distance at 4 N
 _PRESSING = 6  # steps in which the load comes
+_USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
 _MOVING = 1e-6  # part of sliding below which no sliding table is needed
 
 # As for `compliance`; onset of slip and slipping share are those of `lumped`. Over grooves the way into
@@ -70,31 +72,50 @@ class Case:
 @lru_cache(maxsize=512)
 def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
     """Rows (_FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
-    surface = case.surface
-    heading = np.deg2rad(direction_deg)
-    course = np.array([np.cos(heading), np.sin(heading)]).round(15)
-    across = float(course @ _normal(surface))
-    value = np.array([level_value(case.held, level)])
-    rung = Compliance(surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
-    if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
-        # The phase does not change while sliding: each phase is a slide of its own.
-        return _refine([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
-    step_mm = surface.period_mm / _PHASES / abs(across)
-    run_in = int(np.ceil(_RUN_IN_MM / step_mm))
-    period = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)[
-        run_in:-1
-    ]
-    return _refine(period if across > 0 else period[:1] + period[:0:-1])  # phase upwards in either case
+    key = f"{case} sliding {level} {direction_deg}"
+    return _refine(table_rows(key, lambda: solve_sliding(case, level, direction_deg)))
 
 
 @lru_cache(maxsize=512)
 def resting(case: Case, level: int) -> FloatArray:
     """Rows (_FINE, width) over phase for a taxel pressed there and not moved."""
+    highest = _USUAL if level <= _USUAL else _HIGHEST
+    rows = table_rows(f"{case} resting {highest}", lambda: _solve_resting(case, highest))
+    return _refine(rows[:, level - _LOWEST])
+
+
+def solve_sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+    """(phases, width)."""
+    surface = case.surface
+    heading = np.deg2rad(direction_deg)
+    course = np.array([np.cos(heading), np.sin(heading)]).round(15)
+    across = float(course @ _normal(surface))
     value = np.array([level_value(case.held, level)])
-    rung = Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
-    return _refine(
-        [_slide(rung, case, value, place, np.zeros(2), 0.0, 0)[-1] for place in _places(case.surface)]
-    )
+    rung = _parent(case)
+    if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
+        # The phase does not change while sliding: each phase is a slide of its own.
+        return np.array([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
+    step_mm = surface.period_mm / _PHASES / abs(across)
+    run_in = int(np.ceil(_RUN_IN_MM / step_mm))
+    rows = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)
+    period = np.array(rows[run_in:-1])
+    # Phase upwards in either case.
+    return period if across > 0 else np.concatenate([period[:1], period[:0:-1]])
+
+
+def _solve_resting(case: Case, highest: int) -> FloatArray:
+    """(phases, levels, width): at each place all levels in one pressing."""
+    rung = _parent(case)
+    pressed = []
+    for place in _places(case.surface):
+        rung.reset()
+        values = [level_value(case.held, level) for level in range(_LOWEST, highest + 1)]
+        pressed.append([_row(rung.step(case.held, np.array([v]), place[None], STEP_S)) for v in values])
+    return np.array(pressed)
+
+
+def _parent(case: Case) -> Compliance:
+    return Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
 
 
 def level_value(held: Held, level: int) -> float:
@@ -225,9 +246,9 @@ def _row(felt: TaxelForces) -> FloatArray:
     )
 
 
-def _refine(rows: list[FloatArray]) -> FloatArray:
+def _refine(rows: FloatArray) -> FloatArray:
     """A period at `_FINE` phases, with the first repeated at the end; periodic cubic spline."""
-    table = np.array(rows)
+    table = rows.copy()
     flag = table[:, 4].max()
     if len(table) > 1:
         spline = CubicSpline(np.arange(len(table) + 1) / len(table), [*table, table[0]], bc_type="periodic")
