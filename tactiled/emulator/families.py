@@ -184,6 +184,13 @@ def thermal_drift(seed: int) -> Scene:
     return _made(scene)
 
 
+def persistent_contact(seed: int) -> Scene:
+    """A grip that stays, and creeps into the rubber."""
+    _, scene = _begin("persistent-contact", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 120.0}]
+    return _made(scene)
+
+
 SLIPPING: dict[str, Family] = {
     "steady-slide": steady_slide,
     "accelerating-slide": accelerating_slide,
@@ -203,6 +210,7 @@ QUIET: dict[str, Family] = {
     "cable-tug": cable_tug,
     "load-and-back": load_and_back,
     "thermal-drift": thermal_drift,
+    "persistent-contact": persistent_contact,
 }
 FAMILIES: dict[str, Family] = SLIPPING | QUIET
 

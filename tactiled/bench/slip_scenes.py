@@ -1,0 +1,207 @@
+"""Scenes of ``tactiled bench slip``: played once without noise, then read as often as wanted with noise.
+
+Latency is scored against the first gross slip of a scene. `t_shear` is when the tangential load begins to
+grow towards it: `slipwatch`'s instant, or a later one where the load first rested (an object that hangs still
+and is then jerked).
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import load_array
+from tactiled.emulator import families
+from tactiled.emulator.electronics import adc_counts
+from tactiled.emulator.families import Family
+from tactiled.emulator.noise import ScanNoise
+from tactiled.emulator.phases import Load, Press
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.truth import TrueSlip, Truth
+from tactiled.samples.block import ScanBlock, regular_block
+
+FloatArray = NDArray[np.float64]
+Announced = Literal["inhibit", "load-change"]
+
+RATE_HZ = 100.0
+ADC_BITS, ADC_REFERENCE_V = 12, 3.0  # of the 2019 circuit: facts of `emulator.identity.BoardParams`
+LSB_V = ADC_REFERENCE_V / 2**ADC_BITS
+CHANNEL_STEP_S = 200e-6  # multiplexer step of the emulated board
+SCAN_SPAN_S = (
+    35 * CHANNEL_STEP_S
+)  # a scan has its last channel so long after it began: no one knows it before
+# Added to the first hold: level 6 of the wavelet bank sees 3.2 s, and must have left the press behind.
+LEAD_S = 3.0
+SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
+NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
+# A load rests where it grew by less than this part of the grip (as in `slipwatch`) in so many seconds.
+_RESTS, _RESTS_S = 0.002, 0.1
+_GRID_S = 0.005  # step of the plates' contact models: truth is no finer
+
+
+@dataclass(frozen=True)
+class TrueInstants:
+    """First gross slip of a scene, scene time.
+
+    Attributes
+    ----------
+    shear_s, incipient_s, gross_s, end_s : float
+        The tangential load begins to grow; 10 %, 90 % of the contact slip; less than 10 % again.
+    direction_deg : float or None
+        None where the skin turned on the spot.
+    """
+
+    shear_s: float
+    incipient_s: float
+    gross_s: float
+    end_s: float
+    direction_deg: float | None
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """What a controller could say of its own motion, ahead of it."""
+
+    kind: Announced
+    start_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A scene as the sensor answers it without noise.
+
+    Attributes
+    ----------
+    family : str
+    seed : int
+    volts : (n, channels) float64
+        At the ADC, noise-free, each channel at its own instant of the scan.
+    held_s : float
+        The press is over: what comes before is loading.
+    slip : TrueInstants or None
+        None where nothing ever slips as a whole.
+    slipping : tuple of (start_s, end_s)
+        All times that a tenth or more of the contact came to slip, gross or not, from the shear's beginning.
+    announcements : tuple of Announcement
+    """
+
+    family: str
+    seed: int
+    volts: FloatArray
+    held_s: float
+    slip: TrueInstants | None
+    slipping: tuple[tuple[float, float], ...]
+    announcements: tuple[Announcement, ...]
+
+    @property
+    def duration_s(self) -> float:
+        return len(self.volts) / RATE_HZ
+
+    def counts(self, noise_v: float, draw: int) -> NDArray[np.int64]:
+        """As the ADC reads it; `draw` numbers independent noises."""
+        noise = ScanNoise(1_000_000 * draw + self.seed, self.volts.shape[1])
+        noisy = self.volts + noise_v * noise.normal(0, len(self.volts))
+        return adc_counts(noisy, ADC_BITS, ADC_REFERENCE_V)
+
+    def read(self, noise_v: float, draw: int) -> ScanBlock:
+        """As a detector gets it."""
+        return block_of(self.counts(noise_v, draw))
+
+
+def block_of(counts: NDArray[np.int64]) -> ScanBlock:
+    """Scans from time 0; a reading at the end of the ADC's range is saturated."""
+    offsets: FloatArray = CHANNEL_STEP_S * np.arange(counts.shape[1], dtype=np.float64)
+    valid = counts < 2**ADC_BITS - 1
+    return regular_block(counts * LSB_V, RATE_HZ, channel_offset_s=offsets, valid=valid)
+
+
+def read_sd_v(noise_v: float) -> float:
+    """Sigma of a reading: noise and rounding (uniform over one step; W. R. Bennett, BSTJ 27, 1948)."""
+    return float(np.hypot(noise_v, LSB_V / np.sqrt(12)))
+
+
+def play(name: str, family: Family, seed: int) -> Played:
+    """A scene of a family, its hold lengthened by `LEAD_S`, on the 2019 array."""
+    scene = _held_longer(family(seed), LEAD_S)
+    array = load_array(scene.array)
+    sensor = Sensor(scene, array, adc_bits=ADC_BITS, adc_reference_v=ADC_REFERENCE_V)
+    n = int(scene.duration_s * RATE_HZ) - 1
+    time_s = np.arange(n)[:, None] / RATE_HZ + CHANNEL_STEP_S * np.arange(array.n_channels)
+    volts = sensor.volts(time_s)
+    truth = Truth(scene, 0.0, sensor.contact, array)
+    rests_s = _rests_s(truth, scene.duration_s)
+    return Played(
+        family=name,
+        seed=seed,
+        volts=volts,
+        held_s=scene.phases[0].duration_s,
+        slip=_first_gross(truth, rests_s),
+        slipping=tuple((_shear_s(e, rests_s), e.end_s) for e in truth.episodes),
+        announcements=_announcements(scene),
+    )
+
+
+def at_speed(speed_mm_s: float) -> Family:
+    """`families.steady_slide` at a given speed."""
+
+    def steady(seed: int) -> Scene:
+        document = families.steady_slide(seed).model_dump()
+        document["phases"][-1] |= {"speed_mm_s": speed_mm_s}
+        return Scene.model_validate(document)
+
+    return steady
+
+
+def slipping_families() -> dict[str, Family]:
+    """The physical families, and steady slides at each of `SPEEDS_MM_S`."""
+    speeds = {f"{speed:g} mm/s": at_speed(speed) for speed in SPEEDS_MM_S}
+    return {name: f for name, f in families.SLIPPING.items() if name != "steady-slide"} | speeds
+
+
+def _held_longer(scene: Scene, more_s: float) -> Scene:
+    document = scene.model_dump()
+    document["phases"][1]["duration_s"] += more_s  # every family begins with a press and a hold
+    for extra in document["disturbances"]:
+        extra["start_s"] += more_s
+    return Scene.model_validate(document)
+
+
+def _first_gross(truth: Truth, rests_s: FloatArray) -> TrueInstants | None:
+    gross = next((slip for slip in truth.slips if slip.gross_s is not None), None)
+    if gross is None or gross.gross_s is None:
+        return None
+    shear_s = _shear_s(gross, rests_s)
+    # The contact may slip in part, hold, and slip again on its way to gross slip.
+    before = [e.onset_s for e in truth.episodes if e.end_s > shear_s and e.onset_s <= gross.onset_s]
+    return TrueInstants(shear_s, max(min(before), shear_s), gross.gross_s, gross.end_s, gross.direction_deg)
+
+
+def _shear_s(slip: TrueSlip, rests_s: FloatArray) -> float:
+    """When the tangential load began to grow to this slip."""
+    rested = rests_s[rests_s <= slip.onset_s]
+    return max(slip.shear_s or 0.0, float(rested[-1]) if len(rested) else 0.0)
+
+
+def _rests_s(truth: Truth, until_s: float) -> FloatArray:
+    """Instants at which the tangential load had not grown for `_RESTS_S`."""
+    time_s = np.arange(0.0, until_s, _GRID_S)
+    state = truth.state(time_s)
+    shear_n = np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1)
+    back = round(_RESTS_S / _GRID_S)
+    grew = shear_n[back:] - shear_n[:-back]
+    return np.asarray(time_s[back:][grew <= _RESTS * state.normal_n.sum(axis=1)[back:]])
+
+
+def _announcements(scene: Scene) -> tuple[Announcement, ...]:
+    """The gripper's and the arm's own doing: grip, load and starts and stops. Nobody announces the rest."""
+    said, start_s = [], 0.0
+    for phase in scene.phases:
+        if isinstance(phase, Press | Load):
+            said.append(Announcement("load-change", start_s, phase.duration_s))
+        start_s += phase.duration_s
+    if scene.name.startswith("arm-acceleration"):
+        said += [Announcement("inhibit", d.start_s, d.duration_s) for d in scene.disturbances]
+    return tuple(said)

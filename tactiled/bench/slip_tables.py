@@ -1,0 +1,186 @@
+"""Tables of ``tactiled bench slip``."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.bench.report import table
+from tactiled.bench.slip_cost import Cost
+from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case
+from tactiled.bench.slip_quiet import Alarms, Counted
+from tactiled.bench.slip_rivals import PER_HOUR
+from tactiled.bench.slip_scenes import NOISES_V
+from tactiled.bench.slip_score import coverage, median, quantile
+
+FloatArray = NDArray[np.float64]
+
+ORACLE = "oracle"
+FAMILY_NOISE_V = 1e-3  # of the table by family: between the board's own 0.3 mV and a noisy cable's 3 mV
+# Slips that take this long to become gross are those that an event can come before.
+_SLOW_S = 0.05
+_NONE = "-"
+
+
+def first_s(cases: Iterable[Case], name: str) -> FloatArray:
+    """Latency of the first event of a detector, or of the oracle, in each case."""
+    if name == ORACLE:
+        return np.array([case.oracle_s[CURVE_PER_HOUR.index(PER_HOUR)] for case in cases])
+    return np.array([case.found[name].first_s for case in cases])
+
+
+def latency_table(cases: Sequence[Case], names: Sequence[str]) -> str:
+    """By noise and detector."""
+    head = [
+        "noise", "detector", "median", "p95", "missed", "oracle x", "p95 x", "before gross", "incipient",
+        "gross, off by", "early", "on the press",
+    ]  # fmt: skip
+    rows = []
+    for noise_v in NOISES_V:
+        some = [case for case in cases if case.noise_v == noise_v]
+        bound = first_s(some, ORACLE)
+        for name in (ORACLE, *names):
+            latency = first_s(some, name)
+            rows.append(
+                [
+                    f"{1e3 * noise_v:g} mV",
+                    name,
+                    _ms(median(latency)),
+                    _ms(quantile(latency, 0.95)),
+                    f"{int(np.isnan(latency).sum())} of {len(latency)}",
+                    _times(median(latency), median(bound)),
+                    _times(quantile(latency, 0.95), quantile(bound, 0.95)),
+                    *(_events(some, name) if name != ORACLE else [_NONE] * 5),
+                ]
+            )
+    return table(head, rows)
+
+
+def _events(cases: Sequence[Case], name: str) -> list[str]:
+    found = [case.found[name] for case in cases]
+    slow = [case.found[name].to_gross_s for case in cases if case.becoming_s >= _SLOW_S]
+    gross = np.array([one.gross_s for one in found])
+    incipient = np.array([one.incipient_s for one in found])
+    said = np.isfinite(incipient)
+    return [
+        f"{100 * np.mean(np.array(slow) > 0):.0f} %" if slow else _NONE,
+        f"{_ms(float(np.median(incipient[said])))} ({said.sum()})" if said.any() else _NONE,
+        _ms(median(np.abs(gross))),
+        f"{sum(one.early for one in found)}",
+        f"{sum(one.on_press for one in found)}",
+    ]
+
+
+def family_table(cases: Sequence[Case], names: Sequence[str]) -> str:
+    """Median and p95 by family at `FAMILY_NOISE_V`."""
+    some = [case for case in cases if case.noise_v == FAMILY_NOISE_V]
+    rows = []
+    for family in dict.fromkeys(case.family for case in some):
+        mine = [case for case in some if case.family == family]
+        becoming = _ms(float(np.median([case.becoming_s for case in mine])))
+        cells = [_spread(first_s(mine, name)) for name in (ORACLE, *names)]
+        rows.append([family, f"{len(mine)}", becoming, *cells])
+    return table(["family", "slips", "shear to gross", ORACLE, *names], rows)
+
+
+def estimate_table(cases: Sequence[Case], names: Sequence[str]) -> str:
+    """Direction and onset errors with the coverage of their stated sigmas; all noises."""
+    head = [
+        "detector", "noise", "direction error, median", "p95", "inside 1 sigma", "onset error, median size",
+        "inside 1 sigma", "gross instant, median size", "inside 1 sigma",
+    ]  # fmt: skip
+    rows = []
+    for name in names:
+        for noise_v in NOISES_V:
+            found = [case.found[name] for case in cases if case.noise_v == noise_v]
+            turn, onset, gross = np.array(
+                [
+                    [
+                        (one.direction_error_deg, one.direction_sd_deg),
+                        (one.onset_error_s, one.onset_sd_s),
+                        (one.gross_onset_error_s, one.gross_onset_sd_s),
+                    ]
+                    for one in found
+                ]
+            ).transpose(1, 2, 0)
+            size = np.abs(turn[0][np.isfinite(turn[0])])
+            rows.append(
+                [
+                    name,
+                    f"{1e3 * noise_v:g} mV",
+                    f"{np.median(size):.1f} deg" if len(size) else _NONE,
+                    f"{np.quantile(size, 0.95):.1f} deg" if len(size) else _NONE,
+                    _percent(coverage(turn[0], turn[1])),
+                    _ms(_middle(onset[0])),
+                    _percent(coverage(onset[0], onset[1])),
+                    _ms(_middle(gross[0])),
+                    _percent(coverage(gross[0], gross[1])),
+                ]
+            )
+    return table(head, rows)
+
+
+def quiet_table(counted: Counted, names: Sequence[str]) -> str:
+    """False alarms a minute by family, told and not told; all of a noise in the last rows."""
+    noises = list(dict.fromkeys(noise for _, noise, _ in counted))
+    families = list(dict.fromkeys(family for family, _, _ in counted))
+    rows = []
+    for noise_v in noises:
+        for family in families:
+            some = [counted[family, noise_v, name] for name in names]
+            rows.append([f"{1e3 * noise_v:g} mV", family, f"{60 * some[0].hours:.0f} min", *_alarms(some)])
+        every = [total(counted, noise_v, name) for name in names]
+        rows.append([f"{1e3 * noise_v:g} mV", "all", f"{60 * every[0].hours:.0f} min", *_alarms(every)])
+    return table(["noise", "family", "of", *names], rows)
+
+
+def total(counted: Counted, noise_v: float, name: str) -> Alarms:
+    """Of all families at a noise."""
+    mine = [alarms for (_, noise, who), alarms in counted.items() if (noise, who) == (noise_v, name)]
+    every = mine[0]
+    for alarms in mine[1:]:
+        every = every + alarms
+    return every
+
+
+def cost_table(costs: dict[str, Cost]) -> str:
+    """Microseconds a scan live, and scans a second in blocks."""
+    plain = costs["pywt.swt, plain"]
+    rows = [
+        [name, f"{cost.live_us:.0f} us", f"{cost.scans_per_s:,.0f}", f"{plain.live_us / cost.live_us:.1f}"]
+        for name, cost in costs.items()
+    ]
+    return table(["detector", "a scan, live", "scans a second in blocks", "plain over this, live"], rows)
+
+
+def _alarms(some: Sequence[Alarms]) -> list[str]:
+    cells = []
+    for one in some:
+        minutes = 60 * one.hours
+        told = "" if one.announced_false is None else f"; told {one.announced_false / minutes:.2f}"
+        partial = f" (+{one.partial} right)" if one.partial else ""
+        cells.append(f"{one.false / minutes:.2f}{told}{partial}")
+    return cells
+
+
+def _middle(error: FloatArray) -> float:
+    sized = np.abs(error[np.isfinite(error)])
+    return float(np.median(sized)) if len(sized) else np.nan
+
+
+def _spread(latency: FloatArray) -> str:
+    missed = int(np.isnan(latency).sum())
+    more = f", {missed} missed" if missed else ""
+    return f"{_ms(median(latency))} / {_ms(quantile(latency, 0.95))}{more}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms" if np.isfinite(seconds) else _NONE
+
+
+def _times(latency: float, bound: float) -> str:
+    return f"{latency / bound:.1f}" if np.isfinite(latency) and bound > 0 else _NONE
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} %" if np.isfinite(part) else _NONE

@@ -1,0 +1,149 @@
+"""The baseline is the plain transform, and the oracle is a bound that holds its rate."""
+
+import numpy as np
+import pytest
+
+from tactiled.array import load_array
+from tactiled.bench.slip_faults import FAULTS
+from tactiled.bench.slip_latency import measure
+from tactiled.bench.slip_noise import Tail, fit_tail, maxima, oracle_tail, rule_tails
+from tactiled.bench.slip_oracle import Oracle
+from tactiled.bench.slip_quiet import run
+from tactiled.bench.slip_rivals import Knobs, rivals
+from tactiled.bench.slip_rules import (
+    LEVELS,
+    RULES,
+    WindowRule,
+    coefficient_sd_v,
+    traces,
+    window_coefficients,
+)
+from tactiled.bench.slip_scenes import NOISES_V, Announced, Announcement, Played, at_speed, block_of, play
+from tactiled.detect.base import Detector
+from tactiled.detect.wavelet import BankParams, SwtBank
+from tactiled.errors import ContractError
+from tactiled.events.types import Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock
+
+WANG = load_array("wang2019-3x3")
+WIDE = Tail(5.0, 0.5, 1.0)  # any tail: thresholds near 3.2 at one an hour
+
+
+@pytest.fixture(scope="module")
+def slide() -> Played:
+    return play("1 mm/s", at_speed(1.0), 1)
+
+
+def test_truth_is_in_order(slide: Played) -> None:
+    slip = slide.slip
+    assert slip is not None
+    assert slide.held_s < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
+    still = slide.volts[int(slip.shear_s * 100) - 20 : int(slip.shear_s * 100) - 1]
+    assert np.ptp(still, axis=0).max() < 1e-3  # nothing moves before the shear but creep
+
+
+@pytest.mark.parametrize("level", [1, 3, 5])
+def test_the_bank_is_the_plain_transform_of_the_window(level: int, slide: Played) -> None:
+    block = slide.read(1e-3, draw=1)
+    bank = SwtBank(WANG, BankParams(levels=(level,))).process(block).volts[:, 0]
+    for n in (300, 480, 500, 700):
+        np.testing.assert_allclose(
+            bank[n], window_coefficients(block.volts[n - 255 : n + 1], level), atol=2e-6
+        )
+
+
+def test_window_rule_says_what_its_threshold_says(slide: Played) -> None:
+    block = slide.read(0.3e-3, draw=1)
+    events = WindowRule(WANG, 2, 3e-3).process(block)
+    chunked = WindowRule(WANG, 2, 3e-3)
+    assert [e for n in range(len(block)) for e in chunked.process(block[n : n + 1])] == events
+    first = next(e for e in events if isinstance(e, SlipEvent) and e.detected_s > 4)
+    trace = traces(WANG, block, 0.3e-3)["any channel", 2] * coefficient_sd_v(2, 0.3e-3)
+    assert trace[round(first.detected_s * 100)] >= 3e-3
+    assert trace[400 : round(first.detected_s * 100)].max() < 3e-3
+
+
+def test_rules_have_unit_noise() -> None:
+    hold = block_of(
+        np.rint(1600 + 2.0 * np.random.default_rng(1).standard_normal((20000, 36))).astype(np.int64)
+    )
+    found = traces(WANG, hold, 2.0 * 3.0 / 4096)
+    for level in LEVELS:
+        # A Rayleigh variable of unit scale: mean of squares 2.
+        assert np.mean(found["whole array", level][400:] ** 2) == pytest.approx(2.0, rel=0.15)
+    assert all((found["opposed channel", n] <= found["any channel", n]).all() for n in LEVELS)
+    assert {rule for rule, _ in found} == set(RULES)
+
+
+def test_a_tail_is_recovered() -> None:
+    rng = np.random.default_rng(3)
+    drawn = np.sqrt(2 * rng.exponential(size=400_000))  # P(> z) = exp(-z^2 / 2)
+    tail = fit_tail(drawn, hours=10.0)
+    true = np.sqrt(2 * np.log(400_000 / 10.0 / 20.0))  # at 20 an hour
+    assert tail.threshold(20.0) == pytest.approx(true, rel=0.01)
+    assert tail.per_hour(np.array(tail.threshold(7.0))) == pytest.approx(7.0)
+
+
+def test_the_oracle_keeps_its_rate_and_is_never_later_than_a_rule(slide: Played) -> None:
+    oracle = Oracle(slide)
+    tail = oracle_tail([oracle], hours=0.3, seed=1)
+    noise = np.random.default_rng(9).standard_normal((180_000, oracle.n_combinations))
+    alarms = (maxima(oracle.noise_trace(noise)) > tail.threshold(100.0)).sum()  # in half an hour: 50
+    assert 25 < alarms < 85
+    tails = rule_tails(hours=0.17, seed=1)
+    for case in measure("1 mm/s", 1, Knobs(tails, dict.fromkeys(NOISES_V, 2)), tail, ()):
+        rules = np.array([case.rule_s[key] for key in tails])
+        assert (np.nan_to_num(rules, nan=np.inf) >= case.oracle_s - 0.02).all()
+
+
+def test_an_oracle_needs_a_slip(slide: Played) -> None:
+    still = Played("still", 1, slide.volts, 1.0, None, (), ())
+    with pytest.raises(ContractError, match="none"):
+        Oracle(still)
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_faults_leave_consecutive_blocks(name: str, slide: Played) -> None:
+    stream = FAULTS[name](slide.counts(1e-3, 1), np.random.default_rng(5))
+    assert [n for n, item in enumerate(stream) if isinstance(item, Gap)] == list(range(1, len(stream), 2))
+    ends = [item for item in stream if isinstance(item, ScanBlock)]
+    for before, gap, after in zip(stream[::2], stream[1::2], stream[2::2], strict=False):
+        assert isinstance(before, ScanBlock)
+        assert isinstance(gap, Gap)
+        assert isinstance(after, ScanBlock)
+        assert gap.index == after.index[0] == before.index[-1] + 1 + (gap.n_missing or 50)
+    assert sum(len(block) for block in ends) <= len(slide.volts)
+
+
+class _Told:
+    """Notes what it is told, and when."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[str, int, float, int]] = []
+        self.scans = 0
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        self.scans += len(item) if isinstance(item, ScanBlock) else 0
+        return []
+
+    def announce(self, kind: Announced, from_index: int, duration_s: float) -> None:
+        self.heard.append((kind, from_index, duration_s, self.scans))
+
+    def reset(self) -> None:
+        self.heard.clear()
+
+
+def test_announcements_come_when_the_motion_begins(slide: Played) -> None:
+    told = _Told()
+    said = (Announcement("inhibit", 2.0, 0.5), Announcement("load-change", 0.0, 1.0))
+    run(told, [slide.read(1e-3, 1)], said)
+    assert told.heard == [("load-change", 0, 1.0, 0), ("inhibit", 200, 0.5, 200)]
+    assert told.scans == len(slide.volts)
+
+
+def test_every_rival_is_a_detector_and_says_its_rate() -> None:
+    tails = {(rule, level): WIDE for rule in RULES for level in LEVELS}
+    for rival in rivals(Knobs(tails, dict.fromkeys(NOISES_V, 2))).values():
+        detector: Detector = rival.build(WANG, 1e-3)
+        detector.process(block_of(np.full((50, 36), 1600)))
+        assert rival.per_hour(1e-3) > 0

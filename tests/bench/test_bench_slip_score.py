@@ -1,0 +1,111 @@
+"""What an event is worth, by events made by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played, TrueInstants
+from tactiled.bench.slip_score import (
+    GRACE_S,
+    SETTLE_S,
+    coverage,
+    false_alarms,
+    median,
+    quantile,
+    score_slip,
+)
+from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
+
+SLIP = TrueInstants(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direction_deg=170.0)
+PLAYED = Played("by-hand", 1, np.zeros((800, 36)), 1.0, SLIP, ((3.0, 3.5), (5.0, 7.0)), ())
+
+
+def said(detected_s: float, kind: str = "incipient", **changes: float | bool) -> SlipEvent:
+    """An onset whose scan is complete at `detected_s`."""
+    event = SlipEvent(
+        time_s=0.0, state="onset", kind="incipient", onset_s=5.01, onset_sd_s=0.02, direction_deg=-170.0,
+        direction_sd_deg=15.0, confidence=1.0, taxels=(), detector="hand", statistic=1.0, threshold=1.0,
+        valid=True, detected_s=detected_s - SCAN_SPAN_S,
+    )  # fmt: skip
+    return replace(event, kind="gross" if kind == "gross" else "incipient", **changes)  # type: ignore[arg-type]
+
+
+def test_a_slip_well_said() -> None:
+    found = score_slip([said(5.2), said(5.45, "gross", onset_s=5.41)], PLAYED, SLIP)
+    assert found.first_s == pytest.approx(0.2)
+    assert found.to_gross_s == pytest.approx(0.2)
+    assert found.incipient_s == pytest.approx(0.1)
+    assert found.gross_s == pytest.approx(0.05)
+    assert found.onset_error_s == pytest.approx(0.01)
+    assert found.onset_sd_s == 0.02
+    assert found.gross_onset_error_s == pytest.approx(0.01)
+    assert found.direction_error_deg == pytest.approx(20.0)  # round the corner of 180
+    assert (found.early, found.on_press) == (0, 0)
+
+
+def test_silence_is_a_miss() -> None:
+    found = score_slip([], PLAYED, SLIP)
+    assert np.isnan([found.first_s, found.gross_s, found.onset_error_s, found.direction_error_deg]).all()
+    assert (found.early, found.on_press) == (0, 0)
+
+
+def test_before_the_shear_is_a_false_alarm_and_no_detection() -> None:
+    found = score_slip([said(4.999)], PLAYED, SLIP)
+    assert np.isnan(found.first_s)
+    assert found.early == 1
+    assert score_slip([said(5.0)], PLAYED, SLIP).first_s == pytest.approx(0.0)
+
+
+def test_an_alarm_while_pressing_is_counted_apart() -> None:
+    found = score_slip([said(0.5, "gross"), said(1.0 + SETTLE_S + 0.01, "gross")], PLAYED, SLIP)
+    assert (found.on_press, found.early) == (1, 1)
+
+
+def test_a_part_that_slipped_before_may_be_said_but_not_as_gross() -> None:
+    assert score_slip([said(3.2)], PLAYED, SLIP).early == 0
+    assert score_slip([said(3.2, "gross")], PLAYED, SLIP).early == 1
+
+
+def test_too_late_is_a_miss() -> None:
+    assert np.isnan(score_slip([said(7.001)], PLAYED, SLIP).first_s)
+    short = replace(SLIP, end_s=5.41)
+    assert score_slip([said(5.4 + GRACE_S - 0.01)], PLAYED, short).first_s > 0
+    assert np.isnan(score_slip([said(5.4 + GRACE_S + 0.01)], PLAYED, short).first_s)
+
+
+def test_what_is_suppressed_or_an_end_says_nothing() -> None:
+    found = score_slip([said(5.2, valid=False), replace(said(5.2), state="end")], PLAYED, SLIP)
+    assert np.isnan(found.first_s)
+
+
+def test_no_direction_where_none_is_stated_or_true() -> None:
+    unknown = said(5.2, direction_sd_deg=UNKNOWN_SD_DEG)
+    assert np.isnan(score_slip([unknown], PLAYED, SLIP).direction_error_deg)
+    assert score_slip([unknown, said(5.3)], PLAYED, SLIP).direction_error_deg == pytest.approx(20.0)
+    assert np.isnan(score_slip([said(5.2)], PLAYED, replace(SLIP, direction_deg=None)).direction_error_deg)
+
+
+def test_where_nothing_slips_as_a_whole() -> None:
+    events = [said(2.0), said(3.1), said(3.1, "gross"), replace(said(2.0), valid=False)]
+    assert false_alarms(events, replace(PLAYED, slip=None)) == (2, 1)
+
+
+def test_misses_are_later_than_any_latency() -> None:
+    assert median([0.1, np.nan, 0.3]) == 0.3
+    assert median([0.1, np.nan, np.nan]) == np.inf
+    assert quantile([0.1, 0.2, 0.3, np.nan], 0.75) == 0.3
+
+
+@given(st.lists(st.floats(0, 1), min_size=1), st.integers(1, 20))
+def test_a_miss_more_never_improves_a_quantile(latency: list[float], misses: int) -> None:
+    for part in (0.1, 0.5, 0.95):
+        assert quantile(latency + [np.nan] * misses, part) >= quantile(latency, part)
+
+
+def test_coverage_counts_what_was_stated() -> None:
+    error, sd = np.array([0.5, -2.0, np.nan, 1.0]), np.array([1.0, 1.0, 1.0, np.nan])
+    assert coverage(error, sd) == 0.5
+    assert np.isnan(coverage(error[2:], sd[2:]))
