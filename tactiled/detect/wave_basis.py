@@ -44,6 +44,11 @@ class Window:
     def n(self) -> int:
         return self.volts.shape[1]
 
+    @property
+    def largest_step(self) -> float:
+        """Way between two scans, at the most."""
+        return float(np.diff(self.way[0]).max())
+
 
 def trend_basis(n: int, order: int) -> FloatArray:
     """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1)."""

@@ -37,6 +37,7 @@ def fit_wave(
     motion: WaveMotion,
     params: WaveParams,
     usable: NDArray[np.bool_] | None = None,
+    speeds_mm_s: FloatArray | None = None,
 ) -> WaveFit:
     """The joint fit for one window.
 
@@ -51,6 +52,8 @@ def fit_wave(
     params : WaveParams
     usable : (n, channels) bool
         False for readings not to go by; default: those that are finite.
+    speeds_mm_s : (n,) float64, optional
+        Speed from each scan to the next, where it is known and not steady; `motion` then has the mean.
     """
     usable = np.isfinite(volts) if usable is None else usable & np.isfinite(volts)
     chosen = np.flatnonzero(usable.mean(axis=0) >= 1 - _MOST_BAD_PART)
@@ -63,9 +66,11 @@ def fit_wave(
     x_mm, y_mm = layout.x_mm[chosen], layout.y_mm[chosen]
     centre = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
     here = Layout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
-    speed = motion.speed_mm_s if motion.has_speed else 1.0
-    way = speed * (time_s - time_s[0])
-    window = make_window(readings, way, np.full(n, speed), channel_offset_s[chosen], params.trend_order)
+    rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
+    if speeds_mm_s is not None and motion.has_speed:
+        rate = speeds_mm_s
+    way = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(time_s))])
+    window = make_window(readings, way, rate, channel_offset_s[chosen], params.trend_order)
     return _fit(window, float(time_s[-1] - time_s[0]), here, motion, params)
 
 
@@ -92,10 +97,11 @@ def _fit(
     if not peaks:
         return WaveFit("low-snr")
     frequency_hz = float(lines.cycles[peaks[0]] * per_s)
-    if lines.cycles[peaks[0]] > _ALIASED * window.n:
+    turn = np.pi * float(lines.cycles[peaks[0]]) * (window.n - 1) / window.n
+    if turn * window.largest_step > 2 * np.pi * _ALIASED:
         return WaveFit("aliased", frequency_hz)
     variance = lines.variance
-    turn = _centred(window, np.pi * float(lines.cycles[peaks[0]]) * (window.n - 1) / window.n, variance)
+    turn = _centred(window, turn, variance)
     turn = _fundamental(window, turn, params)
     tables = tabulate(window, turn, 1)
     found = search(window, tables, layout, motion, params, Solver(window, layout, motion, variance), variance)
@@ -155,7 +161,7 @@ def _centred(window: Window, turn: float, variance: FloatArray) -> float:
 
 def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
     """The highest harmonic that is seen."""
-    highest = min(params.max_harmonics, int(_ALIASED * window.n * np.pi / turn))
+    highest = min(params.max_harmonics, int(2 * np.pi * _ALIASED / (turn * window.largest_step)))
     if highest < 2:
         return 1
     tables = tabulate(window, turn, highest)

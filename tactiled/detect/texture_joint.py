@@ -1,0 +1,299 @@
+"""Grooves online by the joint fit ("joint"): an answer as soon as it is good enough, refined after.
+
+`wave_fit` has the estimator; this is the window around it. Ours are:
+
+* A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides along. It
+  is fitted anew every `hop_s`, counted in scans: the arithmetic is the same however scans were chunked.
+* The first answer comes when both sigmas are what was asked for, or when the window has its full length; then
+  one at every hop. A refusal comes when an answer is lost, when the window is full and at every full length
+  after that, and at the end of a slip that had no answer.
+* A speed that is given ties frequency to wave vector, and windows are measured in way travelled, so that a
+  speed that changes does not smear. Without one (0) it is found from the fit. Where it turns round, or
+  begins or ceases to be known, a new window begins.
+* The direction is that of the slip event, unless configured; where neither knows, no speed is found.
+* Two gratings in view: the event is about the stronger, and `candidates` of an "ok" event lists both, with
+  their shares of the ripple's power for weights.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.quantise import Quantiser
+from tactiled.detect.wave_fit import fit_wave
+from tactiled.detect.wave_model import WaveFit, WaveMotion, WaveParams, layout_of
+from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.samples.block import Gap, ScanBlock
+
+ESTIMATOR = "joint"
+Preset = Literal["quick", "balanced", "fine"]
+# Sigma of the period (mm), sigma of the angle (degrees), longest window (s).
+PRESETS: dict[Preset, tuple[float, float, float]] = {
+    "quick": (0.02, 1.0, 3.0),
+    "balanced": (0.005, 0.25, 8.0),
+    "fine": (0.001, 0.05, 20.0),
+}
+
+
+class JointParams(WaveParams):
+    """The joint fit, online."""
+
+    preset: Preset = Field(default="balanced", description="what the next three are where left out")
+    period_sd_mm: float | None = Field(default=None, gt=0, description="answer at this sigma")
+    angle_sd_deg: float | None = Field(default=None, gt=0, description="and this one")
+    max_window_s: float | None = Field(default=None, gt=0, le=120, description="answer after this anyway")
+    hop_s: float = Field(default=0.2, ge=0.02, le=10, description="from one fit to the next")
+    settle_s: float = Field(default=0.3, ge=0, le=60, description="from detected slip to the window")
+    speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: not known, to be found")
+    speed_sd_mm_s: float = Field(default=0.0, ge=0, description="its standard deviation")
+    direction_deg: float | None = Field(
+        default=None,
+        ge=-180,
+        le=180,
+        description="of the skin's motion, from +x towards +y; left out: as slip says",
+    )
+
+    @property
+    def asked(self) -> tuple[float, float, float]:
+        """Sigma of the period (mm), sigma of the angle (degrees), longest window (s)."""
+        period_sd_mm, angle_sd_deg, max_window_s = PRESETS[self.preset]
+        return (
+            self.period_sd_mm or period_sd_mm,
+            self.angle_sd_deg or angle_sd_deg,
+            self.max_window_s or max_window_s,
+        )
+
+
+class JointTexture:
+    """Texture events by the joint fit.
+
+    Parameters
+    ----------
+    array : Array
+    params : JointParams
+    """
+
+    def __init__(self, array: Array, params: JointParams | None = None) -> None:
+        self._layout = layout_of(array)
+        self._n_channels = array.n_channels
+        self._full_scale_volts = Quantiser(array).full_scale_volts
+        self._params = params or JointParams()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen, and every speed set since; keep the parameters."""
+        self._speed_mm_s = self._params.speed_mm_s
+        self._speeds: list[tuple[int, float]] = []
+        self._stop()
+
+    def _stop(self) -> None:
+        self._slip: SlipEvent | None = None
+        self._begin_index = 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._held = _Held(0, self._n_channels)
+        self._n_seen = 0
+        self._has_answer = False
+        self._last = WaveFit("no-slip")
+
+    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
+        """Speed that holds from a scan on (or from the next scan to come, if that one is past).
+
+        Negative is back along the direction of the slip, 0 is not known.
+        """
+        self._speeds.append((from_index, speed_mm_s))
+        self._speeds.sort(key=lambda entry: entry[0])
+
+    def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
+        """Events that the item completes.
+
+        Parameters
+        ----------
+        item : ScanBlock or Gap
+            A gap discards the window, and waits for slip anew.
+        slip : sequence of Event
+            What the slip detector said of the same item; events of other topics are passed over.
+        """
+        if isinstance(item, Gap):
+            self._stop()
+            return []
+        events: list[Event] = []
+        done = 0
+        for change in slip:
+            if isinstance(change, SlipEvent):
+                scan = min(int(np.searchsorted(item.time_s, change.detected_s)), len(item) - 1)
+                if scan > done:
+                    events += self._gather(item[done:scan])
+                    done = scan
+                events += self._turn(change, item, scan)
+        return events + self._gather(item[done:])
+
+    def _turn(self, change: SlipEvent, block: ScanBlock, scan: int) -> list[Event]:
+        """Take in that slip began or ended at a scan."""
+        events: list[Event] = []
+        if change.state == "onset":
+            self._stop()
+            self._slip = change
+            self._begin_index = int(block.index[scan]) + round(self._params.settle_s * block.rate_hz)
+        else:
+            if self._slip is not None and not self._has_answer:
+                events.append(
+                    self._event(float(block.time_s[scan]), len(self._held.volts) / block.rate_hz, self._last)
+                )
+            self._stop()
+        return events
+
+    def _gather(self, block: ScanBlock) -> list[Event]:
+        """Fill the window up to each hop, and fit there."""
+        events: list[Event] = []
+        speeds = self._speeds_of(block)
+        if self._slip is None:
+            return events
+        n_hop = max(1, round(self._params.hop_s * block.rate_hz))
+        done = max(0, self._begin_index - int(block.index[0]))
+        while done < len(block):
+            sign = np.sign(speeds[done])
+            if self._n_seen and sign != self._held.sign:
+                self._clear()
+            if not self._n_seen:
+                self._held = _Held(max(1, round(self._params.asked[2] * block.rate_hz)), self._n_channels)
+            changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
+            n = min(n_hop - self._n_seen % n_hop, len(block) - done, *changes[:1].tolist())
+            part = block[done : done + n]
+            good = part.valid & (np.abs(part.volts) <= self._full_scale_volts)
+            self._held.append(part, good, speeds[done : done + n])
+            self._n_seen += n
+            done += n
+            if self._n_seen % n_hop == 0:
+                events += self._hop(part[-1:])
+        return events
+
+    def _speeds_of(self, block: ScanBlock) -> FloatArray:
+        """Speed at each scan of a block: (n,)."""
+        starts = np.array([index for index, _ in self._speeds], dtype=np.int64)
+        values = np.array([self._speed_mm_s, *(speed for _, speed in self._speeds)])
+        speeds = values[np.searchsorted(starts, block.index, side="right")]
+        self._speed_mm_s = float(speeds[-1])
+        self._speeds = [entry for entry in self._speeds if entry[0] > block.index[-1]]
+        return np.asarray(speeds)
+
+    def _hop(self, newest: ScanBlock) -> list[Event]:
+        """Fit the window; what that has to say."""
+        period_sd_mm, angle_sd_deg, _ = self._params.asked
+        held = self._held
+        fit = self._fit(newest)
+        is_good = fit.status == "ok" and fit.period_sd_mm <= period_sd_mm and fit.angle_sd_deg <= angle_sd_deg
+        is_full = self._n_seen >= held.size
+        if fit.status == "ok":
+            is_said = is_good or is_full or self._has_answer
+        else:
+            hops = -(-held.size // (n_hop := max(1, round(self._params.hop_s * newest.rate_hz))))
+            is_said = self._has_answer or (is_full and self._n_seen // n_hop % hops == 0)
+        self._has_answer = is_said and fit.status == "ok"
+        self._last = fit
+        if not is_said:
+            return []
+        return [self._event(float(newest.time_s[-1]), len(held.volts) / newest.rate_hz, fit)]
+
+    def _fit(self, newest: ScanBlock) -> WaveFit:
+        held = self._held
+        if newest.late[-1]:
+            return WaveFit("stale")
+        return fit_wave(
+            held.volts,
+            held.time_s,
+            newest.channel_offset_s,
+            self._layout,
+            self._motion(),
+            self._params,
+            held.good,
+            np.abs(held.speeds_mm_s),
+        )
+
+    def _motion(self) -> WaveMotion:
+        assert self._slip is not None
+        direction_deg, direction_sd_deg = self._slip.direction_deg, self._slip.direction_sd_deg
+        if self._params.direction_deg is not None:
+            direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
+            if self._held.sign < 0:
+                direction_deg += 180.0
+        speed_mm_s = float(np.abs(self._held.speeds_mm_s).mean())
+        return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
+
+    def _event(self, time_s: float, window_s: float, fit: WaveFit) -> TextureEvent:
+        is_given = self._held.sign != 0
+        speed_mm_s = float(np.abs(self._held.speeds_mm_s).mean()) if is_given else fit.speed_mm_s
+        return TextureEvent(
+            time_s=time_s,
+            status=fit.status,
+            period_mm=fit.period_mm,
+            period_sd_mm=fit.period_sd_mm,
+            angle_deg=fit.angle_deg,
+            angle_sd_deg=fit.angle_sd_deg,
+            speed_mm_s=speed_mm_s,
+            speed_sd_mm_s=self._params.speed_sd_mm_s if is_given else fit.speed_sd_mm_s,
+            speed_source="given" if is_given else "estimated" if speed_mm_s > 0 else "none",
+            frequency_hz=fit.frequency_hz,
+            window_s=window_s,
+            snr_db=fit.snr_db,
+            candidates=fit.candidates,
+            estimator=ESTIMATOR,
+        )
+
+
+class _Held:
+    """The newest scans, up to a number of them."""
+
+    def __init__(self, size: int, n_channels: int) -> None:
+        self.size = size
+        self._end = 0
+        self._volts = np.empty((2 * size, n_channels))
+        self._good = np.empty((2 * size, n_channels), dtype=np.bool_)
+        self._time_s = np.empty(2 * size)
+        self._speeds_mm_s = np.empty(2 * size)
+
+    def append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
+        for first in range(0, len(block), self.size):
+            self._append(block[first : first + self.size], good[first:], speeds_mm_s[first:])
+
+    def _append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
+        n = len(block)
+        if self._end + n > 2 * self.size:
+            kept = slice(max(0, self._end - self.size), self._end)
+            self._end = kept.stop - kept.start
+            for store in (self._volts, self._good, self._time_s, self._speeds_mm_s):
+                store[: self._end] = store[kept].copy()
+        rows = slice(self._end, self._end + n)
+        self._volts[rows], self._good[rows] = block.volts, good[:n]
+        self._time_s[rows], self._speeds_mm_s[rows] = block.time_s, speeds_mm_s[:n]
+        self._end += n
+
+    @property
+    def _rows(self) -> slice:
+        return slice(max(0, self._end - self.size), self._end)
+
+    @property
+    def sign(self) -> float:
+        """1 for a speed that is known, -1 where it is backward, 0 where it is not known."""
+        return float(np.sign(self._speeds_mm_s[self._end - 1])) if self._end else 0.0
+
+    @property
+    def volts(self) -> FloatArray:
+        return self._volts[self._rows]
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        return self._good[self._rows]
+
+    @property
+    def time_s(self) -> FloatArray:
+        return self._time_s[self._rows]
+
+    @property
+    def speeds_mm_s(self) -> FloatArray:
+        return self._speeds_mm_s[self._rows]
