@@ -108,7 +108,10 @@ def listen(
 
 
 @cli.command()
-@click.option("-s", "--scene", default="demo", show_default=True, help="Shipped scene or TOML file.")
+@click.option(
+    "-s", "--scene", default="demo", show_default=True,
+    help="Shipped scene, TOML file, plate of the paper, or FAMILY-SEED.",
+)  # fmt: skip
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
 @click.option("--tcp", help="Listen here instead (host:port), for socket://host:port.")
 @click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
@@ -116,6 +119,7 @@ def listen(
 @click.option("--faults", type=FILE, help="TOML of what goes wrong on the line.")
 @click.option("--seed", default=0, show_default=True, help="Of the faults.")
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
+@click.option("--control", help="Where a controller moves the grip: unix:///PATH or tcp://HOST:PORT.")
 @click.option("--explain", "explains", is_flag=True, help="Only say which contact model plays it, and why.")
 def emulate(
     scene: str,
@@ -126,20 +130,23 @@ def emulate(
     faults: Path | None,
     seed: int,
     scans: bool,
+    control: str | None,
     explains: bool,
 ) -> None:
     """Be a board: play a scene on a pty or a TCP port, and tell the truth about it on stdout.
+
+    A name that is not there is answered with all that are. stick-slip-7 is the family stick-slip, seed 7.
 
     Example: tactiled emulate --scene demo --link /tmp/board
     """
     from tactiled import tomlfile
     from tactiled.emulator.faults import FaultParams
     from tactiled.emulator.identity import BoardParams
-    from tactiled.emulator.scene import load_scene
+    from tactiled.emulator.named import named_scene
     from tactiled.emulator.shell import run_emulator
     from tactiled.wire.layout import load_layout
 
-    played = load_scene(scene)
+    played = named_scene(scene)
     if explains:
         from tactiled.emulator.contact import explain
 
@@ -157,31 +164,36 @@ def emulate(
         seed=seed,
         report=lambda what: print(json.dumps(what), flush=True),
         with_scans=scans,
+        control=control,
     )
 
 
-BENCHES = ("clock", "paper", "contact", "soak", "faults")
+BENCHES = ("clock", "paper", "contact", "soak", "faults", "slip")
 
 
 @cli.command()
 @click.argument("name", type=click.Choice(BENCHES))
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
-@click.option("--plot", type=FILE, help="contact: also write a picture, errors against cost.")
-def bench(name: str, quick: bool, plot: Path | None) -> None:
+@click.option("--plot", type=FILE, help="contact, slip: also write a picture, errors against cost.")
+@click.option("--json", "numbers", type=FILE, help="slip: also write every number, case by case.")
+def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> None:
     """Measure, and print the table that README shows.
 
     clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
     what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
-    faults: what a line and a board can do wrong, done to a daemon on a pty.
+    faults: what a line and a board can do wrong, done to a daemon on a pty. slip: how soon a slip is said, and
+    how often one that was none.
 
-    Example: tactiled bench clock
+    Example: tactiled bench slip --plot slip.png --json slip.json
     """
     from importlib import import_module
 
-    if plot is not None and name != "contact":
-        raise click.UsageError("--plot is for `bench contact`")
+    if plot is not None and name not in ("contact", "slip"):
+        raise click.UsageError("--plot is for `bench contact` and `bench slip`")
+    if numbers is not None and name != "slip":
+        raise click.UsageError("--json is for `bench slip`")
     measure = getattr(import_module(f"tactiled.bench.{name}"), f"bench_{name}")
-    more = {"picture": plot} if name == "contact" else {}
+    more = {"contact": {"picture": plot}, "slip": {"picture": plot, "numbers": numbers}}.get(name, {})
     click.echo(measure(lambda words: click.echo(words, err=True), quick=quick, **more))
 
 

@@ -1,0 +1,34 @@
+"""Every scene has a name that the command line takes."""
+
+from pathlib import Path
+
+import pytest
+
+from tactiled.emulator.families import FAMILIES
+from tactiled.emulator.named import named_scene, scene_names
+from tactiled.errors import ConfigError
+
+
+def test_each_kind_is_found_by_the_name_it_has() -> None:
+    names = scene_names()
+    for name in names["shipped"] + names["paper"] + [f"{family}-3" for family in FAMILIES]:
+        assert named_scene(name).name == name
+
+
+def test_a_familys_number_is_its_seed() -> None:
+    assert named_scene("stick-slip-7") == FAMILIES["stick-slip"](7)
+    assert named_scene("stick-slip-7") != named_scene("stick-slip-8")
+
+
+def test_a_file_is_a_scene(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\n[[phases]]\nkind = "rest"\nduration_s = 1.0\n')
+    assert named_scene(str(file)).name == "mine"
+
+
+@pytest.mark.parametrize(
+    "name", ["dmeo", "taps", "taps-x", "nothing-3", "taps-99999999999"]
+)
+def test_a_stranger_is_refused_with_all_names(name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"no scene '{name}'.*demo.*experiment-d0\.90-a0.*stick-slip-SEED"):
+        named_scene(name)
