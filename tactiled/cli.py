@@ -181,8 +181,8 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
 
     clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
     what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
-    faults: what a line and a board can do wrong, done to a daemon on a pty. slip: how soon a slip is said, and
-    how often one that was none.
+    faults: what a line and a board can do wrong, done to a daemon on a pty. slip: how soon a slip is said,
+    and how often one that was none.
 
     Example: tactiled bench slip --plot slip.png --json slip.json
     """
