@@ -163,12 +163,13 @@ class Pipeline:
         )
 
     def command(self, name: str, arguments: Mapping[str, Any], now_s: float) -> tuple[str, list[Event]]:
-        """Change what detectors go by (protocols/control.md), between two reads; same commands, same events.
+        """Change what clock and detectors go by, between two reads; same commands, same events.
 
         Parameters
         ----------
         name : str
-            ``"tare"``, ``"speed"``, ``"inhibit"`` or ``"thresholds"``.
+            ``"tare"``, ``"speed"``, ``"inhibit"`` or ``"thresholds"`` (protocols/control.md); ``"adapter"``,
+            which only the port says: its ``handover_s``.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -188,6 +189,8 @@ class Pipeline:
             tuning.set_speed(arguments["speed_mm_s"])
         elif name == "inhibit":
             tuning.inhibit(now_s, arguments["duration_s"])
+        elif name == "adapter":
+            self._assembler.adapter(arguments["handover_s"])
         elif name == "thresholds":
             reason, events = tuning.set_thresholds(arguments["values"])
         else:

@@ -61,6 +61,11 @@ class Connection:
         """What should be mended although the port works; empty when nothing, or there is none."""
         return self._port.warning if self._port is not None else ""
 
+    @property
+    def handover_s(self) -> float | None:
+        """Timer of the adapter; None where it says none, or there is no port."""
+        return self._port.handover_s if self._port is not None else None
+
     def errors(self) -> LineErrors | None:
         """What the UART's driver counted; None where it keeps no count, or there is no port."""
         return self._port.errors() if self._port is not None else None

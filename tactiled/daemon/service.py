@@ -123,6 +123,7 @@ class Service:
         self._notifier = Notifier()
         self._said: tuple[BoardState, str] = (self._session.state, self._session.reason(0.0))
         self._warned = ""
+        self._handover_s: float | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
@@ -287,7 +288,7 @@ class Service:
         self._act([])
 
     def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
-        """A command changed what the detectors go by, and brought events."""
+        """A command changed what the pipeline goes by, and brought events."""
         if self._recorder is not None:
             hello, offset_s = self._pipeline.hello, self._clock.offset_s
             self._recorder.commanded(name, arguments, events, hello, now_s, offset_s)
@@ -301,7 +302,12 @@ class Service:
         return errors.framing if errors is not None else None
 
     def _opened(self) -> None:
-        self._act(self._link.opened(time.monotonic(), self._framing_errors()))
+        now_s, handover_s = time.monotonic(), self._connection.handover_s
+        if handover_s != self._handover_s:
+            self._handover_s = handover_s
+            told = {"handover_s": handover_s}
+            self._tuned("adapter", told, self._pipeline.command("adapter", told, now_s)[1], now_s)
+        self._act(self._link.opened(now_s, self._framing_errors()))
 
     def _lost(self, reason: str) -> None:
         if self._link.lost(reason) and self._recorder is not None:

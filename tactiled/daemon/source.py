@@ -71,12 +71,15 @@ class Port:
     ----------
     warning : str
         What should be mended although the port works; empty when nothing.
+    handover_s : float or None
+        The adapter's timer, where it says one.
     """
 
-    def __init__(self, device: Any, url: str, warning: str = "") -> None:
+    def __init__(self, device: Any, url: str, latency_ms: int | None = None) -> None:
         self._device = device
         self._url = url
-        self.warning = warning
+        self.warning = devices.laziness(url, latency_ms)
+        self.handover_s = None if latency_ms is None else latency_ms / 1000
         try:
             self._fd: int | None = device.fileno()
         except OSError:  # io.UnsupportedOperation
@@ -180,11 +183,10 @@ def open_port(url: str, baud: int) -> Port:
         device.set_low_latency_mode(True)
     except (AttributeError, ValueError, OSError, NotImplementedError) as error:
         logger.debug("%s has no low latency mode: %s", url, error)  # ptys, sockets, USB-CDC
-    warning = ""
-    if not devices.is_url(url):
-        devices.keep_others_out(device.fileno())
-        warning = devices.laziness(url, devices.hasten(url))
-    return Port(device, url, warning)
+    if devices.is_url(url):
+        return Port(device, url)
+    devices.keep_others_out(device.fileno())
+    return Port(device, url, devices.hasten(url))
 
 
 async def open_port_in_thread(url: str, baud: int) -> Port:

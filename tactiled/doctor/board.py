@@ -84,6 +84,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
 
     try:
         port.attach(received, lost.append)
+        pipeline.command("adapter", {"handover_s": port.handover_s}, time.monotonic())
         say(link.opened(time.monotonic(), _framing(port)))
         while time.monotonic() < began_s + LISTEN_S and not lost:
             await asyncio.sleep(_STEP_S)

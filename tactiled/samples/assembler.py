@@ -67,6 +67,7 @@ class Assembler:
     def reset(self) -> None:
         """Forget board, counters and clock."""
         self._hello: Hello | None = None
+        self._handover_s: float | None = None
         self._index = -1
         self._counts = SampleCounts()
         self._rows: list[tuple[Scan, float, float, bool]] = []
@@ -128,6 +129,13 @@ class Assembler:
             self._count(restarts=same_board and not same_run and not restart_seen)
             self._new_run("rate" if same_run else "restart")
         self._fit = ClockFit(self._params.clock, self._frame_s + float(self._offset_s.max()))
+        self.adapter(self._handover_s)
+
+    def adapter(self, handover_s: float | None) -> None:
+        """What the adapter says of its timer (None: nothing); a configured one is believed before it."""
+        self._handover_s = handover_s
+        if self._fit is not None and self._params.clock.handover_s is None:
+            self._fit.handover_s = handover_s
 
     def interrupt(self, cause: GapCause) -> None:
         """The stream breaks here: close the block and say a Gap before the next scan.

@@ -11,7 +11,8 @@ far under the line mean that the board's clock stepped.
 
 An adapter whose timer divides the scan period delays every scan by the same unknown part of it. One end of
 the line cannot see that: the band is as wide as the timer, and the sigma says so. Where such a timer
-happens to fall between two frames it cannot even be noticed: tell `handover_s` if you know it.
+happens to fall between two frames it cannot even be noticed: the daemon tells `handover_s` where the adapter
+says it (FTDI does), and a configuration may.
 
 Words: `board_s` is board time in seconds, unwrapped, any origin; `arrival_s` is host monotonic time when the
 last byte of a frame was handed to us; `time_s` is the estimated host monotonic instant of the scan.
@@ -76,6 +77,8 @@ class ClockFit:
     def __init__(self, params: ClockParams, min_latency_s: float) -> None:
         self._params = params
         self._min_latency_s = min_latency_s
+        self.handover_s = params.handover_s
+        """The adapter's timer; may be told at any time, and holds from the bucket being filled on."""
         self.reset()
 
     def reset(self) -> None:
@@ -160,7 +163,7 @@ class ClockFit:
         """Bounds that the bucket being filled puts on the line."""
         earliest = min(self._arrivals, key=lambda arrival: arrival.delay)
         x, least = earliest.x, earliest.delay
-        timer = self._params.handover_s
+        timer = self.handover_s
         latest = []
         if timer != 0 and not (timer is None and self._is_unbunched(least)):
             for arrival in self._arrivals:

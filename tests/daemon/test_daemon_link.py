@@ -18,6 +18,7 @@ from daemons import ARRAY, Daemon, play
 from tactiled.daemon import device
 from tactiled.daemon.diagnosis import LineWatch
 from tactiled.daemon.link import SILENT_S, Link
+from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.service import Service
 from tactiled.daemon.session import Session, SessionParams
 from tactiled.daemon.source import PortParams
@@ -27,6 +28,10 @@ from tactiled.emulator.scene import Scene, load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
+from tactiled.recording.contents import Header, Input, Said, load_source
+from tactiled.recording.reader import read_items
+from tactiled.recording.replay import replay
+from tactiled.recording.rotation import RecordParams
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Command, Frame
 from tactiled.wire.layout import Layout
@@ -229,6 +234,31 @@ def test_an_adapter_that_hands_over_late_is_said_in_status(
     with PtyBoard(daemon.link):
         play(daemon, story)
     assert caplog.text.count("every 16 ms only") == 1
+
+
+def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device, "hasten", lambda _: 16)
+    daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
+    header = Header(load_source("board-v1", "wang2019-3x3"))
+
+    async def main() -> None:
+        with PtyBoard(daemon.link), Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
+            service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
+            serving = asyncio.create_task(service.run())
+            async with asyncio.timeout(8):
+                while daemon.pipeline.health().scans < 30:
+                    await asyncio.sleep(0.01)
+            service.stop()
+            await serving
+
+    asyncio.run(main())
+    first = next(item for item in read_items(file) if not isinstance(item, Said))
+    assert isinstance(first, Input)
+    assert (first.name, first.values()) == ("adapter", {"handover_s": 0.016})
+    verdict = replay([file], lambda _: None)
+    assert (verdict.is_good, verdict.compared >= 30) == (True, True)
 
 
 @contextmanager

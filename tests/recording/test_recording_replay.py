@@ -92,11 +92,13 @@ def test_any_grouping_into_chunks_gives_the_same(
 def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: list[Read]) -> None:
     """Rotated in the middle of frames and of the slip; the cable pulled; commands in between."""
     told: list[Read | Input] = []
-    commands = {
+    commands: dict[int, tuple[str, dict[str, object]]] = {
+        50: ("adapter", {"handover_s": 0.016}),
         100: ("tare", {"force": True}),
         300: ("speed", {"speed_mm_s": 7.0}),
         500: ("thresholds", {"values": {"slip.threshold_volts": 0.003}}),
         600: ("inhibit", {"duration_s": 0.3}),
+        650: ("adapter", {"handover_s": None}),
     }
     for k, read in enumerate(reads):
         half = len(read.data) // 2

@@ -150,7 +150,8 @@ def test_sigma_is_true_whatever_timer_the_adapter_has(
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
-def test_a_known_timer_is_believed_where_reads_cannot_show_it() -> None:
+@pytest.mark.parametrize("is_configured", [False, True])
+def test_a_known_timer_is_believed_where_reads_cannot_show_it(is_configured: bool) -> None:
     """16 ms hand-overs of whole 62.5 Hz frames look like a perfect line, 8 ms off on the average."""
     ratios = []
     for seed in range(12):
@@ -158,7 +159,8 @@ def test_a_known_timer_is_believed_where_reads_cannot_show_it() -> None:
         number = np.arange(2000)
         true_s = 500.0 + rng.uniform(0, 0.016) + number * 0.016
         arrival_s = np.ceil((true_s + LATENCY_S) / 0.016) * 0.016
-        fit = ClockFit(ClockParams(handover_s=0.016), LATENCY_S)
+        fit = ClockFit(ClockParams(handover_s=0.016 if is_configured else None), LATENCY_S)
+        fit.handover_s = 0.016
         time_s, sd_s = estimate(fit, np.asarray(number * 0.016, dtype=np.float64), arrival_s)
         ratios.append(((time_s - true_s) / sd_s)[-1])
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
