@@ -1,0 +1,93 @@
+"""A grasp loop closed around the daemon: the object falls, unless a subscriber tightens when slip is said."""
+
+import asyncio
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+
+from tactiled.client import Client, Message
+
+pytestmark = pytest.mark.system
+PATIENCE_S = 20.0
+SCENE_S = 13.0  # of `grasp`: the load has grown beyond what 10 N hold, and the jerk is over
+TIGHTER = 1.5
+
+
+@contextmanager
+def process(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-m", "tactiled", *arguments]
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
+
+
+class Gripper:
+    """The emulator's control socket."""
+
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.connect(str(path))
+        self._answers = self._socket.makefile()
+
+    def __enter__(self) -> "Gripper":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._answers.close()
+        self._socket.close()
+
+    def ask(self, **what: float) -> dict[str, Any]:
+        self._socket.sendall(json.dumps(what).encode() + b"\n")
+        answer: dict[str, Any] = json.loads(self._answers.readline())
+        assert answer["ok"], answer
+        return answer
+
+
+def wait_for(report: str, lines: IO[str]) -> None:
+    while json.loads(lines.readline())["what"] != report:
+        pass
+
+
+async def hold_on(endpoint: str, gripper: Gripper, force_n: float) -> int:
+    """Tighten at each onset of slip until the scene is over; how often."""
+    tightened = 0
+    until_s = time.monotonic() + SCENE_S
+    async with Client(endpoint, topics=("slip",)) as client:
+        while (left_s := until_s - time.monotonic()) > 0:
+            try:
+                item = await asyncio.wait_for(anext(client), left_s)
+            except TimeoutError:
+                break
+            if isinstance(item, Message) and item.data["state"] == "onset" and item.data["valid"]:
+                force_n *= TIGHTER
+                gripper.ask(grip_n=force_n)
+                tightened += 1
+    return tightened
+
+
+@pytest.mark.parametrize("has_controller", [False, True])
+def test_what_slips_falls_unless_a_subscriber_tightens(has_controller: bool, tmp_path: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    config = tmp_path / "tactiled.toml"
+    config.write_text(f'[port]\nurl = "{tmp_path}/board"\n[publish]\nendpoints = ["{endpoint}"]\n')
+    board = ("--scene", "grasp", "--link", f"{tmp_path}/board", "--control", f"unix://{tmp_path}/control")
+    with process("emulate", *board) as emulator, process("run", "--config", str(config)):
+        assert emulator.stdout is not None
+        wait_for("ready", emulator.stdout)
+        with Gripper(tmp_path / "control") as gripper:
+            wait_for("scene", emulator.stdout)
+            if has_controller:
+                assert asyncio.run(hold_on(endpoint, gripper, 10.0)) > 0
+            else:
+                time.sleep(SCENE_S)
+            assert gripper.ask()["fallen"] is not has_controller
