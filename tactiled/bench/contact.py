@@ -6,6 +6,7 @@ published estimators on scenes that obey physics.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,10 @@ from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.fem.reference import reference_names
 from tactiled.emulator.mechanics.stepper import play
+from tactiled.emulator.prepare import rung_of
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.simulate import Simulation
+from tactiled.wire.layout import load_layout
 
 LADDER: dict[str, tuple[Callable[..., Rung], float]] = {
     "lumped": (lumped.Lumped, lumped.STEP_S),
@@ -79,7 +84,7 @@ def bench_contact(say: Callable[[str], None], *, quick: bool, picture: Path | No
         mesh: {plate: reference_ripple(mesh, plate) for plate in plates if plate in reference_names(mesh)}
         for mesh in ("coarse", "medium")
     }
-    text = [_rung_table(scored), _ripple_table(scored, reference)]
+    text = [_rung_table(scored), _boards(), _ripple_table(scored, reference)]
     text.append(findings(say))
     text.append(replayed_paper(say, seeds=1 if quick else 3))
     if picture is not None:
@@ -99,6 +104,18 @@ def cost_ms(build: Callable[..., Rung], step_s: float, is_grooved: bool) -> floa
     began = time.process_time()
     play(rung, "force", load, place + way + way[-1], step_s)
     return 1e3 * (time.process_time() - began)
+
+
+def _boards() -> str:
+    """What the whole emulator costs: contact, sensor, converter, firmware, line."""
+    parts = []
+    for scene in (load_scene("demo"), load_scene("grasp")):
+        simulation = Simulation(scene, load_layout("board-v1"))
+        began = time.process_time()
+        deque(simulation, maxlen=0)
+        share = (time.process_time() - began) / scene.duration_s
+        parts.append(f"{100 * share:.1f} % for `{scene.name}` ({rung_of(scene)})")
+    return f"The whole emulated board at 100 Hz, of one core: {', '.join(parts)}."
 
 
 def _rung_table(scored: list[Scored]) -> str:
