@@ -7,7 +7,7 @@ them (Frisch, Waugh, Lovell). So one pass over the window makes a small table fo
 questions about wave vectors, phases and amplitudes are asked of the tables.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class Window:
     lag : (channels,) float64
         By how much more way each channel has travelled than `way` says.
     half_way : float
+    duration_s : float
     trend : (n, terms) float64
         Orthonormal polynomials.
     """
@@ -38,11 +39,23 @@ class Window:
     way: FloatArray
     lag: FloatArray
     half_way: float
+    duration_s: float
     trend: FloatArray
 
     @property
     def n(self) -> int:
         return self.volts.shape[1]
+
+    def without(self, turn: float, n_harmonics: int) -> "Window":
+        """The same with a line and its harmonics taken to be part of the trend."""
+        angle = np.outer(self.way.mean(axis=0), turn * np.arange(1, n_harmonics + 1))
+        trend = np.linalg.qr(np.concatenate([self.trend, np.cos(angle), np.sin(angle)], axis=1))[0]
+        volts = self.volts - (self.volts @ trend) @ trend.T
+        return replace(self, volts=volts, trend=np.asarray(trend))
+
+    def frequency_hz(self, turn: float) -> float:
+        """Of a phase for 1 of way, on average."""
+        return turn / np.pi / self.duration_s
 
     @property
     def largest_step(self) -> float:
@@ -57,18 +70,20 @@ def trend_basis(n: int, order: int) -> FloatArray:
 
 
 def make_window(
-    volts: FloatArray, way: FloatArray, way_rate: FloatArray, channel_offset_s: FloatArray, order: int
+    volts: FloatArray, time_s: FloatArray, way_rate: FloatArray, channel_offset_s: FloatArray, order: int
 ) -> Window:
-    """Window from readings (n, channels), way travelled (n,) at each scan, and its rate (n,)."""
+    """Window from readings (n, channels) at scans that begin at `time_s`, and way a second after each."""
+    duration_s = float(time_s[-1] - time_s[0])
+    way = np.concatenate([[0.0], np.cumsum(way_rate[:-1] * np.diff(time_s))])
     trend = trend_basis(len(volts), order)
     readings = volts.T - (volts.T @ trend) @ trend.T
     half_way = float(np.ptp(way)) / 2 or 1.0
     way = (way - (way.min() + way.max()) / 2) / half_way
     rate = way_rate / half_way
     if np.ptp(rate) <= 1e-9 * abs(rate).max():
-        return Window(readings, way[np.newaxis], channel_offset_s * rate[0], half_way, trend)
+        return Window(readings, way[np.newaxis], channel_offset_s * rate[0], half_way, duration_s, trend)
     each = way + np.outer(channel_offset_s, rate)
-    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, trend)
+    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, duration_s, trend)
 
 
 @dataclass(frozen=True, eq=False)

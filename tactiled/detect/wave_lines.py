@@ -10,6 +10,8 @@ from tactiled.detect.wave_basis import Window
 
 _PADDING = 4  # bins a period of the window: the largest is then within 1/8 of a bin of the peak
 _NEIGHBOURS = 40  # bins to either side in which noise is taken to be of one density
+_LEAST_CYCLES = 1.0  # slower ones are what the polynomial leaves of a drift
+_SLOW_CYCLES = 8  # below, a line and its image at the negative frequency are one hump under a Hann window
 _NEAR = 3  # of them, belong to the line itself: a Hann window's main lobe and a little
 # White noise passes for a line once in so many windows.
 _FALSE_LINE = 1e-6
@@ -42,7 +44,7 @@ class Lines:
         """Bins of lines, the strongest first."""
         inner = self.power[1:-1]
         is_peak = (inner > self.power[:-2]) & (inner >= self.power[2:]) & (inner > self.needed[1:-1])
-        bins = np.flatnonzero(is_peak) + 1
+        bins = np.flatnonzero(is_peak & (self.cycles[1:-1] >= _LEAST_CYCLES)) + 1
         return [int(b) for b in bins[np.argsort(-self.power[bins], kind="stable")]]
 
 
@@ -61,9 +63,24 @@ def find_lines(window: Window) -> Lines:
     at_bins = slice(_PADDING, None, _PADDING)
     variance = np.maximum(np.median(power[:, at_bins], axis=1) / np.log(2), LEAST_VARIANCE)
     pooled = (power / variance[:, np.newaxis]).mean(axis=0)
-    # `way` runs over n - 1 steps; a bin of the transform is a period in n.
+    needed = _needed(pooled, len(volts))
     cycles = np.arange(len(pooled)) / _PADDING
-    return Lines(cycles, pooled, _needed(pooled, len(volts)), variance)
+    n_slow = min(_SLOW_CYCLES * _PADDING, len(pooled))
+    pooled[:n_slow] = _slow_power(window, cycles[:n_slow], variance)
+    return Lines(cycles, pooled, needed, variance)
+
+
+def _slow_power(window: Window, cycles: FloatArray, variance: FloatArray) -> FloatArray:
+    """The same by least squares, sine and cosine with the slow part taken out: (bins,)."""
+    turns = np.pi * np.maximum(cycles, cycles[1] / 2) * (window.n - 1) / window.n
+    angle = np.outer(turns, window.way.mean(axis=0))
+    basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (bins, 2, n)
+    basis -= (basis @ window.trend) @ window.trend.T
+    gram = basis @ basis.swapaxes(1, 2)
+    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(2)
+    product = (basis.reshape(-1, window.n) @ window.volts.T).reshape(len(turns), 2, -1)
+    explained = (product * np.linalg.solve(gram, product)).sum(axis=1)
+    return np.asarray((explained / variance).mean(axis=1) / 2)
 
 
 def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:

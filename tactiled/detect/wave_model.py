@@ -27,6 +27,7 @@ class WaveParams(Params):
     """What the joint fit may answer, and how sure it must be."""
 
     min_period_mm: float = Field(default=0.5, ge=0.05, description="grooves are not finer than this")
+    max_period_mm: float = Field(default=20.0, gt=0.05, description="nor coarser than this")
     max_tilt_deg: float = Field(
         default=80.0,
         gt=0,
@@ -35,7 +36,7 @@ class WaveParams(Params):
     )
     max_harmonics: int = Field(default=3, ge=1, le=6, description="of the ripple, where they are seen")
     trend_order: int = Field(default=3, ge=0, le=8, description="of the polynomial that drift and creep are")
-    min_periods: float = Field(default=3.0, ge=1.5, le=50, description="fewer in a window are not enough")
+    min_periods: float = Field(default=1.75, ge=1.5, le=50, description="fewer in a window are not enough")
     error_probability: float = Field(
         default=1e-3, gt=0, lt=0.5, description="of a wrong answer among all that the phases allow"
     )

@@ -20,10 +20,12 @@ def search(
     layout: Layout,
     motion: WaveMotion,
     params: WaveParams,
-    solver: Solver,
     variance: FloatArray,
 ) -> Waves:
     """Local maxima of the likelihood over the wave vector, the best first; maybe none.
+
+    What channels feel at the same time is no wave: it may look like one whose phases are nearly whole turns,
+    but then no wave suits the phasors better than none at all.
 
     Parameters
     ----------
@@ -36,7 +38,8 @@ def search(
         return _none()
     scores = _scores(tables, window, layout, heading, along, across, variance)
     a, b = np.meshgrid(along, across, indexing="ij")
-    allowed = np.hypot(a, b) <= 2 * np.pi / params.min_period_mm
+    size = np.hypot(a, b)
+    allowed = (size <= 2 * np.pi / params.min_period_mm) & (size >= 2 * np.pi / params.max_period_mm)
     if motion.has_direction:
         allowed &= np.abs(b) <= a * np.tan(np.radians(params.max_tilt_deg))
     starts = np.flatnonzero((_is_peak(scores) & allowed).ravel())
@@ -45,9 +48,13 @@ def search(
     starts = starts[np.argsort(-scores.ravel()[starts], kind="stable")][:_MOST_STARTS]
     normal = np.array([-heading[1], heading[0]])
     k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
+    solver = Solver(window, layout, motion, variance)
     turn = solver.turn_of(k) if motion.has_speed else np.full(len(k), tables.turn)
     found = solver.solve(tables, k, turn)
-    return _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
+    found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
+    here, there = found.k[0] @ heading, found.k[0] @ normal
+    pair = _scores(tables, window, layout, heading, np.array([0.0, here]), np.array([0.0, there]), variance)
+    return found if pair[1, 1] > pair[0, 0] else _none()
 
 
 def _grid(

@@ -1,0 +1,122 @@
+"""One line of a window: which harmonic it is, and the best wave near a start, with all its harmonics."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from tactiled.array import FloatArray
+from tactiled.detect.wave_basis import Tables, Window, tabulate
+from tactiled.detect.wave_lines import LEAST_VARIANCE
+from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
+from tactiled.detect.wave_solve import Solver, Waves
+
+_FALSE_LINE = 1e-6  # noise passes for one more line so often
+# A fundamental has at least this part of its harmonics' power; less may be what the model does not describe.
+_LEAST_FUNDAMENTAL = 0.03
+_HIGHEST = 0.45  # of the scan rate: a harmonic above may fall on another
+_REFINEMENTS = 4  # noise and strays are known from the one before
+_LEAST_TIED = 0.4  # a wave explains all but this part of what its channels do by themselves
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The best wave of a line.
+
+    Attributes
+    ----------
+    waves : Waves
+        One.
+    tables : Tables
+        At its frequency, with its harmonics.
+    variance : (channels,) float64
+        Of each channel's noise, volts^2.
+    stray : (kinds, harmonics) float64
+    is_wave : bool
+        Whether phases of one wave suit the channels at all.
+    n_scans : int
+    """
+
+    waves: Waves
+    tables: Tables
+    variance: FloatArray
+    stray: FloatArray
+    is_wave: bool
+    n_scans: int
+
+    @property
+    def snr_db(self) -> float:
+        """Power of the ripple over that of the noise, mean of the channels."""
+        snr = float((self.tables.explained() / self.variance).mean()) / self.n_scans
+        return 10 * float(np.log10(max(snr, 1e-10)))
+
+
+def fundamental(window: Window, turn: float, params: WaveParams) -> float:
+    """The line's own turn, or that of the line that it is a harmonic of."""
+    alone = tabulate(window, turn, 1).explained()
+    for part in range(params.max_harmonics, 1, -1):
+        if turn / part < np.pi * params.min_periods:
+            continue
+        tables = tabulate(window, turn / part, part)
+        variance = _variance(window, tables)
+        more = float(((tables.explained() - alone) / variance).sum())
+        level = stats.chi2.isf(_FALSE_LINE, 2 * (part - 1) * len(variance))
+        if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
+            return turn / part
+    return turn
+
+
+def centred(window: Window, turn: float, variance: FloatArray) -> float:
+    """Turn of the largest explained power near a bin."""
+    step = np.pi / 8
+    for _ in range(3):
+        powers = [
+            float((tabulate(window, turn + d, 1).explained() / variance).sum()) for d in (-step, 0, step)
+        ]
+        bend = powers[0] - 2 * powers[1] + powers[2]
+        if bend < 0:
+            turn += float(np.clip(0.5 * (powers[0] - powers[2]) / bend, -1, 1)) * step
+        step /= 4
+    return turn
+
+
+def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
+    """The highest harmonic that is seen."""
+    highest = min(params.max_harmonics, int(2 * np.pi * _HIGHEST / (turn * window.largest_step)))
+    if highest < 2:
+        return 1
+    tables = tabulate(window, turn, highest)
+    variance = _variance(window, tables)
+    information = np.linalg.inv(tables.gram[:, : 2 * highest, : 2 * highest])
+    parts = tables.phasors()
+    level = stats.chi2.isf(_FALSE_LINE, 2 * len(parts))
+    for h in range(highest, 1, -1):
+        pair = slice(2 * h - 2, 2 * h)
+        own = np.linalg.solve(information[:, pair, pair], parts[:, pair, np.newaxis])[..., 0]
+        if float(((own * parts[:, pair]).sum(axis=1) / variance).sum()) > level:
+            return h
+    return 1
+
+
+def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, start: Waves) -> Refined:
+    """The maximum next to a start, with the harmonics that are seen."""
+    best = start
+    n_harmonics = _harmonics(window, float(best.turn[0]), params)
+    stray = np.zeros((len(np.unique(layout.kind)), n_harmonics))
+    for _ in range(_REFINEMENTS):
+        tables = tabulate(window, float(best.turn[0]), n_harmonics)
+        variance = _variance(window, tables)
+        solver = Solver(window, layout, motion, variance, stray)
+        best = solver.solve(tables, best.k, best.turn, steps=2)
+        stray = solver.stray_of(tables, best)
+    free = float((tables.explained() / variance).sum())
+    tied = float(Solver(window, layout, motion, variance).solve(tables, best.k, best.turn, 2).gain[0])
+    is_wave = free - tied < max(_LEAST_TIED * free, stats.chi2.isf(_FALSE_LINE, len(variance) * n_harmonics))
+    return Refined(best, tables, variance, stray, is_wave, window.n)
+
+
+def _variance(window: Window, tables: Tables) -> FloatArray:
+    """Of what the tables' own phasors leave of each channel."""
+    rest = (window.volts**2).sum(axis=1) - tables.explained()
+    n_free = max(window.n - window.trend.shape[1] - 2 * tables.n_harmonics, 1)
+    return np.maximum(rest / n_free, LEAST_VARIANCE)
