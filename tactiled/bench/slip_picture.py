@@ -26,13 +26,14 @@ def draw_slip(path: Path, cases: Sequence[Case], counted: Counted, knobs: Knobs)
     A panel a noise: median latency against false alarms an hour in a hold; thin lines are levels, thick ones
     each array rule's best level. Below: latency of all slips, and false alarms in all that is no slip.
     """
+    names = list(rivals(knobs))
     figure = Figure(figsize=(11, 13), layout="constrained")
     rows = figure.subplots(3, 2)
     for axes, noise_v in zip(rows.flat, NOISES_V, strict=False):
         _draw_curve(axes, [case for case in cases if case.noise_v == noise_v], noise_v, knobs)
     rows[0, 0].legend(fontsize=8, loc="upper right")
-    _draw_shares(rows[2, 0], cases, list(rivals(knobs)))
-    _draw_quiet(rows[2, 1], cases, counted, list(rivals(knobs)))
+    _draw_shares(rows[2, 0], cases, names)
+    _draw_quiet(rows[2, 1], cases, counted, names)
     figure.suptitle("Slip: speed against false alarms")
     figure.savefig(path, dpi=110)
 
@@ -78,15 +79,12 @@ def _draw_quiet(axes: Axes, cases: Sequence[Case], counted: Counted, names: Sequ
     noise_v = min(noise for _, noise, _ in counted)
     some = [case for case in cases if case.noise_v == noise_v]
     for number, (mark, name) in enumerate(zip(_MARKS, names, strict=False)):
-        alarms = slip_tables.total(counted, noise_v, name)
+        false, told = slip_tables.per_hour(counted, noise_v, name)
         x = 1e3 * median(slip_tables.first_s(some, name))
-        axes.plot(
-            [x], [alarms.false / alarms.hours], mark, color=f"C{number}", ms=9, label=name, clip_on=False
-        )
-        if alarms.announced_false is not None:
-            axes.plot(
-                [x], [alarms.announced_false / alarms.hours], mark, color=f"C{number}", mfc="none", ms=9
-            )
+        colour = f"C{number}"
+        axes.plot([x], [false], mark, color=colour, ms=9, clip_on=False, label=name)
+        if told is not None:
+            axes.plot([x], [told], mark, color=colour, ms=9, clip_on=False, mfc="none")
     axes.set(
         xscale="log", xlim=(3, _LONGEST_MS), yscale="symlog", title=f"What is no slip, {1e3 * noise_v:g} mV"
     )

@@ -38,14 +38,15 @@ class Alarms:
     ----------
     hours : float
         Of board time.
-    false, partial : int
-        False alarms; events that rightly say that a part slips.
+    false, false_gross, partial : int
+        False alarms; those of them that said "gross"; events that rightly say that a part slips.
     announced_false : int or None
         False alarms when told of what the controller itself did; None where the detector cannot be told.
     """
 
     hours: float
     false: int
+    false_gross: int
     partial: int
     announced_false: int | None
 
@@ -54,6 +55,7 @@ class Alarms:
         return Alarms(
             self.hours + other.hours,
             self.false + other.false,
+            self.false_gross + other.false_gross,
             self.partial + other.partial,
             None if told[0] is None or told[1] is None else told[0] + told[1],
         )
@@ -88,14 +90,14 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
 
 
 def _alarms(build: Callable[[], Detector], stream: Stream, played: Played) -> Alarms:
-    false, partial = false_alarms(run(build(), stream, ()), played)
+    false, false_gross, partial = false_alarms(run(build(), stream, ()), played)
     detector, told = build(), None
     if isinstance(detector, Announces):
         told = false
         if played.announcements:
             told = false_alarms(run(detector, stream, played.announcements), played)[0]
     hours = sum(len(item) for item in stream if isinstance(item, ScanBlock)) / RATE_HZ / 3600
-    return Alarms(hours, false, partial, told)
+    return Alarms(hours, false, false_gross, partial, told)
 
 
 def run(detector: Detector, stream: Stream, announcements: Sequence[Announcement]) -> list[Event]:

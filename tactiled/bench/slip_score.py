@@ -101,11 +101,12 @@ def is_false(event: SlipEvent, played: Played) -> bool:
     return event.kind == "gross" or not slips
 
 
-def false_alarms(events: Sequence[Event], played: Played) -> tuple[int, int]:
-    """Of a scene that never slips as a whole: false alarms, and events that rightly say that a part slips."""
+def false_alarms(events: Sequence[Event], played: Played) -> tuple[int, int, int]:
+    """Of a scene that never slips as a whole: false alarms, those of them that say "gross", and events that
+    rightly say that a part slips."""
     said = onsets(events)
-    false = sum(is_false(e, played) for e in said)
-    return false, len(said) - false
+    false = [e for e in said if is_false(e, played)]
+    return len(false), sum(e.kind == "gross" for e in false), len(said) - len(false)
 
 
 def median(values: FloatArray | Sequence[float]) -> float:

@@ -128,19 +128,44 @@ def quiet_table(counted: Counted, names: Sequence[str]) -> str:
     for noise_v in noises:
         for family in families:
             some = [counted[family, noise_v, name] for name in names]
-            rows.append([f"{1e3 * noise_v:g} mV", family, f"{60 * some[0].hours:.0f} min", *_alarms(some)])
-        every = [total(counted, noise_v, name) for name in names]
-        rows.append([f"{1e3 * noise_v:g} mV", "all", f"{60 * every[0].hours:.0f} min", *_alarms(every)])
+            rows.append([f"{1e3 * noise_v:g} mV", family, f"{60 * some[0].hours:.1f} min", *_alarms(some)])
+        minutes = 60 * sum(counted[family, noise_v, names[0]].hours for family in families)
+        means = [per_hour(counted, noise_v, name) for name in names]
+        cells = [_rate(false / 60, told and told / 60) for false, told in means]
+        rows.append([f"{1e3 * noise_v:g} mV", "mean of families", f"{minutes:.1f} min", *cells])
     return table(["noise", "family", "of", *names], rows)
 
 
-def total(counted: Counted, noise_v: float, name: str) -> Alarms:
-    """Of all families at a noise."""
+def per_hour(counted: Counted, noise_v: float, name: str) -> tuple[float, float | None]:
+    """False alarms an hour, untold and told, where every family lasts as long as every other."""
     mine = [alarms for (_, noise, who), alarms in counted.items() if (noise, who) == (noise_v, name)]
-    every = mine[0]
-    for alarms in mine[1:]:
-        every = every + alarms
-    return every
+    told = [a.announced_false / a.hours for a in mine if a.announced_false is not None]
+    return float(np.mean([a.false / a.hours for a in mine])), float(np.mean(told)) if told else None
+
+
+def worst_table(cases: Sequence[Case], names: Sequence[str], most: int = 5) -> str:
+    """Slips said latest or not at all, by detector: where to look."""
+    rows = []
+    for name in names:
+        by_latency = sorted(cases, key=lambda case: -_late_s(case, name))
+        for case in by_latency[:most]:
+            latency = case.found[name].first_s
+            rows.append(
+                [
+                    name,
+                    case.family,
+                    f"{case.seed}",
+                    f"{1e3 * case.noise_v:g} mV",
+                    _ms(latency) if np.isfinite(latency) else "missed",
+                    _ms(float(first_s([case], ORACLE)[0])),
+                ]
+            )
+    return table(["detector", "family", "seed", "noise", "said after", ORACLE], rows)
+
+
+def _late_s(case: Case, name: str) -> float:
+    latency = case.found[name].first_s
+    return latency if np.isfinite(latency) else np.inf
 
 
 def cost_table(costs: dict[str, Cost]) -> str:
@@ -157,10 +182,15 @@ def _alarms(some: Sequence[Alarms]) -> list[str]:
     cells = []
     for one in some:
         minutes = 60 * one.hours
-        told = "" if one.announced_false is None else f"; told {one.announced_false / minutes:.2f}"
+        told = None if one.announced_false is None else one.announced_false / minutes
+        gross = f", {one.false_gross} gross" if 0 < one.false_gross < one.false else ""
         partial = f" (+{one.partial} right)" if one.partial else ""
-        cells.append(f"{one.false / minutes:.2f}{told}{partial}")
+        cells.append(f"{_rate(one.false / minutes, told)}{gross}{partial}")
     return cells
+
+
+def _rate(false: float, told: float | None) -> str:
+    return f"{false:.3f}" + ("" if told is None else f"; told {told:.3f}")
 
 
 def _middle(error: FloatArray) -> float:

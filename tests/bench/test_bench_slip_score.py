@@ -90,7 +90,7 @@ def test_no_direction_where_none_is_stated_or_true() -> None:
 
 def test_where_nothing_slips_as_a_whole() -> None:
     events = [said(2.0), said(3.1), said(3.1, "gross"), replace(said(2.0), valid=False)]
-    assert false_alarms(events, replace(PLAYED, slip=None)) == (2, 1)
+    assert false_alarms(events, replace(PLAYED, slip=None)) == (2, 1, 1)
 
 
 def test_misses_are_later_than_any_latency() -> None:
