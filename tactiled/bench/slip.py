@@ -61,11 +61,7 @@ def bench_slip(
             (family, seed, knobs, oracle, names) for family in slipping_families() for seed in report_seeds
         ]
         cases = [case for part in _each(say, pool, measure, tasks, "slips") for case in part]
-        quiet = [
-            (family, seed, draws if family != HELD else 1, knobs, names)
-            for family in QUIET
-            for seed in alarm_seeds
-        ]
+        quiet = [(family, seed, draws, knobs, names) for family in QUIET for seed in alarm_seeds]
         counted = _summed(_each(say, pool, count, quiet, "scenes without slip"))
     cost = costs(play(HELD, QUIET[HELD], 1), knobs, scans=500 if quick else 3000)
     if picture is not None:

@@ -65,7 +65,7 @@ Counted = dict[tuple[str, float, str], Alarms]  # by family, noise and detector
 
 
 def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]) -> Counted:
-    """A scene without gross slip, read `draws` times at each noise; a hold also with each line fault."""
+    """A scene without gross slip, read `draws` times at each noise; a hold also once with each line fault."""
     played = play(family, QUIET[family], seed)
     if played.slip is not None:
         return {}
@@ -74,7 +74,7 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
         for draw in range(draws):
             counts = played.counts(noise_v, draw)
             streams: dict[str, Stream] = {family: [played.read(noise_v, draw)]}
-            if family == HELD:
+            if family == HELD and draw == 0:
                 rng = np.random.default_rng([seed, draw, 11])
                 streams |= {name: fault(counts, rng) for name, fault in FAULTS.items()}
             for stream_name, stream in streams.items():

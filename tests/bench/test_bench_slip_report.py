@@ -13,11 +13,12 @@ from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level
 from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_picture import draw_slip
-from tactiled.bench.slip_quiet import Alarms, Counted
+from tactiled.bench.slip_quiet import QUIET_NOISES_V, Alarms, Counted, count
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
-from tactiled.bench.slip_scenes import NOISES_V
+from tactiled.bench.slip_scenes import NOISES_V, Announcement, play
 from tactiled.bench.slip_score import Found
+from tactiled.emulator.families import QUIET
 
 TAIL = Tail(5.0, 0.5, 1.0)
 KNOBS = Knobs({(rule, level): TAIL for rule in RULES for level in LEVELS}, dict.fromkeys(NOISES_V, 2))
@@ -112,3 +113,20 @@ def test_numbers_are_json_without_nan_and_the_picture_is_drawn(
     assert read["quiet"][0]["false"] == 6
     draw_slip(tmp_path / "slip.png", cases, counted, KNOBS)
     assert (tmp_path / "slip.png").stat().st_size > 10_000
+
+
+def test_scenes_without_slip_are_counted_for_every_detector() -> None:
+    counted = count("taps", 1, 2, KNOBS, NAMES)
+    assert set(counted) == {("taps", noise, name) for noise in QUIET_NOISES_V for name in NAMES}
+    played = play("taps", QUIET["taps"], 1)
+    assert counted["taps", 3e-3, NAMES[0]].hours == pytest.approx(2 * played.duration_s / 3600)
+
+
+@pytest.mark.parametrize(
+    ("family", "kinds"), [("arm-acceleration", {"inhibit", "load-change"}), ("taps", {"load-change"})]
+)
+def test_only_what_a_controller_does_itself_is_announced(family: str, kinds: set[str]) -> None:
+    played = play(family, QUIET[family], 1)
+    assert {said.kind for said in played.announcements} == kinds
+    assert played.announcements[0] == Announcement("load-change", 0.0, played.held_s)  # the press
+    assert all(said.start_s < played.duration_s for said in played.announcements)
