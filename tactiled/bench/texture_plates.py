@@ -73,10 +73,10 @@ class Window:
 Spoil = Callable[[Window, np.random.Generator], None]
 
 
-def perfect(array: Array, rng: np.random.Generator, window_s: float) -> Window:
+def perfect(array: Array, rng: np.random.Generator, window_s: float, snr_db: float = SNR_DB) -> Window:
     """A window that the model describes, over any grating of moderate period."""
     wave = Wave(float(rng.uniform(*_PERIODS_MM)), float(rng.uniform(*_ANGLES_DEG)), _SPEED_MM_S, 0.0)
-    sensed = sensed_by(array, rng, SNR_DB, ())
+    sensed = sensed_by(array, rng, snr_db, ())
     time_s = np.arange(round(window_s * RATE_HZ)) / RATE_HZ
     shape = (len(time_s), array.n_channels)
     return Window(
@@ -187,9 +187,11 @@ def _uneven(window: Window, _rng: np.random.Generator) -> None:
     _sense(window, amplitude_volts=window.sensed.amplitude_volts * (1 + 0.9 * x / np.abs(x).max())[:, None])
 
 
-def _curved(window: Window, _rng: np.random.Generator) -> None:
-    """Grooves are arcs of 100 mm radius."""
-    window.bend_mm = 100.0
+def _curved(radius_mm: float) -> Spoil:
+    def spoil(window: Window, _rng: np.random.Generator) -> None:
+        window.bend_mm = radius_mm  # grooves are arcs
+
+    return spoil
 
 
 def _jittered(part: float) -> Spoil:
@@ -227,7 +229,8 @@ MISFITS: dict[str, Spoil] = {
     "a taxel saturated half the time, flagged": _clipped,
     "the same, not flagged": _unflagged,
     "tilted: ripple 10 to 190 % along x": _uneven,
-    "grooves bent, radius 100 mm": _curved,
+    "grooves bent, radius 300 mm": _curved(300.0),
+    "grooves bent, radius 100 mm": _curved(100.0),
     "ridges misplaced by 5 % of the period": _jittered(0.05),
     "ridges misplaced by 20 % of the period": _jittered(0.20),
     "ripple of one converter step": _coarse,

@@ -12,7 +12,7 @@ from tactiled.bench.texture_grid import MIN_PERIODS, Trial, summary
 
 _PERIOD_BANDS_MM = (0.6, 0.9, 1.5, 3.0, 6.0)
 _ANGLE_BANDS_DEG = (0.0, 15.0, 45.0, 60.0, 75.0)
-_COUNT_BANDS = (0.0, 2.0, 3.0, 5.0, 10.0, 30.0, 1000.0)
+_COUNT_BANDS = (0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 1000.0)
 _SURE = 0.95
 
 
