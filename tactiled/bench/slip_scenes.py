@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactiled.array import load_array
 from tactiled.emulator import families
 from tactiled.emulator.electronics import adc_counts
-from tactiled.emulator.families import Family
+from tactiled.emulator.families import Family, slipping
 from tactiled.emulator.noise import ScanNoise
 from tactiled.emulator.phases import Load, Press
 from tactiled.emulator.scene import Scene
@@ -145,10 +145,10 @@ def play(name: str, family: Family, seed: int) -> Played:
 
 
 def at_speed(speed_mm_s: float) -> Family:
-    """`families.steady_slide` at a given speed."""
+    """`slipping.steady_slide` at a given speed."""
 
     def steady(seed: int) -> Scene:
-        document = families.steady_slide(seed).model_dump()
+        document = slipping.steady_slide(seed).model_dump()
         document["phases"][-1] |= {"speed_mm_s": speed_mm_s}
         return Scene.model_validate(document)
 
