@@ -31,6 +31,8 @@ class Window:
         By how much more way each channel has travelled than `way` says.
     half_way : float
     duration_s : float
+    bent : (channels,) float64
+        Sum of squares of the slow part beyond a straight line, volts^2.
     trend : (n, terms) float64
         Orthonormal polynomials.
     """
@@ -40,6 +42,7 @@ class Window:
     lag: FloatArray
     half_way: float
     duration_s: float
+    bent: FloatArray
     trend: FloatArray
 
     @property
@@ -76,14 +79,18 @@ def make_window(
     duration_s = float(time_s[-1] - time_s[0])
     way = np.concatenate([[0.0], np.cumsum(way_rate[:-1] * np.diff(time_s))])
     trend = trend_basis(len(volts), order)
-    readings = volts.T - (volts.T @ trend) @ trend.T
+    slow = volts.T @ trend
+    readings = volts.T - slow @ trend.T
+    bent = (slow[:, 2:] ** 2).sum(axis=1)
     half_way = float(np.ptp(way)) / 2 or 1.0
     way = (way - (way.min() + way.max()) / 2) / half_way
     rate = way_rate / half_way
     if np.ptp(rate) <= 1e-9 * abs(rate).max():
-        return Window(readings, way[np.newaxis], channel_offset_s * rate[0], half_way, duration_s, trend)
+        return Window(
+            readings, way[np.newaxis], channel_offset_s * rate[0], half_way, duration_s, bent, trend
+        )
     each = way + np.outer(channel_offset_s, rate)
-    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, duration_s, trend)
+    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, duration_s, bent, trend)
 
 
 @dataclass(frozen=True, eq=False)

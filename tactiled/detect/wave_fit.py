@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, make_window, tabulate
+from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_lines import find_lines
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
+from tactiled.detect.wave_noise import inflation
 from tactiled.detect.wave_refine import Refined, centred, fundamental, refine
 from tactiled.detect.wave_search import search
-from tactiled.detect.wave_solve import Solver, Waves
+from tactiled.detect.wave_solve import Solver
 from tactiled.events.types import Candidate
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
@@ -106,7 +108,11 @@ def _strongest_wave(
             return WaveFit("low-snr"), None
         turn = np.pi * float(lines.cycles[peaks[0]]) * (window.n - 1) / window.n
         turn = fundamental(window, centred(window, turn, lines.variance), params)
-        if turn / np.pi < params.min_periods:
+        periods = turn / np.pi
+        bent = ((window.bent - tabulate(window, turn, 1).explained()) / lines.variance).sum() > 0
+        # It may be a harmonic of grooves of which the slow polynomial has taken what the window has.
+        is_harmonic = bent and periods < params.max_harmonics * params.min_periods
+        if periods < params.min_periods or is_harmonic:
             return WaveFit("too-few-periods", window.frequency_hz(turn)), None
         found = _wave(window, layout, motion, params, turn, lines.variance)
         if found is not None:
@@ -146,7 +152,7 @@ def _wave(
         fit = replace(fit, error_probability=float(1 - weights.max()))
         if fit.error_probability > params.error_probability:
             return replace(fit, status="ambiguous", candidates=_candidates(found, weights)), line
-        return _answer(fit, best, window, motion), line
+        return _answer(fit, best, window, layout, motion), line
     return None
 
 
@@ -178,7 +184,7 @@ def _reading(k: FloatArray) -> tuple[float, float]:
     return float(2 * np.pi / np.hypot(k[0], k[1])), float(np.degrees(angle))
 
 
-def _answer(fit: WaveFit, best: Refined, window: Window, motion: WaveMotion) -> WaveFit:
+def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion: WaveMotion) -> WaveFit:
     k, turn = best.waves.k[0], float(best.waves.turn[0])
     size = float(np.hypot(k[0], k[1]))
     period_mm, angle_deg = _reading(k)
@@ -187,14 +193,19 @@ def _answer(fit: WaveFit, best: Refined, window: Window, motion: WaveMotion) -> 
     slope[0, :2] = -period_mm * k / size**2
     slope[1, :2] = -k[1] / size**2, k[0] / size**2
     speed_mm_s = motion.speed_mm_s if motion.has_speed else 0.0
+    along = float(k @ motion.heading)
     if motion.has_direction and not motion.has_speed:
-        along = float(k @ motion.heading)
         speed_mm_s = turn / window.half_way / along
         slope[2, :2] = -speed_mm_s * motion.heading / along
         slope[2, 2] = speed_mm_s / turn
-    covariance = slope @ best.waves.covariance[0] @ slope.T
+    solver = Solver(window, layout, motion, best.variance, best.stray)
+    scale = np.sqrt(inflation(window, layout, solver, best, slope))
+    covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
     if motion.has_speed:
         covariance[2, 2] = motion.speed_sd_mm_s**2
+    elif motion.has_direction:
+        turned = float(k[1] * motion.heading[0] - k[0] * motion.heading[1]) / along
+        covariance[2, 2] += (speed_mm_s * turned * np.radians(motion.direction_sd_deg)) ** 2
     return replace(
         fit,
         period_mm=period_mm,

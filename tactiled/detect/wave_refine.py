@@ -7,9 +7,10 @@ from scipy import stats
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window, tabulate
+from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_lines import LEAST_VARIANCE
 from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
-from tactiled.detect.wave_solve import Solver, Waves
+from tactiled.detect.wave_solve import Solver
 
 _FALSE_LINE = 1e-6  # noise passes for one more line so often
 # A fundamental has at least this part of its harmonics' power; less may be what the model does not describe.

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window
+from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
-from tactiled.detect.wave_solve import Solver, Waves
+from tactiled.detect.wave_solve import Solver
 
 _STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
 _MOST_STARTS = 24
