@@ -168,8 +168,8 @@ class Pipeline:
         Parameters
         ----------
         name : str
-            ``"tare"``, ``"speed"``, ``"inhibit"`` or ``"thresholds"`` (protocols/control.md); ``"adapter"``,
-            which only the port says: its ``handover_s``.
+            ``"tare"``, ``"speed"``, ``"inhibit"``, ``"expect-load-change"`` or ``"thresholds"``
+            (protocols/control.md); ``"adapter"``, which only the port says: its ``handover_s``.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -189,6 +189,8 @@ class Pipeline:
             tuning.set_speed(arguments["speed_mm_s"])
         elif name == "inhibit":
             tuning.inhibit(now_s, arguments["duration_s"])
+        elif name == "expect-load-change":
+            tuning.expect_load_change(now_s, arguments["duration_s"])
         elif name == "adapter":
             self._assembler.adapter(arguments["handover_s"])
         elif name == "thresholds":

@@ -84,6 +84,13 @@ class Inhibit(Command):
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
+class ExpectLoadChange(Command):
+    """Incipient slips of the next seconds are published as not valid: a load is taken up or set down."""
+
+    do: Literal["expect-load-change"]
+    duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
+
+
 class Thresholds(Command):
     """Parameters of the detectors, by the names of the configuration under ``[detect.SETTING]``."""
 
@@ -116,7 +123,7 @@ class Mark(Command):
 
 REQUESTS: dict[str, type[Request]] = {
     get_args(kind.model_fields["do"].annotation)[0]: kind
-    for kind in (State, Events, Tare, Speed, Inhibit, Thresholds, Rate, Record, Mark)
+    for kind in (State, Events, Tare, Speed, Inhibit, ExpectLoadChange, Thresholds, Rate, Record, Mark)
 }
 
 

@@ -26,7 +26,27 @@ _LEAST_TARE_SCANS = 10  # below 20 Hz, half a second is too few to call a mean
 # Means of both halves may differ by this (volts): well above creep of 0.01 V/s in a quarter of a second and
 # what is left of 5 mV rms of noise (1.4 mV), well below what a touch brings in the time.
 _STILL_VOLTS = 0.01
-_KEPT_INHIBITS = 8  # a slip is found at most some 0.3 s after its onset: more could not matter any more
+_KEPT_TIMES = 8  # a slip is found at most some 0.3 s after its onset: more could not matter any more
+
+
+class _Times:
+    """Spans of time that someone announced."""
+
+    def __init__(self) -> None:
+        self._spans: deque[tuple[float, float]] = deque(maxlen=_KEPT_TIMES)
+
+    def announce(self, now_s: float, duration_s: float) -> None:
+        """From now on for a time; said again while one holds, it holds until then."""
+        from_s = self._spans.pop()[0] if self.left_s(now_s) > 0 else now_s
+        self._spans.append((from_s, now_s + duration_s))
+
+    def left_s(self, now_s: float) -> float:
+        """For how much longer the newest holds."""
+        return max(0.0, self._spans[-1][1] - now_s) if self._spans else 0.0
+
+    def hold(self, slip: SlipEvent) -> bool:
+        """Whether a slip began in one of them, or before and was found in it."""
+        return any(slip.onset_s <= until_s and slip.detected_s >= from_s for from_s, until_s in self._spans)
 
 
 class TunedSuite:
@@ -65,7 +85,8 @@ class TunedSuite:
         """Of the first scan that a command given now holds for."""
         self._suite = self._build(self._array, self.params)
         self._recent: deque[ScanBlock] = deque()
-        self._inhibits: deque[tuple[float, float]] = deque(maxlen=_KEPT_INHIBITS)
+        self._inhibited = _Times()
+        self._load_changes = _Times()
         self._in_contact = False
         self._slip_inhibited = False
 
@@ -115,15 +136,15 @@ class TunedSuite:
 
     def inhibit(self, now_s: float, duration_s: float) -> None:
         """Do not trust slips that begin from now on for a time; 0 ends it now."""
-        if self._inhibits and self._inhibits[-1][1] >= now_s:
-            from_s, _ = self._inhibits.pop()
-        else:
-            from_s = now_s
-        self._inhibits.append((from_s, now_s + duration_s))
+        self._inhibited.announce(now_s, duration_s)
 
     def inhibited_s(self, now_s: float) -> float:
         """For how much longer slips are not trusted."""
-        return max(0.0, self._inhibits[-1][1] - now_s) if self._inhibits else 0.0
+        return self._inhibited.left_s(now_s)
+
+    def expect_load_change(self, now_s: float, duration_s: float) -> None:
+        """Shear will grow for a reason: for a time trust gross slips, not incipient ones; 0 ends it."""
+        self._load_changes.announce(now_s, duration_s)
 
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
         """Change parameters of the detectors by dotted name, as in ``slip.threshold_volts``."""
@@ -169,10 +190,8 @@ class TunedSuite:
                 self._in_contact = event.state != "none"
             elif isinstance(event, SlipEvent):
                 if event.state == "onset":
-                    self._slip_inhibited = any(
-                        event.onset_s <= until_s and event.detected_s >= from_s
-                        for from_s, until_s in self._inhibits
-                    )
+                    explained = event.kind == "incipient" and self._load_changes.hold(event)
+                    self._slip_inhibited = explained or self._inhibited.hold(event)
                 if self._slip_inhibited:  # with its end, for nobody should hear of an end alone
                     event = replace(event, valid=False)
             out.append(event)

@@ -37,6 +37,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "tare": {"force": True},
     "speed": {"speed_mm_s": 5},
     "inhibit": {"duration_s": 0.5},
+    "expect-load-change": {"duration_s": 0.5},
     "thresholds": {"values": {"slip.threshold_volts": 0.003}},
     "rate": {"rate_hz": 200.0},
     "record": {"on": True},

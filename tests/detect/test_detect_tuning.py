@@ -12,7 +12,7 @@ from touches import LSB, Touch, contact_states, onsets, pieces, run, slips, spli
 from tactiled.array import load_array
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
-from tactiled.events.types import ContactEvent, Event
+from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 WANG = load_array("wang2019-3x3")
@@ -134,10 +134,52 @@ def test_a_time_not_to_trust_can_be_made_longer_and_ended() -> None:
     assert tuned.inhibited_s(11.0) == 5.0
     tuned.inhibit(12.0, 0.0)
     assert tuned.inhibited_s(12.0) == 0.0
-    assert list(tuned._inhibits) == [(10.0, 12.0)]
+    tuned.inhibit(12.5, 1.0)  # ended, so this is another
+    assert tuned.inhibited_s(12.5) == 1.0
     for second in range(100):
         tuned.inhibit(20.0 + second, 0.5)
-    assert len(tuned._inhibits) <= 8
+    assert len(tuned._inhibited._spans) <= 8
+
+
+class SaysSlips:
+    """A suite that says an incipient slip, its deepening and its end, at instants given."""
+
+    contact_state = "holding"
+
+    def __init__(self, onset_s: float) -> None:
+        self._onset_s = onset_s
+
+    def reset(self) -> None: ...
+
+    def set_speed(self, speed_mm_s: float, from_index: int) -> None: ...
+
+    def process(self, _: ScanBlock | Gap) -> list[Event]:
+        first = SlipEvent(
+            time_s=self._onset_s, state="onset", kind="incipient", onset_s=self._onset_s, onset_sd_s=0.01,
+            direction_deg=0.0, direction_sd_deg=1.0, confidence=1.0, taxels=(0,), detector="test",
+            statistic=1.0, threshold=1.0, valid=True, detected_s=self._onset_s + 0.05,
+        )  # fmt: skip
+        deeper = replace(first, kind="gross", onset_s=first.onset_s + 0.3, detected_s=first.onset_s + 0.4)
+        return [first, deeper, replace(deeper, state="end", detected_s=first.onset_s + 1)]
+
+
+@pytest.mark.parametrize(
+    ("onset_s", "valid"),
+    [
+        (9.0, (True, True, True)),
+        (9.99, (False, True, True)),  # found in it
+        (10.5, (False, True, True)),  # a slide is one, whatever load was expected
+        (12.1, (True, True, True)),
+    ],
+)
+def test_while_a_change_of_load_is_expected_incipient_slips_are_not_valid(
+    onset_s: float, valid: tuple[bool, ...]
+) -> None:
+    tuned = TunedSuite(WANG, DetectParams(), lambda *_: SaysSlips(onset_s))
+    tuned.expect_load_change(10.0, 1.0)
+    tuned.expect_load_change(10.9, 1.1)
+    said = [e for e in tuned.process(rest(1)) if isinstance(e, SlipEvent)]
+    assert tuple(event.valid for event in said) == valid
 
 
 def test_thresholds_are_checked_by_name_and_bound() -> None:
