@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactiled.array import Array
+from tactiled.bench.texture_log import draw_answers
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slip_wavelet import level_at
 from tactiled.detect.spectrum import spectrum
@@ -45,7 +46,7 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: Truth | None = None,
 ) -> None:
-    """Voltages of a taxel, its wavelet coefficients, and the spectrum of the last texture estimate.
+    """Voltages of a taxel, its wavelet coefficients, texture as it was answered, and the last one's spectrum.
 
     Parameters
     ----------
@@ -64,11 +65,12 @@ def draw_log(
         channel_offset_s = np.zeros(array.n_channels)
     origin_s = float(time_s[0])
     onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
-    textures = [e for e in events if isinstance(e, TextureEvent) and e.status == "ok"]
+    said = [e for e in events if isinstance(e, TextureEvent)]
+    textures = [e for e in said if e.status == "ok"]
     taxel = _liveliest(array, volts)
     channels = np.flatnonzero(array.channel_taxel == taxel)
     last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
-    rows = ["vv", "cc"] + ["".join((last_row * 2)[:2])] * bool(last_row)
+    rows = ["vv", "cc"] + ["pa"] * bool(textures) + ["".join((last_row * 2)[:2])] * bool(last_row)
     figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
     axes = figure.subplot_mosaic("\n".join(rows))
     figure.suptitle(f"{title}: taxel {taxel} of {array.name}")
@@ -79,6 +81,8 @@ def draw_log(
         axes[name].set_xlim(0, float(time_s[-1]) - origin_s)
         axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
         axes[name].set_xlabel("time (s)")
+    if textures:
+        draw_answers(axes["p"], axes["a"], said, origin_s)
     if onsets:
         _draw_onset(axes["o"], channels, time_s, volts, channel_offset_s, onsets, truth)
     if textures:
