@@ -52,6 +52,7 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 
     Example: tactiled run --config /etc/tactiled/left.toml
     """
+    _use_one_blas_thread()
     from tactiled.config import Setup, default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
@@ -279,6 +280,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 
     Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
     """
+    _use_one_blas_thread()
     from tactiled.config import default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
@@ -377,7 +379,8 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
 def command(name: str, fields: tuple[str, ...], endpoint: str, who: str, keys: Path | None) -> None:
     """Ask a running daemon for something, and print its reply as JSON; 1 when it refused.
 
-    NAME is tare, speed, inhibit, thresholds, rate, record, mark or state; fields: protocols/control.md.
+    NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; fields:
+    protocols/control.md.
 
     Example: tactiled command thresholds slip.threshold_volts=0.003
     """
@@ -453,6 +456,11 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     report, code = run_doctor(config, port, json_lines=json_lines, speed_mm_s=speed_mm_s)
     click.echo(report)
     sys.exit(code)
+
+
+def _use_one_blas_thread() -> None:
+    """Before numpy is imported: more would only wake every core for 36 channels, which costs latency."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:

@@ -20,12 +20,21 @@ from tactiled.bench.uart import heard
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
 from tactiled.daemon import device
+from tactiled.daemon.security import KeyFolder
+from tactiled.daemon.source import open_port
 from tactiled.detect.grooves import GrooveParams
 from tactiled.doctor import board as board_checks
 from tactiled.doctor.board import check_board
 from tactiled.doctor.examine import examine, run_doctor
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.host import check_disk, check_endpoints, check_installation, running_daemon
+from tactiled.doctor.host import (
+    check_daemon,
+    check_disk,
+    check_endpoints,
+    check_installation,
+    check_keys,
+    running_daemon,
+)
 from tactiled.doctor.port import check_port
 from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
 from tactiled.emulator.faults import FaultParams
@@ -163,7 +172,7 @@ def test_a_wrong_baud_rate_is_found_and_the_right_one_named(setup: Setup, tmp_pa
         findings, _ = check_board(setup)
     faults = failed(findings)
     assert any("wrong baud rate (115200 configured)" in fault for fault in faults)
-    assert "search: frames of tactiled-board pass at 57600 baud" in faults
+    assert "search: frames of board-v1 pass at 57600 baud" in faults
 
 
 def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,6 +180,7 @@ def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: py
     with emulated(tmp_path / "board", layout="legacy-9"):
         findings, _ = check_board(setup)
     assert any("these are frames of legacy-9" in fault for fault in failed(findings))
+    assert by_check(findings)["search"].remedy == 'set board.protocol = "legacy-9"'
 
 
 def test_a_silent_board_is_told_from_a_wrong_one(
@@ -234,6 +244,44 @@ def test_endpoints_taken_by_others_are_told_from_a_daemon_that_runs(setup: Setup
     assert "in use" in fault
 
 
+def test_a_daemon_that_reads_another_port_is_not_taken_for_ours(tmp_path: Path) -> None:
+    path = tmp_path / "board"
+    status = {"board": "TS0002", "state": "running", "reason": "", "valid": True}
+    with emulated(path):
+        other, is_ours = check_daemon(status, str(path))
+        assert (other.verdict, is_ours) == ("fail", False)
+        assert f"does not read {path}" in other.words
+        port = open_port(str(path), 115200)
+        assert check_daemon(status, str(path)) == (
+            Finding("daemon", "ok", "runs here: board TS0002 is running"),
+            True,
+        )
+        port.close()
+        gone = status | {"state": "no-device", "valid": False, "reason": "no such port"}
+        assert check_daemon(gone, str(path))[1]
+
+
+def test_keys(setup: Setup, tmp_path: Path) -> None:
+    publish = setup.config.publish
+    assert check_keys(publish) == []
+    publish = publish.model_copy(update={"keys": str(tmp_path / "keys")})
+    (none,) = check_keys(publish)
+    assert (none.verdict, f"--folder {tmp_path}/keys" in none.remedy or "make" in none.remedy) == (
+        "fail",
+        True,
+    )
+    KeyFolder(tmp_path / "keys").make("left-gripper", tmp_path / "left-gripper.toml")
+    (good,) = check_keys(publish)
+    assert (good.verdict, "left-gripper" in good.words) == ("ok", True)
+    (tmp_path / "keys/daemon.toml").chmod(0o644)
+    (open_to_all,) = check_keys(publish)
+    assert "others can read the secret key" in open_to_all.words
+    assert open_to_all.remedy == f"chmod 600 {tmp_path}/keys/daemon.toml"
+    (tmp_path / "keys/daemon.toml").chmod(0o600)
+    (tmp_path / "keys/clients/left-gripper.toml").unlink()
+    assert check_keys(publish)[0].verdict == "warn"
+
+
 def test_disk(setup: Setup) -> None:
     record = setup.config.record
     assert failed(check_disk(record)) == []
@@ -244,13 +292,22 @@ def test_disk(setup: Setup) -> None:
 
 
 def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) -> None:
-    bare = by_check(check_installation(tmp_path, {}))
+    assert [finding.check for finding in check_installation(tmp_path)] == ["systemd"]
+    (tmp_path / "run/systemd/system").mkdir(parents=True)
+    bare = by_check(check_installation(tmp_path))
+    for finding in bare.values():  # a command that can be pasted, wherever one stands
+        (file,) = [
+            word
+            for word in finding.remedy.split()
+            if word.startswith("/") and word.endswith((".service", ".rules"))
+        ]
+        assert Path(file).is_file()
     assert bare["systemd unit"].verdict == bare["udev rule"].verdict == "warn"
     for name in ("etc/systemd/system/tactiled@.service", "usr/lib/udev/rules.d/99-tactiled.rules"):
         path = tmp_path / name
         path.parent.mkdir(parents=True)
         path.touch()
-    done = by_check(check_installation(tmp_path, {"OPENBLAS_NUM_THREADS": "1"}))
+    done = by_check(check_installation(tmp_path))
     assert {finding.verdict for finding in done.values()} == {"ok"}
 
 

@@ -112,6 +112,22 @@ def same_device(fd: int, url: str) -> bool:
         return False
 
 
+def is_free(url: str) -> bool:
+    """Whether the device is there, may be opened, and no daemon has locked it."""
+    try:
+        fd = os.open(url, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as pyserial's exclusive=True
+    except OSError:
+        return False
+    else:
+        return True
+    finally:
+        os.close(fd)
+
+
 def holders(url: str) -> list[str]:
     """Who has the device open, as "name (pid)"; only those that we may look at."""
     found = []

@@ -14,7 +14,8 @@ noise              most frames are good, a few are not
 """
 
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from tactiled import resources
@@ -54,11 +55,11 @@ class LineWatch:
     protocol : str
     baud : int
         Both only for the words.
-    others : sequence of Layout
-        Layouts to try on bytes that are no frames of ours.
+    others : mapping of str to Layout
+        Layouts to try on bytes that are no frames of ours, by what board.protocol calls them.
     """
 
-    def __init__(self, protocol: str, baud: int, others: Sequence[Layout] = ()) -> None:
+    def __init__(self, protocol: str, baud: int, others: Mapping[str, Layout] = MappingProxyType({})) -> None:
         self._protocol = protocol
         self._baud = baud
         self._others = others
@@ -163,18 +164,18 @@ class LineWatch:
         )
 
 
-def other_layouts(layout: Layout) -> list[Layout]:
-    """The layouts that ship with tactiled, but this one."""
-    layouts = [load_layout(name) for name in resources.shipped_names("protocols")]
-    return [other for other in layouts if other.name != layout.name]
+def other_layouts(layout: Layout) -> dict[str, Layout]:
+    """The layouts that ship with tactiled, but this one, by their names in board.protocol."""
+    layouts = {name: load_layout(name) for name in resources.shipped_names("protocols")}
+    return {name: other for name, other in layouts.items() if other.name != layout.name}
 
 
-def frames_of(data: bytes, layouts: Sequence[Layout]) -> str | None:
+def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:
     """Name of the first layout of which there are frames in `data`."""
-    for layout in layouts:
+    for name, layout in layouts.items():
         frames = Decoder(layout).feed(data)
         if sum(not isinstance(frame, Corrupt) for frame in frames) >= _LEAST_FRAMES:
-            return layout.name
+            return name
     return None
 
 

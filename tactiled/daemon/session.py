@@ -318,7 +318,10 @@ class Session:
     def _foreign_because(self, hello: Hello) -> str | None:
         pinned = self.params.board_serial
         if pinned is not None and hello.board_serial != pinned:
-            return f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them"
+            return (
+                f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them, "
+                "or mend session.board_serial"
+            )
         return self._check(hello)
 
     def _refuse(self, reason: str, now_s: float) -> None:

@@ -23,6 +23,7 @@ LISTEN_S = 2.0  # twice the second after which a cause is named; 200 scans tell 
 _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
+_TAIL_BYTES = 4096  # of any layout several seconds of hellos, or dozens of scans
 _SAME_RATE = 0.03  # relative: 200 scans in a window whose ends fall anywhere
 _SURE_SD_S = 2e-3  # after two seconds behind a lazy adapter; 0.1 ms behind a prompt one
 _NOISY_PART = 0.01
@@ -37,6 +38,8 @@ class Heard:
     hello: Hello | None
     scans_s: list[float] = field(default_factory=list)
     """Instants of the scans."""
+    tail: bytes = b""
+    """The last that came."""
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
@@ -47,7 +50,7 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
         heard = asyncio.run(_listen(setup, url, baud))
         findings = _judge(heard, setup.layout)
         if not heard.health.frames and not is_url(url):
-            findings += asyncio.run(_search(setup.layout, url, baud))
+            findings += asyncio.run(_search(setup, url, baud, heard.tail))
     except PortError as error:
         return [split("line", str(error).removeprefix(f"{url}: "), "fail")], 0.0
     return findings, heard.health.rate_hz
@@ -65,6 +68,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
     scans_s: list[float] = []
     found_streaming: list[bool] = []
     lost: list[str] = []
+    tail = b""
     port = await open_port_in_thread(url, baud)
 
     def say(commands: list[Command]) -> None:
@@ -72,6 +76,8 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
             port.write(encoder.encode(command))
 
     def received(data: bytes) -> None:
+        nonlocal tail
+        tail = (tail + data)[-_TAIL_BYTES:]
         say(
             link.received(
                 data,
@@ -97,7 +103,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return Heard(status, pipeline.health(), session.hello, scans_s)
+    return Heard(status, pipeline.health(), session.hello, scans_s, tail)
 
 
 def _judge(heard: Heard, layout: Layout) -> list[Finding]:
@@ -144,9 +150,12 @@ def _clock(health: Health) -> Finding:
     )
 
 
-async def _search(layout: Layout, url: str, baud: int) -> list[Finding]:
-    """Listen at other baud rates and for other layouts."""
-    layouts = [layout, *other_layouts(layout)]
+async def _search(setup: Setup, url: str, baud: int, heard: bytes) -> list[Finding]:
+    """Look for other layouts in what was heard, and listen at other baud rates."""
+    layout = setup.layout
+    layouts = {setup.config.board.protocol: layout} | other_layouts(layout)
+    if (name := frames_of(heard, layouts)) is not None:
+        return [Finding("search", "fail", f"they are frames of {name}", f'set board.protocol = "{name}"')]
     for other in (baud, *(rate for rate in _BAUDS if rate != baud)):
         data = bytearray()
         with suppress(PortError):  # a rate that the driver does not make
@@ -161,12 +170,10 @@ async def _search(layout: Layout, url: str, baud: int) -> list[Finding]:
                 await asyncio.to_thread(port.close)
         if (name := frames_of(bytes(data), layouts)) is not None:
             found = f"frames of {name} pass at {other} baud"
-            return [Finding("search", "fail", found, f"set port.baud = {other} and board.protocol to {name}")]
-    return [
-        Finding(
-            "search", "fail", f"no frame of {', '.join(item.name for item in layouts)} at any usual baud rate"
-        )
-    ]
+            return [
+                Finding("search", "fail", found, f'set port.baud = {other} and board.protocol = "{name}"')
+            ]
+    return [Finding("search", "fail", f"no frame of {', '.join(layouts)} at any usual baud rate")]
 
 
 def _framing(port: Port) -> int | None:

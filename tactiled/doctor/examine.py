@@ -6,7 +6,14 @@ from tactiled import tomlfile
 from tactiled.config import Setup, default_config, load_config
 from tactiled.doctor.board import check_board
 from tactiled.doctor.finding import Finding, as_json, as_text
-from tactiled.doctor.host import check_disk, check_endpoints, check_installation, running_daemon
+from tactiled.doctor.host import (
+    check_daemon,
+    check_disk,
+    check_endpoints,
+    check_installation,
+    check_keys,
+    running_daemon,
+)
 from tactiled.doctor.port import check_port
 from tactiled.doctor.resolving import check_array
 from tactiled.errors import ConfigError
@@ -36,16 +43,19 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
 def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
     publish, texture = setup.config.publish, setup.config.detect.wang2019.texture
     findings = check_port(setup.config.port.url)
-    daemon = running_daemon(publish)
+    may_open = not any(finding.verdict == "fail" for finding in findings)
     rate_hz = setup.config.session.rate_hz or 0.0
-    if daemon is not None:
+    is_running = False
+    if (status := running_daemon(publish)) is not None:
+        daemon, is_running = check_daemon(status, setup.config.port.url)
         findings.append(daemon)
-    elif not any(finding.verdict == "fail" for finding in findings):
+    if may_open and not is_running:
         board, board_hz = check_board(setup)
         findings += board
         rate_hz = rate_hz or board_hz
     findings += check_array(setup.array, texture, rate_hz or 100.0, speed_mm_s or texture.speed_mm_s)
-    findings += check_endpoints(publish, daemon is not None)
+    findings += check_endpoints(publish, is_running)
+    findings += check_keys(publish)
     return [*findings, *check_disk(setup.config.record), *check_installation()]
 
 

@@ -1,4 +1,4 @@
-"""The host around the daemon: endpoints, disk, systemd, threads."""
+"""The host around the daemon: endpoints, keys, disk, systemd."""
 
 import contextlib
 import os
@@ -6,23 +6,28 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import zmq
 
+from tactiled import resources
 from tactiled.client import Message, Subscription
+from tactiled.daemon import device
 from tactiled.daemon.endpoints import RUNTIME, bind, runtime_directory
 from tactiled.daemon.publisher import PublishParams, is_guarded
+from tactiled.daemon.security import KeyFolder
 from tactiled.doctor.finding import Finding, Verdict, split
-from tactiled.errors import TactiledError
+from tactiled.errors import ConfigError, TactiledError
 from tactiled.recording.rotation import RecordParams
 
 _STATUS_S = 0.5  # a living daemon sends five in that time
+_SYSTEMD = "run/systemd/system"  # sd_booted(3)
 _UNITS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
 _RULES = ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 
 
-def running_daemon(publish: PublishParams) -> Finding | None:
-    """What a daemon on these endpoints says of itself; None where none speaks."""
+def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
+    """Status of the daemon on these endpoints; None where none speaks."""
     for endpoint in publish.endpoints:
         if is_guarded(publish, endpoint):
             continue
@@ -30,18 +35,44 @@ def running_daemon(publish: PublishParams) -> Finding | None:
             until_s = time.monotonic() + _STATUS_S
             while (item := status.next_item(until_s)) is not None:
                 if isinstance(item, Message):
-                    data = item.data
-                    said = data["reason"] or data.get("warning", "")
-                    words = f"runs here: board {data['board'] or 'unknown'} is {data['state']}"
-                    verdict: Verdict = "warn" if said else "ok"
-                    return Finding("daemon", verdict if data["valid"] else "fail", words, said)
+                    return item.data
     return None
+
+
+def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
+    """What a daemon that runs says of itself, and whether it is the one that reads this port."""
+    words = f"board {status['board'] or 'unknown'} is {status['state']}"
+    if status["state"] != "no-device" and device.is_free(url):
+        what = f"another one runs on these endpoints and does not read {url}: {words}"
+        return Finding("daemon", "fail", what, "give this one endpoints of its own in [publish]"), False
+    said = status["reason"] or status.get("warning", "")
+    verdict: Verdict = "warn" if said else "ok"
+    return Finding("daemon", verdict if status["valid"] else "fail", f"runs here: {words}", said), True
+
+
+def check_keys(publish: PublishParams) -> list[Finding]:
+    """Whether the keys can be used, and who may connect with them; nothing to say where there are none."""
+    if publish.keys is None:
+        return []
+    folder = KeyFolder(Path(publish.keys))
+    try:
+        folder.pair()
+    except ConfigError as error:
+        words, _, remedy = error.faults[0].partition(": ")
+        remedy = remedy or f"tactiled keys make NAME --folder {publish.keys}"
+        return [Finding("keys", "fail", f"{error.source}: {words}", remedy)]
+    names = sorted(folder.clients().values())
+    if not names:
+        make = f"tactiled keys make NAME --folder {publish.keys}"
+        return [Finding("keys", "warn", f"{publish.keys}: no client may connect from another host", make)]
+    return [Finding("keys", "ok", f"{publish.keys}: may connect from other hosts: {', '.join(names)}")]
 
 
 def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
     """Whether every endpoint can be bound, or is bound by the daemon that runs."""
     if daemon_runs:
-        return [Finding("endpoints", "ok", f"bound by the daemon that runs: {', '.join(publish.endpoints)}")]
+        bound = ", ".join(map(_filled, publish.endpoints))
+        return [Finding("endpoints", "ok", f"bound by the daemon that runs: {bound}")]
     findings = []
     with zmq.Context() as context:
         for endpoint in (*publish.endpoints, *publish.control):
@@ -51,7 +82,7 @@ def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
                 except TactiledError as error:
                     findings.append(split("endpoint", str(error), "fail"))
                 else:
-                    findings.append(Finding("endpoint", "ok", f"{endpoint} is free"))
+                    findings.append(Finding("endpoint", "ok", f"{_filled(endpoint)} is free"))
     return findings or [Finding("endpoints", "warn", "none: nothing is published", "set publish.endpoints")]
 
 
@@ -75,20 +106,25 @@ def check_disk(record: RecordParams) -> list[Finding]:
     return [Finding("disk", "ok", words)]
 
 
-def check_installation(root: Path = Path("/"), environ: Mapping[str, str] = os.environ) -> list[Finding]:
-    """Whether unit and udev rule are where systemd and udev look, and threads are as they should be."""
+def check_installation(root: Path = Path("/")) -> list[Finding]:
+    """Whether unit and udev rule are where systemd and udev look."""
+    unit, rule = (resources.shipped("systemd", name) for name in ("tactiled@.service", "99-tactiled.rules"))
+    if not (root / _SYSTEMD).is_dir():
+        words = "systemd does not run here: the daemon starts by hand, and nothing sets up the port"
+        return [
+            Finding("systemd", "warn", words, "have tactiled run started by what starts your other services")
+        ]
     return [
         _installed(
             "systemd unit", root, _UNITS, "tactiled@.service",
-            "for a daemon that starts with its board: sudo cp systemd/tactiled@.service /etc/systemd/system/ "
+            f"for a daemon that starts with its board: sudo install -m 644 {unit} /etc/systemd/system/ "
             "&& sudo systemctl daemon-reload",
         ),
         _installed(
             "udev rule", root, _RULES, "*tactiled*.rules",
-            "for permissions, stable names and 1 ms latency: sudo cp systemd/99-tactiled.rules "
-            "/etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger",
+            f"for permissions, stable names and 1 ms latency: sudo install -m 644 {rule} /etc/udev/rules.d/ "
+            "&& sudo udevadm control --reload && sudo udevadm trigger --action=add",
         ),
-        _threads(environ),
     ]  # fmt: skip
 
 
@@ -97,13 +133,6 @@ def _installed(check: str, root: Path, places: Sequence[str], pattern: str, reme
     if found:
         return Finding(check, "ok", f"{found[0]} is installed")
     return Finding(check, "warn", "not installed", remedy)
-
-
-def _threads(environ: Mapping[str, str]) -> Finding:
-    if environ.get("OPENBLAS_NUM_THREADS") == "1" or (os.cpu_count() or 1) == 1:
-        return Finding("threads", "ok", "one BLAS thread")
-    remedy = "the unit sets it; by hand: export OPENBLAS_NUM_THREADS=1"
-    return Finding("threads", "warn", "BLAS may wake every core for 36 channels, which costs latency", remedy)
 
 
 def _filled(endpoint: str) -> str:

@@ -19,9 +19,11 @@ def check_port(url: str) -> list[Finding]:
         return [Finding("port", "ok", f"{url}: reached over a network or a bridge")]
     path = Path(url)
     if not path.exists():
-        return [Finding("port", "fail", f"{url}: no such port", device.available().removeprefix("; "))]
+        return [
+            Finding("port", "fail", f"{url}: no such port", f"plug the board in, or mend port.url{_others()}")
+        ]
     if not path.is_char_device():
-        return [Finding("port", "fail", f"{url}: not a serial port", device.available().removeprefix("; "))]
+        return [Finding("port", "fail", f"{url}: not a serial port", f"mend port.url{_others()}")]
     node = path.resolve()
     return [
         Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there"),
@@ -32,6 +34,10 @@ def check_port(url: str) -> list[Finding]:
     ]
 
 
+def _others() -> str:
+    return device.available().replace("; ", " (", 1) + ")"
+
+
 def _permission(url: str) -> Finding:
     if os.access(url, os.R_OK | os.W_OK):
         return Finding("permission", "ok", "this user may read and write it")
@@ -39,9 +45,11 @@ def _permission(url: str) -> Finding:
 
 
 def _holders(url: str) -> Finding:
-    if who := device.holders(url):
+    who = device.holders(url)
+    if who and not all(name.startswith("tactiled ") for name in who):
         return Finding("in use", "warn", f"open in {', '.join(who)}", "if it is not tactiled, stop it")
-    return Finding("in use", "ok", "nobody that we can see has it open")
+    words = f"open in {', '.join(who)}" if who else "nobody that we can see has it open"
+    return Finding("in use", "ok", words)
 
 
 def _name(url: str) -> Finding:

@@ -148,5 +148,5 @@ def test_the_words_stay_while_the_cause_does() -> None:
 
 
 def test_frames_of_no_layout_have_no_name() -> None:
-    assert frames_of(b"\x00\x01\x02" * 300, [LAYOUT, LEGACY]) is None
-    assert frames_of(b"".join(scans(LEGACY, 3)), [LAYOUT, LEGACY]) == LEGACY.name
+    assert frames_of(b"\x00\x01\x02" * 300, {"a": LAYOUT, "b": LEGACY}) is None
+    assert frames_of(b"".join(scans(LEGACY, 3)), {"a": LAYOUT, "b": LEGACY}) == "b"
