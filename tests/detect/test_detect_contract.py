@@ -13,6 +13,7 @@ from touches import Touch, pieces, run, splits
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.contact import ContactGate
+from tactiled.detect.slip_coherent import CoherentSlip
 from tactiled.detect.slip_wavelet import WaveletSlip
 from tactiled.detect.texture_paper import TextureParams
 from tactiled.detect.wang2019 import Wang2019, Wang2019Params
@@ -23,6 +24,7 @@ TEXTURE = TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=4.0)
 DETECTORS: dict[str, Callable[[Array], Detector]] = {
     "contact": ContactGate,
     "slip": WaveletSlip,
+    "coherent": CoherentSlip,
     "wang2019": lambda array: Wang2019(array, Wang2019Params(texture=TEXTURE)),
 }
 ONE_TAXEL = build(

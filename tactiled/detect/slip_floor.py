@@ -1,0 +1,58 @@
+"""The noise of the response, octave by octave, while nothing happens.
+
+A floor is the median size of a level's details over groups of 16 scans, smoothed in its logarithm: a slip,
+a tap or a burst of interference in a group moves it by little, and a floor that changes 100-fold is
+followed in some three seconds. For white noise the median size is 0.6745 standard deviations. While
+something happens the floor is frozen, but no longer than `_LONGEST_FREEZE_S`: noise that grew and stays is
+the new floor.
+"""
+
+import numpy as np
+
+from tactiled.array import FloatArray
+
+GROUP_SCANS = 16
+_WEIGHT = 0.1  # of the newest group: a time constant of 1.6 s at 100 Hz
+_LONGEST_FREEZE_S = 2.0
+_MEDIAN_OF_NORMAL = 0.6745
+# Steps of the grid (0.95 uV of 8 V) below which no floor goes: below a tenth of the last bit of a 12-bit
+# ADC a silent converter hides what noise there is.
+_LEAST_STEPS = 64.0
+
+
+class NoiseFloor:
+    """Standard deviation that white noise with a level's details would have: (levels, columns).
+
+    Parameters
+    ----------
+    levels, columns : int
+    rate_hz : float
+    """
+
+    def __init__(self, levels: int, columns: int, rate_hz: float) -> None:
+        self._details = np.zeros((GROUP_SCANS, columns, levels))
+        self._freeze_groups = max(1, round(_LONGEST_FREEZE_S * rate_hz / GROUP_SCANS))
+        self._log = np.full((levels, columns), np.log(_LEAST_STEPS))
+        self._n_groups = 0
+        self._n_frozen = 0
+        self._n_rows = 0
+        self._disturbed = False
+        self.sd = np.exp(self._log)
+
+    def take(self, details: FloatArray, disturbed: bool) -> bool:
+        """Take in one scan's details (columns, levels); True where that changed the floor."""
+        self._details[self._n_rows] = details
+        self._n_rows += 1
+        self._disturbed |= disturbed
+        if self._n_rows < GROUP_SCANS:
+            return False
+        disturbed, self._disturbed, self._n_rows = self._disturbed, False, 0
+        self._n_frozen = self._n_frozen + 1 if disturbed else 0
+        if 0 < self._n_frozen <= self._freeze_groups and self._n_groups:
+            return False
+        median = np.median(np.abs(self._details), axis=0).T / _MEDIAN_OF_NORMAL
+        self._n_groups += 1
+        weight = max(_WEIGHT, 1 / self._n_groups)
+        self._log += weight * (np.log(np.maximum(median, _LEAST_STEPS)) - self._log)
+        self.sd = np.exp(self._log)
+        return True

@@ -1,0 +1,137 @@
+"""What one scan can tell of a slip: which way, which taxels, how much they agree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.pairs import PairResponse
+from tactiled.detect.slip_evidence import Evidence, Stretch
+from tactiled.detect.slip_response import PRESSURE, motion, moved
+from tactiled.events.types import UNKNOWN_SD_DEG
+from tactiled.samples.block import ScanBlock
+
+_TAKES_PART = 0.5  # of the mean of those that move along: what moves less may be leak
+
+
+@dataclass(frozen=True)
+class Testimony:
+    """Of a change of the response.
+
+    Attributes
+    ----------
+    direction_deg, direction_sd_deg : float
+    confidence : float
+    taxels : tuple of int
+    """
+
+    direction_deg: float
+    direction_sd_deg: float
+    confidence: float
+    taxels: tuple[int, ...]
+
+
+class Witness:
+    """A scan with the scans before it.
+
+    Parameters
+    ----------
+    array : Array
+    pairs : PairResponse
+    evidence : Evidence
+    block : ScanBlock
+    stretch : Stretch
+        Of the block, with the scan in it.
+    row : int
+        The scan's, in the stretch.
+    index : int
+        The scan's, since the detector began.
+
+    Attributes
+    ----------
+    seen : (window, 7) float64
+        Responses, newest last.
+    """
+
+    def __init__(
+        self,
+        array: Array,
+        pairs: PairResponse,
+        evidence: Evidence,
+        block: ScanBlock,
+        stretch: Stretch,
+        row: int,
+        index: int,
+    ) -> None:
+        self._array, self._pairs, self._evidence, self._block = array, pairs, evidence, block
+        self.index = index
+        self.scan = stretch.scans.start + row
+        self.seen = stretch.seen[row : row + evidence.window]
+        self._steps = stretch.steps[row : row + evidence.window]
+
+    @property
+    def time_s(self) -> float:
+        return float(self._block.time_s[self.scan])
+
+    @property
+    def time_sd_s(self) -> float:
+        return float(self._block.time_sd_s[self.scan])
+
+    @property
+    def block_index(self) -> int:
+        """In the count of the blocks."""
+        return int(self._block.index[self.scan])
+
+    @property
+    def is_late(self) -> bool:
+        return bool(self._block.late[self.scan])
+
+    def ago(self, scans: float) -> int:
+        """Row of `seen` that is so long before the newest, at most the oldest."""
+        return -1 - int(min(max(round(scans), 0), len(self.seen) - 1))
+
+    def skew_s(self, along: FloatArray) -> float:
+        """How long after the scan began its channels were sampled, on the average of their weights."""
+        weights = np.abs(along @ motion(self._evidence.weights.T).T)
+        return float(np.average(self._block.channel_offset_s, weights=weights)) if weights.any() else 0.0
+
+    def along(self, scans: float) -> FloatArray:
+        """Unit vector (3,) of the change since so long ago; zero where nothing changed."""
+        change = moved(self.seen[self.ago(scans)], self.seen[-1])
+        size = float(np.sqrt((change**2).sum()))
+        return change / size if size > 0 else change
+
+    def testify(self, along: FloatArray, scans: float) -> Testimony:
+        """About a change along a unit vector (3,) that began so long ago."""
+        first = self.ago(scans)
+        change = self._steps[-1] - self._steps[first]
+        shares = self._shares(along, change)
+        agreement = max(0.0, float(shares.sum())) / max(float(np.abs(shares).sum()), 1.0)
+        opposed = float(np.sqrt((motion(self.seen[-1] - self.seen[first]) ** 2).sum()))
+        common = abs(float(self.seen[-1, PRESSURE] - self.seen[first, PRESSURE]))
+        part = shares >= _TAKES_PART * max(float(np.maximum(shares, 0.0).mean()), 1.0)
+        direction_deg, direction_sd_deg = self._direction_deg(along, change, opposed)
+        return Testimony(
+            direction_deg,
+            direction_sd_deg,
+            agreement * opposed / max(opposed + common, 1.0),
+            tuple(np.flatnonzero(part).tolist()),
+        )
+
+    def _shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
+        """What each taxel (taxels,) adds to the change, in steps."""
+        weights = along @ motion(self._evidence.weights.T).T
+        taxel = self._array.channel_taxel
+        return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
+
+    def _direction_deg(self, along: FloatArray, change: FloatArray, opposed: float) -> tuple[float, float]:
+        """None where the skin turns on the spot rather than moves, or the array has no shear channels."""
+        size = float(np.hypot(along[0], along[1]))
+        if not self._array.has_shear or size <= abs(float(along[2])):
+            return 0.0, UNKNOWN_SD_DEG
+        noise = self._evidence.noise(along) * np.sqrt(2) / max(opposed * size, 1.0)
+        towards = along[:2] / size
+        sd_deg = self._pairs.direction_sd_deg(
+            change, self._evidence.taxels, towards, float(np.degrees(noise))
+        )
+        return float(np.degrees(np.arctan2(towards[1], towards[0]))), sd_deg
