@@ -82,7 +82,7 @@ class AnyFaults(RuleBasedStateMachine):
         assert account.delivered == status.scans
         counts = rig.port.counts
         if not counts.reboots and not counts.unplugs:  # a damaged frame costs itself only
-            assert account.taken - account.delivered <= counts.frames_damaged + counts.overruns
+            assert account.lost_in_runs <= counts.frames_damaged + counts.overruns
         assert (account.repeated, account.false_fresh) == (0, 0)
         assert status.restarts <= counts.reboots
         assert {s.state for s in self.statuses if s.valid} <= {"running"}
