@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from tactiled.bench import slip_tables
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level
-from tactiled.bench.slip_quiet import Counted
+from tactiled.bench.slip_quiet import QUIET_NOISES_V, Counted
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
 from tactiled.bench.slip_scenes import NOISES_V
@@ -76,7 +76,7 @@ def _draw_shares(axes: Axes, cases: Sequence[Case], names: Sequence[str]) -> Non
 
 
 def _draw_quiet(axes: Axes, cases: Sequence[Case], counted: Counted, names: Sequence[str]) -> None:
-    noise_v = min(noise for _, noise, _ in counted)
+    noise_v = QUIET_NOISES_V[0]
     some = [case for case in cases if case.noise_v == noise_v]
     for number, (mark, name) in enumerate(zip(_MARKS, names, strict=False)):
         false, told = slip_tables.per_hour(counted, noise_v, name)

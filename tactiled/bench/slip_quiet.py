@@ -9,8 +9,8 @@ import numpy as np
 from tactiled.array import load_array
 from tactiled.bench.slip_faults import FAULTS, Stream
 from tactiled.bench.slip_rivals import Knobs, rivals
-from tactiled.bench.slip_scenes import RATE_HZ, Announced, Announcement, Played, play
-from tactiled.bench.slip_score import false_alarms
+from tactiled.bench.slip_scenes import NOISES_V, RATE_HZ, Announced, Announcement, Played, play
+from tactiled.bench.slip_score import tally
 from tactiled.detect.base import Detector
 from tactiled.detect.bridge import Bridge
 from tactiled.emulator.families import QUIET
@@ -38,15 +38,16 @@ class Alarms:
     ----------
     hours : float
         Of board time.
-    false, false_gross, partial : int
-        False alarms; those of them that said "gross"; events that rightly say that a part slips.
+    false, gross, on_press, partial : int
+        As in `slip_score.Tally`.
     announced_false : int or None
         False alarms when told of what the controller itself did; None where the detector cannot be told.
     """
 
     hours: float
     false: int
-    false_gross: int
+    gross: int
+    on_press: int
     partial: int
     announced_false: int | None
 
@@ -55,7 +56,8 @@ class Alarms:
         return Alarms(
             self.hours + other.hours,
             self.false + other.false,
-            self.false_gross + other.false_gross,
+            self.gross + other.gross,
+            self.on_press + other.on_press,
             self.partial + other.partial,
             None if told[0] is None or told[1] is None else told[0] + told[1],
         )
@@ -65,16 +67,19 @@ Counted = dict[tuple[str, float, str], Alarms]  # by family, noise and detector
 
 
 def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]) -> Counted:
-    """A scene without gross slip, read `draws` times at each noise; a hold also once with each line fault."""
+    """A scene without gross slip, read `draws` times at each of `QUIET_NOISES_V`.
+
+    A hold, at every noise of the slips, and once with each line fault.
+    """
     played = play(family, QUIET[family], seed)
     if played.slip is not None:
         return {}
     array, found = load_array("wang2019-3x3"), Counted()
-    for noise_v in QUIET_NOISES_V:
+    for noise_v in NOISES_V if family == HELD else QUIET_NOISES_V:
         for draw in range(draws):
             counts = played.counts(noise_v, draw)
             streams: dict[str, Stream] = {family: [played.read(noise_v, draw)]}
-            if family == HELD and draw == 0:
+            if family == HELD and draw == 0 and noise_v in QUIET_NOISES_V:
                 rng = np.random.default_rng([seed, draw, 11])
                 streams |= {name: fault(counts, rng) for name, fault in FAULTS.items()}
             for stream_name, stream in streams.items():
@@ -90,14 +95,14 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
 
 
 def _alarms(build: Callable[[], Detector], stream: Stream, played: Played) -> Alarms:
-    false, false_gross, partial = false_alarms(run(build(), stream, ()), played)
+    untold = tally(run(build(), stream, ()), played)
     detector, told = build(), None
     if isinstance(detector, Announces):
-        told = false
+        told = untold.false
         if played.announcements:
-            told = false_alarms(run(detector, stream, played.announcements), played)[0]
+            told = tally(run(detector, stream, played.announcements), played).false
     hours = sum(len(item) for item in stream if isinstance(item, ScanBlock)) / RATE_HZ / 3600
-    return Alarms(hours, false, false_gross, partial, told)
+    return Alarms(hours, *untold, told)
 
 
 def run(detector: Detector, stream: Stream, announcements: Sequence[Announcement]) -> list[Event]:

@@ -13,6 +13,7 @@ from tactiled.array import Array
 from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_rules import WindowRule, coefficient_sd_v
 from tactiled.detect.base import Detector
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold: the rate at which latencies are compared
@@ -76,4 +77,9 @@ def rivals(knobs: Knobs) -> dict[str, Rival]:
         "paper, 0.002 V": Rival(lambda array, _: WaveletSlip(array), published_per_hour),
         "paper, threshold tuned": Rival(retuned),
         "pywt.swt window": Rival(window),
+        **{f"coherent, {name}": _coherent(params) for name, params in SETTINGS.items()},
     }
+
+
+def _coherent(params: CoherentParams) -> Rival:
+    return Rival(lambda array, _: CoherentSlip(array, params), lambda _: params.false_alarms_per_hour)

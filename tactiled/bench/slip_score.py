@@ -8,6 +8,7 @@ after it became gross if that is later, it is the detection; none by then is a m
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def score_slip(events: Sequence[Event], played: Played, slip: TrueInstants) -> F
     """Score the events of a whole scene against its first gross slip."""
     said = onsets(events)
     before = [e for e in said if known_s(e) < slip.shear_s and is_false(e, played)]
-    on_press = sum(known_s(e) < played.held_s + SETTLE_S for e in before)
+    on_press = sum(_is_on_press(e, played) for e in before)
     until_s = max(slip.end_s, slip.gross_s + GRACE_S)
     about = [e for e in said if slip.shear_s <= known_s(e) <= until_s]
     first = about[0] if about else None
@@ -101,12 +102,37 @@ def is_false(event: SlipEvent, played: Played) -> bool:
     return event.kind == "gross" or not slips
 
 
-def false_alarms(events: Sequence[Event], played: Played) -> tuple[int, int, int]:
-    """Of a scene that never slips as a whole: false alarms, those of them that say "gross", and events that
-    rightly say that a part slips."""
+class Tally(NamedTuple):
+    """Events of a scene that never slips as a whole.
+
+    Attributes
+    ----------
+    false, gross, on_press : int
+        False alarms; those of them that say "gross"; those of them while loading.
+    partial : int
+        Events that rightly say that a part slips.
+    """
+
+    false: int
+    gross: int
+    on_press: int
+    partial: int
+
+
+def tally(events: Sequence[Event], played: Played) -> Tally:
+    """Count the events of a scene that never slips as a whole."""
     said = onsets(events)
     false = [e for e in said if is_false(e, played)]
-    return len(false), sum(e.kind == "gross" for e in false), len(said) - len(false)
+    return Tally(
+        len(false),
+        sum(e.kind == "gross" for e in false),
+        sum(_is_on_press(e, played) for e in false),
+        len(said) - len(false),
+    )
+
+
+def _is_on_press(event: SlipEvent, played: Played) -> bool:
+    return known_s(event) < played.held_s + SETTLE_S
 
 
 def median(values: FloatArray | Sequence[float]) -> float:

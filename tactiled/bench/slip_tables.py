@@ -1,6 +1,6 @@
 """Tables of ``tactiled bench slip``."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tactiled.bench.report import table
 from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case
-from tactiled.bench.slip_quiet import Alarms, Counted
+from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted
 from tactiled.bench.slip_rivals import PER_HOUR
 from tactiled.bench.slip_scenes import NOISES_V
 from tactiled.bench.slip_score import coverage, median, quantile
@@ -64,7 +64,9 @@ def _events(cases: Sequence[Case], name: str) -> list[str]:
     said = np.isfinite(incipient)
     return [
         f"{100 * np.mean(np.array(slow) > 0):.0f} %" if slow else _NONE,
-        f"{_ms(float(np.median(incipient[said])))} ({said.sum()})" if said.any() else _NONE,
+        f"{_ms(float(np.median(incipient[said])))} / {_ms(quantile(incipient[said], 0.95))} ({said.sum()})"
+        if said.any()
+        else _NONE,
         _ms(median(np.abs(gross))),
         f"{sum(one.early for one in found)}",
         f"{sum(one.on_press for one in found)}",
@@ -122,10 +124,9 @@ def estimate_table(cases: Sequence[Case], names: Sequence[str]) -> str:
 
 def quiet_table(counted: Counted, names: Sequence[str]) -> str:
     """False alarms a minute by family, told and not told; all of a noise in the last rows."""
-    noises = list(dict.fromkeys(noise for _, noise, _ in counted))
     families = list(dict.fromkeys(family for family, _, _ in counted))
     rows = []
-    for noise_v in noises:
+    for noise_v in QUIET_NOISES_V:
         for family in families:
             some = [counted[family, noise_v, name] for name in names]
             rows.append([f"{1e3 * noise_v:g} mV", family, f"{60 * some[0].hours:.1f} min", *_alarms(some)])
@@ -134,6 +135,22 @@ def quiet_table(counted: Counted, names: Sequence[str]) -> str:
         cells = [_rate(false / 60, told and told / 60) for false, told in means]
         rows.append([f"{1e3 * noise_v:g} mV", "mean of families", f"{minutes:.1f} min", *cells])
     return table(["noise", "family", "of", *names], rows)
+
+
+def hold_table(counted: Counted, per_hour: Mapping[str, Callable[[float], float]]) -> str:
+    """False alarms in holds against the rate that each detector is set to."""
+    rows = []
+    for name, asked in per_hour.items():
+        cells = []
+        for noise_v in NOISES_V:
+            alarms = counted[HELD, noise_v, name]
+            said = alarms.false - alarms.on_press
+            cells.append(f"{said} of {asked(noise_v) * alarms.hours:.3g}")
+        rows.append([name, *cells])
+    hours = counted[HELD, NOISES_V[0], next(iter(per_hour))].hours
+    return f"In {hours:.2g} h of holds at each noise, false alarms said of expected.\n\n" + table(
+        ["detector", *(f"{1e3 * noise_v:g} mV" for noise_v in NOISES_V)], rows
+    )
 
 
 def per_hour(counted: Counted, noise_v: float, name: str) -> tuple[float, float | None]:
@@ -183,7 +200,7 @@ def _alarms(some: Sequence[Alarms]) -> list[str]:
     for one in some:
         minutes = 60 * one.hours
         told = None if one.announced_false is None else one.announced_false / minutes
-        gross = f", {one.false_gross} gross" if 0 < one.false_gross < one.false else ""
+        gross = f", {one.gross} gross" if 0 < one.gross < one.false else ""
         partial = f" (+{one.partial} right)" if one.partial else ""
         cells.append(f"{_rate(one.false / minutes, told)}{gross}{partial}")
     return cells

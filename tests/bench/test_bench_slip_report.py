@@ -13,7 +13,7 @@ from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level
 from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_picture import draw_slip
-from tactiled.bench.slip_quiet import QUIET_NOISES_V, Alarms, Counted, count
+from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted, count
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
 from tactiled.bench.slip_scenes import NOISES_V, Announcement, play
@@ -26,7 +26,7 @@ NAMES = list(rivals(KNOBS))
 SAID = Found(0.02, 0.1, -0.01, 0.03, 0.01, 0.02, 0.03, 0.01, 3.0, 5.0, early=1, on_press=0)
 _NAN = float("nan")
 MISSED = Found(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, early=0, on_press=2)
-ALARMS = Alarms(hours=2.0, false=6, false_gross=1, partial=3, announced_false=None)
+ALARMS = Alarms(hours=2.0, false=6, gross=1, on_press=2, partial=3, announced_false=None)
 
 
 def case(seed: int, noise_v: float, found: Found) -> Case:
@@ -50,7 +50,7 @@ def counted() -> Counted:
     for noise in (0.3e-3, 3e-3):
         for name in NAMES:
             quiet["taps", noise, name] = ALARMS
-            quiet["hold", noise, name] = replace(ALARMS, false=0, false_gross=0, announced_false=0)
+            quiet["hold", noise, name] = replace(ALARMS, false=0, gross=0, announced_false=0)
     return quiet
 
 
@@ -68,7 +68,7 @@ def test_latency_table(cases: list[Case]) -> None:
     assert cells(text, "1 mV", "oracle")[:5] == ["10 ms", "10 ms", "0 of 3", "1.0", "1.0"]
     row = cells(text, "1 mV", NAMES[0])
     assert row[:4] == ["40 ms", "-", "1 of 3", "4.0"]  # of three, one missed: p95 is a miss
-    assert row[5:] == ["33 %", "-10 ms (2)", "30 ms", "2", "2"]
+    assert row[5:] == ["33 %", "-10 ms / -10 ms (2)", "30 ms", "2", "2"]
 
 
 def test_a_missed_slip_comes_first_among_the_worst(cases: list[Case]) -> None:
@@ -89,13 +89,15 @@ def test_false_alarms_a_minute(counted: Counted) -> None:
     text = slip_tables.quiet_table(counted, NAMES)
     assert cells(text, "0.3 mV", "taps")[:2] == ["120.0 min", "0.050, 1 gross (+3 right)"]
     assert cells(text, "0.3 mV", "hold")[1] == "0.000; told 0.000 (+3 right)"
+    holds = {(HELD, noise, NAMES[0]): ALARMS for noise in NOISES_V}
+    assert cells(slip_tables.hold_table(holds, {NAMES[0]: lambda _: 1.5}), NAMES[0]) == ["4 of 3"] * 4
     # Both families count alike, and untold where none can be told.
     assert slip_tables.per_hour(counted, 3e-3, NAMES[0]) == (1.5, 0.0)
 
 
 def test_alarms_add_up_and_what_cannot_be_told_stays_unknown() -> None:
     told = replace(ALARMS, announced_false=2)
-    assert told + told == Alarms(4.0, 12, 2, 6, 4)
+    assert told + told == Alarms(4.0, 12, 2, 4, 6, 4)
     assert (told + ALARMS).announced_false is None
 
 

@@ -12,10 +12,10 @@ from tactiled.bench.slip_score import (
     GRACE_S,
     SETTLE_S,
     coverage,
-    false_alarms,
     median,
     quantile,
     score_slip,
+    tally,
 )
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
@@ -90,7 +90,8 @@ def test_no_direction_where_none_is_stated_or_true() -> None:
 
 def test_where_nothing_slips_as_a_whole() -> None:
     events = [said(2.0), said(3.1), said(3.1, "gross"), replace(said(2.0), valid=False)]
-    assert false_alarms(events, replace(PLAYED, slip=None)) == (2, 1, 1)
+    assert tally(events, replace(PLAYED, slip=None)) == (2, 1, 0, 1)
+    assert tally([said(0.5)], replace(PLAYED, slip=None)) == (1, 0, 1, 0)
 
 
 def test_misses_are_later_than_any_latency() -> None:
