@@ -149,8 +149,8 @@ def _text(
             f"Every hold is {LEAD_S:g} s longer than its family's.",
             "First event after the shear began, to the end of the scan that showed it. before gross: of "
             "slips that take 50 ms or more to become gross. incipient: median / p95 since 10 % slipped, of "
-            "so many that said it. gross: median distance from 90 %. early, on the press: false alarms before "
-            "the shear.",
+            "so many that said it. gross: median distance from 90 %. early, on the press: false alarms "
+            "before the shear.",
             slip_tables.latency_table(cases, names),
             f"The same by family, median / p95, at {1e3 * slip_tables.FAMILY_NOISE_V:g} mV.",
             slip_tables.family_table(cases, names),
