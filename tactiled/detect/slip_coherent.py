@@ -40,7 +40,7 @@ from tactiled.detect.slip_course import Course, Verdict
 from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
 from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_kink import Kink, find_kink
-from tactiled.detect.slip_response import AXES, PRESSURE, motion
+from tactiled.detect.slip_response import PRESSURE, motion
 from tactiled.detect.slip_witness import Witness
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -68,7 +68,8 @@ class CoherentParams(Params):
     gross_shear: float = Field(
         default=0.45, gt=0, le=5, description="shear over pressure below which nothing is gross"
     )
-    contact: ContactParams = ContactParams()
+    # Half of the paper's "clear enough": the mean of four resistors is clear enough at 10 mV of noise each.
+    contact: ContactParams = ContactParams(contact_volts=0.25, release_volts=0.15)
 
 
 SETTINGS: Mapping[str, CoherentParams] = {
@@ -229,9 +230,8 @@ class CoherentSlip:
         return size * math.pow(2.0, -(index - at) / (_FORGET_S * self._rate_hz))
 
     def _onset(self, growth: Growth, now: Witness) -> SlipEvent:
-        rise = growth.rise[:AXES]
-        size = float(np.sqrt((rise**2).sum()))
-        along = rise / size
+        size = float(np.sqrt((growth.rise**2).sum()))
+        along = growth.rise / size
         n = min(growth.scans + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
         kink = find_kink(motion(now.seen[-n:]) @ along, 2 * growth.scans, self._evidence.noise(along))
         return self._begin(now, along, kink, size / growth.scans, growth.statistic)
@@ -261,7 +261,9 @@ class CoherentSlip:
         course = Course(
             along,
             before,
+            self._evidence.even,
             now.index,
+            kink.delay_scans,
             slope,
             self._rate_hz,
             least=self._params.least_shear,

@@ -26,6 +26,9 @@ from tactiled.detect.slip_response import PRESSURE, motion
 
 _FLAT = 0.3
 _LINE_S = 0.05  # of the line through the newest responses whose slope is looked at: five scans at 100 Hz
+# By Mindlin's curve nine tenths slip when friction has reached 1 - 0.1^(3/2) of its limit.
+_NINE_TENTHS = 0.968
+_SHAPE_SD_PART = 0.03  # of the time since the onset: what real curves differ from Mindlin's
 # The line is longer where noise would make its slope uncertain by more than this part of the steepest.
 _SLOPE_SD_PART = 0.15
 _STALLED_S = 0.3  # flat for so long below what is gross: the load stays, nothing slips any more
@@ -78,8 +81,12 @@ class Course:
         Unit vector of the response's growth.
     start : (7,) float64
         Response where it began.
+    even : (7,) float64
+        Response of an even pressure of 1.
     index : int
         Newest scan.
+    delay : float
+        How many scans ago it began.
     slope : float
         Of the growth so far, steps a scan.
     rate_hz : float
@@ -91,7 +98,9 @@ class Course:
         self,
         along: FloatArray,
         start: FloatArray,
+        even: FloatArray,
         index: int,
+        delay: float,
         slope: float,
         rate_hz: float,
         least: float,
@@ -103,6 +112,8 @@ class Course:
         # Twice the side that rises stands for both: what it may miss is that the other bottoms out.
         self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
         self._start = self._risen(start)
+        self._even = self._risen(even)
+        self._begun = index - delay
         self._steepest = slope
         self._rate_hz = rate_hz
         self._least, self._gross = least, gross
@@ -145,7 +156,8 @@ class Course:
         x, y, turn = motion(seen[-1]).tolist()
         shear = self._along[0] * x + self._along[1] * y + self._along[2] * turn
         if self.is_gross:
-            return self._step_gross(index, (x, y, turn), shear / pressure, noise / pressure)
+            level = self._risen(seen[-1]) / pressure - self._even
+            return self._step_gross(index, (x, y, turn), level, noise / pressure)
         return self._step_incipient(index, seen, shear, pressure, noise)
 
     def _step_incipient(
@@ -181,12 +193,20 @@ class Course:
             index - self._n_flat - 0.35 * n + 0.5
         )  # a line is flat by so much when most of it is past the knee
         if self._n_flat > n // 2 and shear >= self._gross * pressure:
-            return self._go_gross(index, knee, n / 4, 0)
+            return self._go_gross(index, *self._reached(index, seen), 0)
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
         if self._n_turned > max(n, _TURNED_S * self._rate_hz):
             return Verdict("turned", index - self._n_turned, n / 2)
         return None
+
+    def _reached(self, index: int, seen: FloatArray) -> tuple[float, float]:
+        """Scan at which nine tenths slipped, with its sigma, now that the response stands at its limit."""
+        courses = seen[:, :PRESSURE] @ self._sides
+        limit = float(courses[-max(self._n_flat, 1) :].mean())
+        below = np.flatnonzero(courses < self._start + _NINE_TENTHS * (limit - self._start))
+        at = index - (len(seen) - 1.5 - (float(below[-1]) if len(below) else 0.0))
+        return at, math.hypot(0.5, _SHAPE_SD_PART * (at - self._begun))
 
     def _line_scans(self, noise: float, most: int) -> int:
         """The variance of a slope is 12 noise^2 / n^3."""
@@ -199,21 +219,21 @@ class Course:
         return Verdict("gross", at, sd_scans)
 
     def _step_gross(
-        self, index: int, sides: tuple[float, float, float], ratio: float, noise: float
+        self, index: int, sides: tuple[float, float, float], level: float, noise: float
     ) -> Verdict | None:
         if index <= self._level_from:
-            self._low, self._high = _Level(ratio, index), _Level(ratio, index)
+            self._low, self._high = _Level(level, index), _Level(level, index)
             return None
         if turned := self._has_turned(index, sides):
             return turned
-        if ratio < self._low.value:
-            self._low = _Level(ratio, index)
-        if ratio > self._high.value:
-            self._high = _Level(ratio, index)
+        if level < self._low.value:
+            self._low = _Level(level, index)
+        if level > self._high.value:
+            self._high = _Level(level, index)
         least = max(self._least, _NOISE_SDS * noise)
-        if self._high.value - ratio > max(least, _FELL_PART * self._high.value):
+        if self._high.value - level > max(least, _FELL_PART * self._high.value):
             return Verdict("back", self._high.index, (index - self._high.index) / 2)
-        if ratio - self._low.value > max(least, _FELL_PART * self._low.value):
+        if level - self._low.value > max(least, _FELL_PART * self._low.value):
             return Verdict("again", self._low.index, (index - self._low.index) / 2)
         return None
 

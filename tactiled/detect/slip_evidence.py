@@ -29,11 +29,11 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held
 from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
 from tactiled.detect.slip_floor import NoiseFloor
-from tactiled.detect.slip_response import AXES, PRESSURE, Response, motion, responses
+from tactiled.detect.slip_response import AXES, PRESSURE, Response, motion, moved, responses
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_noise.py).
-_LOOKS_A_SCAN = 1.0
+_LOOKS_A_SCAN = 4.0
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
 _COMMON = 0.25
@@ -72,8 +72,8 @@ class Growth:
     ----------
     scans : int
         Length of the ramp.
-    rise : (4,) float64
-        Of x, y, turn and pressure.
+    rise : (3,) float64
+        Of x, y and turn.
     statistic : float
     """
 
@@ -96,6 +96,8 @@ class Evidence:
     taxels : (taxels,) bool
         Those that make the response now.
     weights : (7, channels) float64
+    even : (7,) float64
+        Response of an even pressure of 1.
     threshold : float
         Of the statistic.
     window : int
@@ -121,6 +123,7 @@ class Evidence:
         self.taxels = taxels
         self.weights = self._response.weights(taxels)
         axes = max(1, int((motion(self.weights.T) != 0).any(axis=0).sum()))
+        self.even = self.weights @ self._response.pressed
         self.threshold = float(chi2.isf(self._chance, axes))
 
     def stretches(self, held: Held) -> Iterator[Stretch]:
@@ -191,7 +194,9 @@ class Evidence:
         best = int(np.argmax(statistic))
         if statistic[best] < self.threshold:
             return None
-        return Growth(int(self._filters.lengths[best]), rises[:, best], float(statistic[best]))
+        seen = stretch.seen[scan : scan + self.window]
+        rise = moved(seen[-1] - self._filters.rise(best, seen), seen[-1])
+        return Growth(int(self._filters.lengths[best]), rise, float(statistic[best]))
 
     def learn(self, details: FloatArray, disturbed: bool) -> None:
         """Noise of a scan: its details (3, levels), and whether something happened."""

@@ -74,6 +74,10 @@ class Filters:
         out = sliding_window_view(seen, self.window, axis=0) @ self._matrix
         return out[..., : self._n_ramps], out[..., self._n_ramps :]
 
+    def rise(self, ramp: int, seen: FloatArray) -> FloatArray:
+        """What rose (columns,) along one of the ramps, of responses (window, columns)."""
+        return np.asarray(self._matrix[:, ramp] @ seen * self.rise_scale[ramp])
+
     def ramp_sd(self, noise: FloatArray) -> FloatArray:
         """Standard deviation (columns, ramps) of the ramps' outputs under noise (levels, columns)."""
         return np.asarray(np.sqrt((noise**2).T @ self._octaves * self._energy))

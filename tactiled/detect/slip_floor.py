@@ -54,5 +54,5 @@ class NoiseFloor:
         self._n_groups += 1
         weight = max(_WEIGHT, 1 / self._n_groups)
         self._log += weight * (np.log(np.maximum(median, _LEAST_STEPS)) - self._log)
-        self.sd = np.exp(self._log)
+        self.sd = np.exp(np.maximum(self._log, self._log[0]))
         return True

@@ -47,6 +47,8 @@ class Response:
     ----------
     has_direction : bool
         The array has shear channels: x and y are those of the motion.
+    pressed : (channels,) float64
+        Readings under an even pressure of 1.
     """
 
     def __init__(self, array: Array) -> None:
@@ -56,8 +58,10 @@ class Response:
         self._normal = array.normal_weights()
         needed = (self._shear != 0).any(axis=0) | (self._normal != 0)  # (taxels, channels)
         self._needs = needed.astype(np.float64)
+        kinds = np.array(array.channel_kind)
+        self.pressed = np.where((kinds == "side") | (kinds == "normal"), array.sign, 0.0)
         # A side channel belongs to one half; a shear channel, which goes both ways, half to each.
-        self._two_way = np.array([kind != "side" for kind in array.channel_kind])
+        self._two_way = kinds != "side"
 
     def whole_taxels(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Taxels (..., taxels) of which every channel is good, from (..., channels)."""
