@@ -92,7 +92,7 @@ def check_disk(record: RecordParams) -> list[Finding]:
         return []
     directory = Path(record.directory)
     if not directory.is_dir():
-        remedy = f"sudo install -d -o USER {directory}, or change record.directory"
+        remedy = f"sudo install -d -o USER {directory} (the unit makes its own), or change record.directory"
         return [Finding("disk", "fail", f"{directory}: no such directory", remedy)]
     if not os.access(directory, os.W_OK | os.X_OK):
         remedy = f"make it writable for the daemon's user: ls -ld {directory}"

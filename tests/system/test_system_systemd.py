@@ -150,6 +150,8 @@ def test_it_runs_as_nobody_with_nothing(container: Container) -> None:
         assert "0" not in status["Uid"]
         assert status["CapBnd"] == ["0000000000000000"]
         assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
+        assert container.shown(unit(), "MemoryMax") == [str(256 << 20)]
+        assert int(status["VmHWM"][0]) << 10 < 128 << 20  # which leaves room for what it may hold
 
 
 def test_stop_ends_well_and_the_board_is_told(container: Container) -> None:
