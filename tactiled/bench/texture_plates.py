@@ -132,7 +132,7 @@ def _accelerating(is_told: bool) -> Spoil:
         if is_told:
             every = round(RATE_HZ / 10)
             middles_s = (np.arange(0, len(window.time_s), every) + every / 2) / RATE_HZ
-            speeds = _SPEED_MM_S * (0.7 + 0.6 * middles_s / length_s)
+            speeds = _SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
             window.given_mm_s = [(k * every, float(speed)) for k, speed in enumerate(speeds)]
 
     return spoil

@@ -75,7 +75,8 @@ def _row(name: str, trials: Sequence[Trial]) -> list[str]:
 def wrong_rate(trials: Sequence[Trial]) -> str:
     """Wrong ambiguities among answers, with the largest rate that is not excluded."""
     found = summary(trials)
-    most = float(beta.ppf(_SURE, found.wrong + 1, max(found.ok - found.wrong, 1)))
+    right = found.ok - found.wrong
+    most = float(beta.ppf(_SURE, found.wrong + 1, right)) if right else 1.0
     return (
         f"Wrong ambiguity: {found.wrong} of {found.ok} answers that said ok "
         f"(below {1e3 * most:.2f} in 1000 with {100 * _SURE:.0f} % confidence: Clopper, Pearson 1934)."
