@@ -132,7 +132,7 @@ def holders(url: str) -> list[str]:
     """Who has the device open, as "name (pid)"; only those that we may look at."""
     found = []
     with contextlib.suppress(OSError):
-        device = str(Path(url).resolve())
+        device = Path(url).resolve()
         for process in Path("/proc").iterdir():
             if process.name.isdecimal() and int(process.name) != os.getpid() and _holds(process, device):
                 with contextlib.suppress(OSError):
@@ -140,11 +140,12 @@ def holders(url: str) -> list[str]:
     return found
 
 
-def _holds(process: Path, device: str) -> bool:
+def _holds(process: Path, device: Path) -> bool:
     with contextlib.suppress(OSError):  # another user's, or gone
         for entry in (process / "fd").iterdir():
             with contextlib.suppress(OSError):
-                if str(entry.readlink()) == device:
+                # Not by name alone: another container's /dev/pts/1 is another pty.
+                if entry.readlink() == device and entry.samefile(device):
                     return True
     return False
 

@@ -117,6 +117,15 @@ def test_a_name_that_leads_elsewhere_is_noticed(tmp_path: Path) -> None:
         assert not device.same_device(first, str(link))
 
 
+def test_a_port_is_free_until_a_daemon_has_it(tmp_path: Path) -> None:
+    assert not device.is_free(str(tmp_path / "none"))
+    with open_pty() as (slave, name):
+        assert device.is_free(name)
+        assert device.is_free(name)  # looking does not take it
+        fcntl.flock(slave, fcntl.LOCK_EX)
+        assert not device.is_free(name)
+
+
 def test_who_has_the_port_is_named() -> None:
     with open_pty() as (slave, name), subprocess.Popen(["sleep", "60"], stdin=slave) as other:
         try:
