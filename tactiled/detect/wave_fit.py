@@ -17,7 +17,7 @@ from tactiled.detect.wave_lines import find_lines
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import inflation
 from tactiled.detect.wave_refine import Refined, centred, fundamental, refine
-from tactiled.detect.wave_search import search
+from tactiled.detect.wave_search import search, together
 from tactiled.detect.wave_solve import Solver
 from tactiled.events.types import Candidate
 
@@ -132,28 +132,59 @@ def _wave(
     """The wave of a line, as it is or as the mirror image of one too fast to be sampled; or None."""
     if not _has_lever(layout, motion):
         return WaveFit("ambiguous", window.frequency_hz(turn)), (turn, 1)
-    whole_turn = 2 * np.pi / window.largest_step
-    for fast in (turn, whole_turn - turn, whole_turn + turn):
-        found = search(window, tabulate(window, fast, 1), layout, motion, params, variance)
-        if not len(found.k):
-            continue
-        best = refine(window, layout, motion, params, found[0])
-        if not best.is_wave:
-            continue
-        fit = WaveFit("ok", window.frequency_hz(float(best.waves.turn[0])), best.snr_db)
-        line = float(best.waves.turn[0]), best.tables.n_harmonics
-        if fast * window.largest_step > 2 * np.pi * _ALIASED:
-            return replace(fit, status="aliased"), line
-        # All readings anew, with what is known by now of noise and strays.
-        solver = Solver(window, layout, motion, best.variance, best.stray[:, :1])
-        found = solver.solve(tabulate(window, line[0], 1), found.k, found.turn, steps=2)
-        odds = np.exp((found.gain - found.gain.max()) / 2)
-        weights = odds / odds.sum()
-        fit = replace(fit, error_probability=float(1 - weights.max()))
-        if fit.error_probability > params.error_probability:
-            return replace(fit, status="ambiguous", candidates=_candidates(found, weights)), line
-        return _answer(fit, best, window, layout, motion), line
-    return None
+    tables = tabulate(window, turn, 1)
+    least = together(window, tables, layout, variance)
+    found = search(window, tables, layout, motion, params, variance, least)
+    best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
+    is_wave = best is not None and best.is_wave
+    if best is None or not is_wave or best.stray.any():
+        # Too fast to be sampled, a ripple shows as a slower one, whose phases suit no wave well.
+        whole_turn = 2 * np.pi / window.largest_step
+        for fast in (whole_turn - turn, whole_turn + turn):
+            other = search(window, tabulate(window, fast, 1), layout, motion, params, variance, least)
+            if len(other.k) and (not is_wave or other.gain[0] > found.gain[0]):
+                image = refine(window, layout, motion, params, other[0])
+                if image.is_wave:
+                    hz = window.frequency_hz(float(image.waves.turn[0]))
+                    return WaveFit("aliased", hz, image.snr_db), (turn, 1)
+    if best is None or not is_wave:
+        return None
+    line = float(best.waves.turn[0]), best.tables.n_harmonics
+    fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
+    if line[0] * window.largest_step > 2 * np.pi * _ALIASED:
+        return replace(fit, status="aliased"), line
+    fit = _answer(fit, best, window, layout, motion)
+    return _weighed(fit, best, found, window, layout, motion, params), line
+
+
+def _weighed(
+    fit: WaveFit,
+    best: Refined,
+    found: Waves,
+    window: Window,
+    layout: Layout,
+    motion: WaveMotion,
+    params: WaveParams,
+) -> WaveFit:
+    """The fit with the probability that another reading is true; "ambiguous" where that is too large."""
+    # All of them anew, with what is known by now of noise and strays; `best` is the refined first.
+    solver = Solver(window, layout, motion, best.variance, best.stray[:, :1])
+    found = solver.solve(tabulate(window, float(best.waves.turn[0]), 1), found.k, found.turn, steps=2)
+    # Channels of one taxel may stray together, and then count for one.
+    places = np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1).shape[1]
+    shared = len(layout.x_mm) / places if best.stray.any() else 1.0
+    odds = np.exp((found.gain - found.gain.max()) / 2 / max(shared, fit.colour))
+    weights = odds / odds.sum()
+    error = float(1 - weights[0])
+    if error <= params.error_probability:
+        return replace(fit, error_probability=error)
+    return WaveFit(
+        "ambiguous",
+        fit.frequency_hz,
+        fit.snr_db,
+        error_probability=error,
+        candidates=_candidates(found, weights),
+    )
 
 
 def _has_lever(layout: Layout, motion: WaveMotion) -> bool:
@@ -199,7 +230,8 @@ def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion:
         slope[2, :2] = -speed_mm_s * motion.heading / along
         slope[2, 2] = speed_mm_s / turn
     solver = Solver(window, layout, motion, best.variance, best.stray)
-    scale = np.sqrt(inflation(window, layout, solver, best, slope))
+    colour = inflation(window, layout, solver, best, slope)
+    scale = np.sqrt(colour)
     covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
     if motion.has_speed:
         covariance[2, 2] = motion.speed_sd_mm_s**2
@@ -213,4 +245,5 @@ def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion:
         speed_mm_s=speed_mm_s,
         covariance=covariance,
         n_harmonics=best.tables.n_harmonics,
+        colour=float(colour.max()),
     )

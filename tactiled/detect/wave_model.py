@@ -108,6 +108,8 @@ class WaveFit:
     ----------
     covariance : (3, 3) float64
         Of period (mm), angle (radians) and speed (mm/s).
+    colour : float
+        By which the largest variance is wider than on white noise and a perfect plane wave.
     error_probability : float
         That another reading of the phases is the true one.
     second : WaveFit or None
@@ -122,6 +124,7 @@ class WaveFit:
     speed_mm_s: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     n_harmonics: int = 0
+    colour: float = 1.0
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()
     second: "WaveFit | None" = None

@@ -17,6 +17,7 @@ _FALSE_LINE = 1e-6  # noise passes for one more line so often
 _LEAST_FUNDAMENTAL = 0.03
 _HIGHEST = 0.45  # of the scan rate: a harmonic above may fall on another
 _REFINEMENTS = 4  # noise and strays are known from the one before
+_CONVERGED = 1e-5  # radians, and radians a millimetre
 _LEAST_TIED = 0.4  # a wave explains all but this part of what its channels do by themselves
 
 
@@ -108,8 +109,11 @@ def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParam
         tables = tabulate(window, float(best.turn[0]), n_harmonics)
         variance = _variance(window, tables)
         solver = Solver(window, layout, motion, variance, stray)
-        best = solver.solve(tables, best.k, best.turn, steps=2)
-        stray = solver.stray_of(tables, best)
+        before, best = best, solver.solve(tables, best.k, best.turn, steps=2)
+        strayed, stray = stray, solver.stray_of(tables, best)
+        moved = max(float(np.abs(best.turn - before.turn)[0]), float(np.abs(best.k - before.k).max()))
+        if moved < _CONVERGED and np.allclose(stray, strayed, rtol=0.05):
+            break
     free = float((tables.explained() / variance).sum())
     tied = float(Solver(window, layout, motion, variance).solve(tables, best.k, best.turn, 2).gain[0])
     is_wave = free - tied < max(_LEAST_TIED * free, stats.chi2.isf(_FALSE_LINE, len(variance) * n_harmonics))

@@ -11,6 +11,9 @@ from tactiled.detect.wave_solve import Solver
 
 _STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
 _MOST_STARTS = 24
+# Starts that explain less than this part of what the best does, and less by so much, win by no refinement.
+_LEAST_PART = 0.5
+_LEAST_GAP = 100.0
 _SLACK_SIGMAS = 3.0
 _SAME_RAD = 0.3  # at the rim: two starts that meet this closely have found one maximum
 
@@ -22,16 +25,16 @@ def search(
     motion: WaveMotion,
     params: WaveParams,
     variance: FloatArray,
+    least: float,
 ) -> Waves:
     """Local maxima of the likelihood over the wave vector, the best first; maybe none.
-
-    What channels feel at the same time is no wave: it may look like one whose phases are nearly whole turns,
-    but then no wave suits the phasors better than none at all.
 
     Parameters
     ----------
     tables : Tables
         At the line's frequency, fundamental only.
+    least : float
+        The best must explain more than this (`together`).
     """
     heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
     along, across = _grid(window, tables.turn, layout, motion, params)
@@ -46,16 +49,27 @@ def search(
     starts = np.flatnonzero((_is_peak(scores) & allowed).ravel())
     if not len(starts):
         return _none()
-    starts = starts[np.argsort(-scores.ravel()[starts], kind="stable")][:_MOST_STARTS]
+    high = scores.ravel()[starts]
+    near = high >= min(_LEAST_PART * high.max(), high.max() - _LEAST_GAP)
+    starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
     normal = np.array([-heading[1], heading[0]])
     k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
     solver = Solver(window, layout, motion, variance)
     turn = solver.turn_of(k) if motion.has_speed else np.full(len(k), tables.turn)
     found = solver.solve(tables, k, turn)
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
-    here, there = found.k[0] @ heading, found.k[0] @ normal
-    pair = _scores(tables, window, layout, heading, np.array([0.0, here]), np.array([0.0, there]), variance)
-    return found if pair[1, 1] > pair[0, 0] else _none()
+    here, there = found.k[:1] @ heading, found.k[:1] @ normal
+    best = _scores(tables, window, layout, heading, here, there, variance)
+    return found if best[0, 0] > least else _none()
+
+
+def together(window: Window, tables: Tables, layout: Layout, variance: FloatArray) -> float:
+    """What a vibration that all channels feel at the same time would explain.
+
+    It may look like a wave whose phases are nearly whole turns; but no wave suits it better than this.
+    """
+    nowhere = np.zeros(1)
+    return float(_scores(tables, window, layout, np.array([1.0, 0.0]), nowhere, nowhere, variance)[0, 0])
 
 
 def _grid(

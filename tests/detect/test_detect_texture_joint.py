@@ -1,7 +1,5 @@
 """The joint estimator online: the contract of every detector, when it answers, and what it refuses."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -57,9 +55,7 @@ def test_any_chunking_gives_the_same_bits(speed_mm_s: float) -> None:
 
 @pytest.mark.parametrize("speed_mm_s", [0.0, SPEED_MM_S])
 def test_answers_within_three_seconds_and_holds_its_sigmas(speed_mm_s: float) -> None:
-    events = answers(
-        JointParams(preset="quick", speed_mm_s=speed_mm_s), TOUCH.block(ARRAY, 100.0, SKEW_S)
-    )
+    events = answers(JointParams(preset="quick", speed_mm_s=speed_mm_s), TOUCH.block(ARRAY, 100.0, SKEW_S))
     first = next(e for e in events if e.status == "ok")
     assert first.time_s - (100.0 + TOUCH.slide_s) < 3.0
     for event in (first, *(e for e in events if e.status == "ok")):

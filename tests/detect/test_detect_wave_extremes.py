@@ -1,0 +1,173 @@
+"""The joint fit of one window at its limits: a number with an honest sigma, or a named refusal."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from gratings import (
+    ARRAY,
+    Grating,
+    MotionOf,
+    Slide,
+    assert_refused,
+    assert_right,
+    fit,
+    grid,
+    known,
+    motions,
+    unknown,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.detect.wave_fit import fit_wave
+from tactiled.detect.wave_model import WaveMotion, WaveParams, layout_of
+
+LSB = 3.0 / 4096
+OFFSETS_S = np.linspace(0, 0.007, 36)
+
+
+@motions
+def test_equal_gaps_leave_every_reading_that_they_cannot_tell_apart(motion_of: MotionOf) -> None:
+    slide = Slide((Grating(1.2, 20.0),))
+    few = WaveParams(min_period_mm=1.0, max_tilt_deg=45.0)
+    found = fit(slide, motion_of(slide), grid([0.0, 3.5, 7.0], [0.0, 3.5, 7.0]), params=few)
+    assert_refused(found, "ambiguous")
+    weights = [c.weight for c in found.candidates]
+    # All the same, since phases differ by whole turns.
+    assert weights == pytest.approx([weights[0]] * len(weights), rel=0.05)
+    assert any(
+        c.period_mm == pytest.approx(1.2, abs=0.01) and c.angle_deg == pytest.approx(20.0, abs=1)
+        for c in found.candidates
+    )
+
+
+def test_equal_gaps_answer_where_the_limits_leave_one_reading() -> None:
+    slide = Slide((Grating(4.0, 20.0),), speed_mm_s=6.0)
+    array = grid([0.0, 3.5, 7.0], [0.0, 3.5, 7.0])
+    found = fit(slide, known(slide), array, params=WaveParams(max_tilt_deg=30.0, min_period_mm=2.0))
+    assert_right(found, slide.gratings[0])
+
+
+@motions
+def test_one_taxel_has_no_delays(motion_of: MotionOf) -> None:
+    slide = Slide()
+    assert_refused(fit(slide, motion_of(slide), grid([0.0], [0.0])), "ambiguous")
+
+
+def test_one_column_needs_the_speed_and_motion_across_it() -> None:
+    column = grid([0.0], [0.0, 3.5, 7.3])
+    slide = Slide((Grating(2.0, 20.0),))
+    assert_right(fit(slide, known(slide), column), slide.gratings[0])
+    assert_refused(fit(slide, unknown(slide), column), "ambiguous")
+    along = dataclasses.replace(slide, direction_deg=90.0, gratings=(Grating(2.0, 70.0),))
+    assert_refused(fit(along, known(along), column), "ambiguous")
+
+
+@motions
+@pytest.mark.parametrize("angle_deg", [84.0, 88.0, 90.0])
+def test_grooves_along_the_motion_are_refused_and_never_wrong(motion_of: MotionOf, angle_deg: float) -> None:
+    slide = Slide((Grating(1.2, angle_deg),), speed_mm_s=2.0, duration_s=5.0)
+    assert_refused(fit(slide, motion_of(slide)), "too-few-periods", "low-snr", "ambiguous")
+
+
+@motions
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0, -180.0, 45.0])
+def test_a_normal_along_the_motion_is_as_good_as_any(motion_of: MotionOf, angle_deg: float) -> None:
+    slide = Slide((Grating(1.2, angle_deg),), direction_deg=angle_deg)
+    assert_right(fit(slide, motion_of(slide)), slide.gratings[0])
+
+
+@motions
+@pytest.mark.parametrize("frequency_hz", [46.0, 50.0, 54.0, 70.0, 97.0])
+def test_ripples_near_and_above_half_the_rate_are_never_taken_for_slower_ones(
+    motion_of: MotionOf, frequency_hz: float
+) -> None:
+    slide = Slide((Grating(1.0, 10.0),), speed_mm_s=frequency_hz / np.cos(np.radians(10)))
+    assert_refused(fit(slide, motion_of(slide)), "aliased", "low-snr", "ambiguous")
+
+
+@motions
+@pytest.mark.parametrize("periods", [0.1, 0.5, 0.9, 1.2, 1.5])
+def test_windows_of_less_than_two_periods_are_refused(motion_of: MotionOf, periods: float) -> None:
+    slide = Slide((Grating(1.2, 0.0),), speed_mm_s=0.6, duration_s=2 * periods)
+    assert_refused(fit(slide, motion_of(slide)), "too-few-periods", "low-snr")
+
+
+@motions
+@pytest.mark.parametrize("period_mm", [3.5, 3.8, 7.3, 3.65, 0.3 * 3.5, 1.9])
+@pytest.mark.parametrize("angle_deg", [0.0, 45.0])
+def test_periods_that_are_a_spacing(motion_of: MotionOf, period_mm: float, angle_deg: float) -> None:
+    slide = Slide((Grating(period_mm, angle_deg),), speed_mm_s=4.0, duration_s=8.0)
+    assert_right(fit(slide, motion_of(slide)), slide.gratings[0])
+
+
+@motions
+def test_one_step_of_the_converter_under_three_volts(motion_of: MotionOf) -> None:
+    slide = Slide((Grating(amplitude=LSB),), level=2.99, noise=LSB / 2, duration_s=6.0)
+    volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_a_noiseless_signal_on_a_coarse_converter(motion_of: MotionOf) -> None:
+    slide = Slide((Grating(amplitude=4 * LSB),), noise=0.0)
+    volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_dead_and_saturated_channels_are_left_out_and_lost_readings_bridged(motion_of: MotionOf) -> None:
+    slide = Slide()
+    volts = slide.volts(ARRAY, OFFSETS_S)
+    rng = np.random.default_rng(3)
+    volts[:, rng.choice(36, 12, replace=False)] = np.nan
+    volts[:, 5] = 3.0
+    volts[rng.random(volts.shape) < 0.01] = np.nan
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_nothing_usable_is_saturated(motion_of: MotionOf) -> None:
+    slide = Slide()
+    assert_refused(fit(slide, motion_of(slide), volts=np.full((400, 36), np.nan)), "saturated")
+
+
+@motions
+@pytest.mark.parametrize("value", [0.0, 3.0, -1e6])
+def test_constants_are_no_grooves(motion_of: MotionOf, value: float) -> None:
+    slide = Slide()
+    assert_refused(fit(slide, motion_of(slide), volts=np.full((400, 36), value)), "low-snr")
+
+
+def test_the_clock_may_read_anything() -> None:
+    slide = Slide()
+    volts, times = slide.volts(ARRAY, OFFSETS_S), slide.times()
+    early, late = (
+        fit_wave(volts, times + start_s, OFFSETS_S, layout_of(ARRAY), known(slide), WaveParams())
+        for start_s in (0.0, 1e7)
+    )
+    assert_right(late, slide.gratings[0])
+    assert late.angle_deg == pytest.approx(early.angle_deg, abs=0.01 * early.angle_sd_deg)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 300),
+    size=st.sampled_from([1e-9, 1e-3, 1.0, 1e6, 1e150]),
+    bad=st.floats(0, 0.2),
+    speed=st.sampled_from([0.0, 1e-6, 1.0, 1e4]),
+    direction_sd_deg=st.sampled_from([0.0, 5.0, 180.0]),
+)
+@settings(max_examples=60, deadline=None)
+def test_anything_gives_finite_numbers_or_a_refusal(
+    seed: int, n: int, size: float, bad: float, speed: float, direction_sd_deg: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    volts = size * rng.normal(size=(n, 36)).cumsum(axis=0)
+    volts[rng.random(volts.shape) < bad] = np.nan
+    motion = WaveMotion(speed, 0.01 * speed, float(rng.uniform(-180, 180)), direction_sd_deg)
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, layout_of(ARRAY), motion, WaveParams())
+    numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
+    assert np.all(np.isfinite([*numbers, *found.covariance.ravel(), found.error_probability]))
+    assert np.all(np.diag(found.covariance) >= 0)
