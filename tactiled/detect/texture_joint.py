@@ -19,14 +19,14 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.wave_fit import fit_wave
+from tactiled.detect.wave_held import Held
 from tactiled.detect.wave_model import WaveFit, WaveMotion, WaveParams, layout_of
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "joint"
@@ -92,11 +92,12 @@ class JointTexture:
 
     def _stop(self) -> None:
         self._slip: SlipEvent | None = None
+        self._slip_sign = 0.0
         self._begin_index = 0
         self._clear()
 
     def _clear(self) -> None:
-        self._held = _Held(0, self._n_channels)
+        self._held = Held(0, self._n_channels)
         self._n_seen = 0
         self._has_answer = False
         self._last = WaveFit("no-slip")
@@ -104,7 +105,7 @@ class JointTexture:
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Speed that holds from a scan on (or from the next scan to come, if that one is past).
 
-        Negative is back along the direction of the slip, 0 is not known.
+        Where it changes its sign, the skin has turned back; 0 is not known.
         """
         self._speeds.append((from_index, speed_mm_s))
         self._speeds.sort(key=lambda entry: entry[0])
@@ -143,7 +144,7 @@ class JointTexture:
         else:
             if self._slip is not None and not self._has_answer:
                 events.append(
-                    self._event(float(block.time_s[scan]), len(self._held.volts) / block.rate_hz, self._last)
+                    self._event(float(block.time_s[scan]), len(self._held) / block.rate_hz, self._last)
                 )
             self._stop()
         return events
@@ -154,14 +155,15 @@ class JointTexture:
         speeds = self._speeds_of(block)
         if self._slip is None:
             return events
-        n_hop = max(1, round(self._params.hop_s * block.rate_hz))
+        n_hop = self._n_hop(block.rate_hz)
         done = max(0, self._begin_index - int(block.index[0]))
         while done < len(block):
             sign = np.sign(speeds[done])
             if self._n_seen and sign != self._held.sign:
                 self._clear()
             if not self._n_seen:
-                self._held = _Held(max(1, round(self._params.asked[2] * block.rate_hz)), self._n_channels)
+                self._slip_sign = self._slip_sign or float(sign)
+                self._held = Held(max(1, round(self._params.asked[2] * block.rate_hz)), self._n_channels)
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - self._n_seen % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
@@ -172,6 +174,9 @@ class JointTexture:
             if self._n_seen % n_hop == 0:
                 events += self._hop(part[-1:])
         return events
+
+    def _n_hop(self, rate_hz: float) -> int:
+        return max(1, round(self._params.hop_s * rate_hz))
 
     def _speeds_of(self, block: ScanBlock) -> FloatArray:
         """Speed at each scan of a block: (n,)."""
@@ -192,13 +197,14 @@ class JointTexture:
         if fit.status == "ok":
             is_said = is_good or is_full or self._has_answer
         else:
-            hops = -(-held.size // (n_hop := max(1, round(self._params.hop_s * newest.rate_hz))))
-            is_said = self._has_answer or (is_full and self._n_seen // n_hop % hops == 0)
+            n_hop = self._n_hop(newest.rate_hz)
+            n_hops_full = -(-held.size // n_hop)
+            is_said = self._has_answer or (is_full and self._n_seen // n_hop % n_hops_full == 0)
         self._has_answer = is_said and fit.status == "ok"
         self._last = fit
         if not is_said:
             return []
-        return [self._event(float(newest.time_s[-1]), len(held.volts) / newest.rate_hz, fit)]
+        return [self._event(float(newest.time_s[-1]), len(held) / newest.rate_hz, fit)]
 
     def _fit(self, newest: ScanBlock) -> WaveFit:
         held = self._held
@@ -218,10 +224,12 @@ class JointTexture:
     def _motion(self) -> WaveMotion:
         assert self._slip is not None
         direction_deg, direction_sd_deg = self._slip.direction_deg, self._slip.direction_sd_deg
+        forward = self._slip_sign
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
-            if self._held.sign < 0:
-                direction_deg += 180.0
+            forward = 1.0
+        if self._held.sign * forward < 0:
+            direction_deg += 180.0
         speed_mm_s = float(np.abs(self._held.speeds_mm_s).mean())
         return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
@@ -241,59 +249,16 @@ class JointTexture:
             frequency_hz=fit.frequency_hz,
             window_s=window_s,
             snr_db=fit.snr_db,
-            candidates=fit.candidates,
+            candidates=_both(fit) if fit.second else fit.candidates,
             estimator=ESTIMATOR,
         )
 
 
-class _Held:
-    """The newest scans, up to a number of them."""
-
-    def __init__(self, size: int, n_channels: int) -> None:
-        self.size = size
-        self._end = 0
-        self._volts = np.empty((2 * size, n_channels))
-        self._good = np.empty((2 * size, n_channels), dtype=np.bool_)
-        self._time_s = np.empty(2 * size)
-        self._speeds_mm_s = np.empty(2 * size)
-
-    def append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
-        for first in range(0, len(block), self.size):
-            self._append(block[first : first + self.size], good[first:], speeds_mm_s[first:])
-
-    def _append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
-        n = len(block)
-        if self._end + n > 2 * self.size:
-            kept = slice(max(0, self._end - self.size), self._end)
-            self._end = kept.stop - kept.start
-            for store in (self._volts, self._good, self._time_s, self._speeds_mm_s):
-                store[: self._end] = store[kept].copy()
-        rows = slice(self._end, self._end + n)
-        self._volts[rows], self._good[rows] = block.volts, good[:n]
-        self._time_s[rows], self._speeds_mm_s[rows] = block.time_s, speeds_mm_s[:n]
-        self._end += n
-
-    @property
-    def _rows(self) -> slice:
-        return slice(max(0, self._end - self.size), self._end)
-
-    @property
-    def sign(self) -> float:
-        """1 for a speed that is known, -1 where it is backward, 0 where it is not known."""
-        return float(np.sign(self._speeds_mm_s[self._end - 1])) if self._end else 0.0
-
-    @property
-    def volts(self) -> FloatArray:
-        return self._volts[self._rows]
-
-    @property
-    def good(self) -> NDArray[np.bool_]:
-        return self._good[self._rows]
-
-    @property
-    def time_s(self) -> FloatArray:
-        return self._time_s[self._rows]
-
-    @property
-    def speeds_mm_s(self) -> FloatArray:
-        return self._speeds_mm_s[self._rows]
+def _both(first: WaveFit) -> tuple[Candidate, ...]:
+    """Two gratings as candidates, with their shares of the ripple's power."""
+    gratings = [first, first.second or first]
+    powers = np.array([10 ** (grating.snr_db / 10) for grating in gratings])
+    return tuple(
+        Candidate(period_mm=grating.period_mm, angle_deg=grating.angle_deg, weight=float(weight))
+        for grating, weight in zip(gratings, powers / powers.sum(), strict=True)
+    )

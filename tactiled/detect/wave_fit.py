@@ -24,6 +24,8 @@ from tactiled.events.types import Candidate
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
+_WAVES = ("ok", "ambiguous")
+_OWN_HARMONICS = 8  # of a grating, none of which is a second one
 _SECOND_DB = 20.0  # weaker ones beside a grating may be what the model does not describe of it
 _MOST_CANDIDATES = 8
 _LEAST_SPREAD_MM2 = 1e-6  # of places: less, and there are no delays to go by
@@ -87,14 +89,15 @@ def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
 def _fit(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams) -> WaveFit:
     """The strongest wave and, where there is another beside it, the second."""
     first, line = _strongest_wave(window, layout, motion, params)
-    if line is None or first.status != "ok":
+    if line is None or first.status not in _WAVES:
         return first
-    second, other = _strongest_wave(window.without(*line), layout, motion, params)
-    if other is None or second.status != "ok" or second.snr_db < first.snr_db - _SECOND_DB:
+    turn, n_harmonics = line[0], max(line[1], int(min(_OWN_HARMONICS, np.pi / line[0] / window.largest_step)))
+    second, other = _strongest_wave(window.without(turn, n_harmonics), layout, motion, params)
+    if other is None or second.status not in _WAVES or second.snr_db < first.snr_db - _SECOND_DB:
         return first
-    # Each anew without the other.
-    first, line = _strongest_wave(window.without(*other), layout, motion, params)
-    return replace(first, second=second) if first.status == "ok" else first
+    # Anew without the other, which was noise to it.
+    first, _ = _strongest_wave(window.without(*other), layout, motion, params)
+    return replace(first, second=second) if first.status == second.status == "ok" else first
 
 
 def _strongest_wave(

@@ -1,18 +1,22 @@
 """The joint estimator online: the contract of every detector, when it answers, and what it refuses."""
 
+import dataclasses
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
+from gratings import Grating
 from hypothesis import given, settings
 from touches import Touch, pieces, splits, textures
 
-from tactiled.array import Array, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.slip_wavelet import WaveletSlip
 from tactiled.detect.texture_joint import JointParams, JointTexture
-from tactiled.events.types import Event, TextureEvent
-from tactiled.samples.block import Gap, ScanBlock
+from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
-SKEW_S = np.arange(36) * 2e-4
+SKEW_S = np.linspace(0, 0.007, 36)
 PERIOD_MM, ANGLE_DEG, SPEED_MM_S = 1.2, 20.0, 2.0
 TOUCH = Touch(grooves=(PERIOD_MM, ANGLE_DEG), speed_mm_s=SPEED_MM_S, slide_s=3.0, stop_s=9.0)
 
@@ -65,3 +69,177 @@ def test_answers_within_three_seconds_and_holds_its_sigmas(speed_mm_s: float) ->
         assert event.angle_sd_deg <= 1.0
         assert event.speed_source == ("given" if speed_mm_s else "estimated")
         assert event.speed_mm_s == pytest.approx(SPEED_MM_S, rel=0.02)
+
+
+def test_reset_equals_new_and_a_gap_forgets() -> None:
+    block = TOUCH.block(ARRAY, 100.0, SKEW_S)
+    params = JointParams(preset="quick", speed_mm_s=SPEED_MM_S, hop_s=0.5)
+    whole = answers(params, block)
+    detector = Slid(params)
+    detector.process(block[:700])
+    detector.texture.set_speed(9.0, 5)
+    detector.reset()
+    assert textures(detector.process(block)) == whole
+    detector.process(Gap(5, "missing", 5000))
+    assert detector.texture.process(block[450:]) == []  # no slip has been said since
+
+
+def test_a_slip_too_short_to_answer_ends_with_the_reason() -> None:
+    short = dataclasses.replace(TOUCH, stop_s=TOUCH.slide_s + 0.8)
+    events = answers(JointParams(speed_mm_s=SPEED_MM_S), short.block(ARRAY, 100.0, SKEW_S))
+    assert [e.status for e in events] in (["too-few-periods"], ["no-slip"])
+
+
+def test_a_flat_plate_is_refused_once_a_window() -> None:
+    flat = dataclasses.replace(TOUCH, grooves=None, stop_s=14.0, lift_s=15.0, end_s=16.0)
+    for speed_mm_s in (0.0, SPEED_MM_S):
+        events = answers(JointParams(preset="quick", speed_mm_s=speed_mm_s), flat.block(ARRAY, 100.0, SKEW_S))
+        assert 2 <= len(events) <= 5
+        assert {e.status for e in events} <= {"low-snr", "too-few-periods"}
+
+
+def test_backlog_is_stale() -> None:
+    block = TOUCH.block(ARRAY, 100.0, SKEW_S)
+    block = dataclasses.replace(block, late=np.ones(len(block), dtype=np.bool_))
+    events = answers(JointParams(preset="quick", speed_mm_s=SPEED_MM_S), block)
+    assert {e.status for e in events} == {"stale"}
+
+
+def test_saturation_of_all_channels_is_said() -> None:
+    block = TOUCH.block(ARRAY, 100.0, SKEW_S)
+    valid = block.valid.copy()
+    slip = WaveletSlip(ARRAY).process(block)
+    valid[400:] = False
+    texture = JointTexture(ARRAY, JointParams(preset="quick", speed_mm_s=SPEED_MM_S))
+    events = textures(texture.process(dataclasses.replace(block, valid=valid), slip))
+    assert "saturated" in {e.status for e in events}
+    assert all(np.isfinite(e.snr_db) for e in events)
+
+
+@dataclass(frozen=True)
+class Ride:
+    """A block that slides all the time at speeds of its own, and the slip that says so."""
+
+    speeds_mm_s: FloatArray
+    grating: Grating = field(default=Grating())
+    direction_deg: float = 0.0
+    index: int = 0
+    start_s: float = 0.0
+
+    def block(self) -> ScanBlock:
+        theta, a = np.radians(self.direction_deg), np.radians(self.grating.angle_deg)
+        way = np.concatenate([[0.0], np.cumsum(self.speeds_mm_s[:-1])])[:, np.newaxis] / 100
+        way = way + self.speeds_mm_s[:, np.newaxis] * SKEW_S
+        x = ARRAY.x_mm[ARRAY.channel_taxel] + way * np.cos(theta)
+        y = ARRAY.y_mm[ARRAY.channel_taxel] + way * np.sin(theta)
+        phase = 2 * np.pi * (x * np.cos(a) + y * np.sin(a)) / self.grating.period_mm
+        noise = 0.003 * np.random.default_rng(4).normal(size=phase.shape)
+        volts = 1 + self.grating.amplitude * np.cos(phase + ARRAY.azimuth_deg) + noise
+        return regular_block(volts, 100.0, start_s=self.start_s, index=self.index, channel_offset_s=SKEW_S)
+
+    def slip(self, direction_sd_deg: float = 1.0) -> SlipEvent:
+        return SlipEvent(
+            time_s=self.start_s,
+            state="onset",
+            kind="gross",
+            onset_s=self.start_s,
+            onset_sd_s=0.01,
+            direction_deg=self.direction_deg,
+            direction_sd_deg=direction_sd_deg,
+            confidence=1.0,
+            taxels=(),
+            detector="test",
+            statistic=1.0,
+            threshold=0.5,
+            valid=True,
+            detected_s=self.start_s,
+        )
+
+
+def right(event: TextureEvent, grating: Grating) -> bool:
+    by_mm = event.period_mm - grating.period_mm
+    by_deg = (event.angle_deg - grating.angle_deg + 90) % 180 - 90
+    return abs(by_mm) < 5 * event.period_sd_mm and abs(by_deg) < 5 * event.angle_sd_deg
+
+
+def test_a_streamed_speed_profile_does_not_smear() -> None:
+    speeds = 1.0 + 0.8 * np.sin(np.arange(800) / 60)
+    ride = Ride(speeds)
+    texture = JointTexture(ARRAY, JointParams(preset="quick"))
+    for index, speed in enumerate(speeds):
+        texture.set_speed(float(speed), index)
+    events = textures(texture.process(ride.block(), [ride.slip()]))
+    fine = [e for e in events if e.status == "ok"]
+    assert len(fine) > 0.9 * len(events) > 10
+    assert all(right(e, ride.grating) for e in fine)
+
+
+def test_a_speed_that_turns_round_begins_a_new_window_and_turns_the_direction() -> None:
+    speeds = np.where(np.arange(1000) < 500, 2.0, -2.0)
+    ride = Ride(speeds, direction_deg=25.0)
+    for direction_deg in (None, 25.0):
+        texture = JointTexture(ARRAY, JointParams(preset="quick", direction_deg=direction_deg))
+        texture.set_speed(2.0, 0)
+        texture.set_speed(-2.0, 500)
+        events = textures(texture.process(ride.block(), [ride.slip()]))
+        assert all(right(e, ride.grating) for e in events if e.status == "ok")
+        assert any(e.status == "ok" and e.time_s > 8.0 for e in events)
+        assert max(e.window_s for e in events if 5.0 < e.time_s < 7.0) <= 2.0
+
+
+def test_a_stop_in_mid_slip_is_no_wrong_answer() -> None:
+    speeds = np.concatenate([np.full(400, 2.0), np.zeros(400)])
+    ride = Ride(speeds)
+    texture = JointTexture(ARRAY, JointParams(preset="quick"))
+    events = textures(texture.process(ride.block(), [ride.slip()]))
+    assert all(right(e, ride.grating) for e in events if e.status == "ok" and e.time_s < 4.0)
+    assert all(e.status != "ok" for e in events if e.time_s > 7.5)  # the window holds the stop alone
+
+
+def test_without_a_direction_period_and_angle_are_found_and_no_speed() -> None:
+    ride = Ride(np.full(400, 2.0))
+    texture = JointTexture(ARRAY, JointParams(preset="quick"))
+    events = textures(texture.process(ride.block(), [ride.slip(direction_sd_deg=180.0)]))
+    fine = [e for e in events if e.status == "ok"]
+    assert len(fine) > 3
+    assert all(right(e, ride.grating) and e.speed_source == "none" for e in fine)
+
+
+def test_two_gratings_are_candidates_of_one_answer() -> None:
+    strong, weak = Grating(1.5, 30.0, 0.05), Grating(0.8, -40.0, 0.02)
+    ride, other = Ride(np.full(600, 2.0), strong), Ride(np.full(600, 2.0), weak)
+    block = ride.block()
+    block = dataclasses.replace(block, volts=block.volts + other.block().volts - 1)
+    texture = JointTexture(ARRAY, JointParams(preset="quick", speed_mm_s=2.0))
+    last = textures(texture.process(block, [ride.slip()]))[-1]
+    assert last.status == "ok"
+    assert right(last, strong)
+    assert [c.period_mm for c in last.candidates] == pytest.approx([1.5, 0.8], abs=0.01)
+    assert last.candidates[0].weight > last.candidates[1].weight
+
+
+def test_ten_million_scans_from_now_it_says_the_same() -> None:
+    params = JointParams(preset="quick", speed_mm_s=2.0, hop_s=0.5)
+    early = Ride(np.full(500, 2.0))
+    late = dataclasses.replace(early, index=10**7, start_s=1e5)
+    one, other = (
+        textures(JointTexture(ARRAY, params).process(ride.block(), [ride.slip()])) for ride in (early, late)
+    )
+    assert [e.status for e in one] == [e.status for e in other]
+    assert [e.period_mm for e in one] == pytest.approx([e.period_mm for e in other], abs=1e-6)
+    assert [e.angle_deg for e in one] == pytest.approx([e.angle_deg for e in other], abs=1e-4)
+
+
+def test_a_slide_that_never_ends_does_not_drift() -> None:
+    """Windows of the same scans, one after the other, give one answer."""
+    ride = Ride(np.full(600, 2.0), Grating(1.0, 0.0))  # 2 periods a second: 600 scans are 12 of them
+    block = ride.block()
+    texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, max_window_s=3.0, hop_s=6.0))
+    answers: list[TextureEvent] = []
+    for turn in range(80):
+        index = block.index + 600 * turn
+        again = dataclasses.replace(block, index=index, time_s=block.time_s + 6.0 * turn)
+        answers += textures(texture.process(again, [ride.slip()] if turn == 0 else []))
+    settled = [(e.period_mm, e.angle_deg) for e in answers[2:]]
+    assert len(settled) > 70
+    assert np.ptp(settled, axis=0) == pytest.approx([0.0, 0.0], abs=1e-7)

@@ -133,5 +133,9 @@ def test_noise_and_random_textures_are_no_grooves(motion_of: MotionOf) -> None:
         row = ARRAY.channel_taxel // 3
         sand = np.stack([np.interp(place[:, c], np.arange(4000) / 50, profile[row[c]]) for c in range(36)], 1)
         assert_refused(
-            fit(slide, motion_of(slide), volts=1 + 0.01 * sand), "low-snr", "too-few-periods", "ambiguous"
+            fit(slide, motion_of(slide), volts=1 + 0.01 * sand),
+            "low-snr",
+            "too-few-periods",
+            "ambiguous",
+            "aliased",
         )
