@@ -18,7 +18,7 @@ from tactiled.bench.texture_cost import Cost, OnlineCost, cost_table, online_tab
 from tactiled.bench.texture_curve import Slide, curve_table, run_curve
 from tactiled.bench.texture_grid import Trial, run_grid
 from tactiled.bench.texture_misfit import Spoiled, misfit_table, run_misfit
-from tactiled.bench.texture_paper import PLATES, Answered, errors2, run_table2, table2
+from tactiled.bench.texture_paper import PLATES, Answered, First, errors2, first_table, run_table2, table2
 from tactiled.bench.texture_picture import draw_texture
 from tactiled.bench.texture_tables import by_band, over_bound, refusals, threshold, wrong_rate
 
@@ -49,6 +49,7 @@ class Found:
     joint: list[Trial]
     procedure: list[Trial]
     plates: list[Answered]
+    firsts: list[First]
     misfits: list[Spoiled]
     slides: list[Slide]
     costs: list[Cost]
@@ -78,7 +79,7 @@ def bench_texture(
         found = Found(
             run_grid(say, pool, "joint", n_trials=sizes.trials),
             run_grid(say, pool, "procedure", n_trials=sizes.procedure_trials, knowing=(True,)),
-            run_table2(say, pool, n_seeds=sizes.scenes, plates=sizes.plates),
+            *run_table2(say, pool, n_seeds=sizes.scenes, plates=sizes.plates),
             run_misfit(say, pool, n_windows=sizes.misfits),
             run_curve(say, pool, n_slides=sizes.slides),
             costs,
@@ -87,7 +88,7 @@ def bench_texture(
     if picture is not None:
         draw_texture(picture, found.joint, found.plates, found.slides)
     if numbers is not None:
-        numbers.write_text(json.dumps(_plain({"sizes": asdict(sizes), **asdict(found)}), indent=1))
+        numbers.write_text(json.dumps(_plain({"sizes": asdict(sizes), **asdict(found)})))
     return _text(found, sizes)
 
 
@@ -114,6 +115,8 @@ def _text(found: Found, sizes: Sizes) -> str:
             table2(found.plates),
             "Errors of the same, root mean square of the windows answered:",
             errors2(found.plates),
+            "First answers online on these slides: time since the true onset (median, latest), errors (rms):",
+            first_table(found.firsts),
             f"{misfit_table(found.misfits)}\n\nOf each: {_seeds(sizes.misfits)}.",
             "Error of the answer that stands at a time since the onset of slip, root mean square of "
             f"{sizes.slides} slides ({_seeds(sizes.slides)}) at 1.5 mm/s, 20 dB; bound: of all scans since.",

@@ -39,6 +39,7 @@ class Slide:
     """
 
     preset: Preset
+    seed: int
     first_s: float
     first_period_error_mm: float
     first_angle_error_deg: float
@@ -82,6 +83,7 @@ def slide(preset: Preset, seed: int) -> Slide:
     bounds = [_bound(window, params, time_s) for time_s in TIMES_S]
     return Slide(
         preset=preset,
+        seed=seed,
         first_s=float(ready_s[0]) if len(ready_s) else float("nan"),
         first_period_error_mm=float(errors[min(1, len(events)), 0]),
         first_angle_error_deg=float(errors[min(1, len(events)), 1]),

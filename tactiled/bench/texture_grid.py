@@ -33,6 +33,7 @@ class Trial:
     window_s: float
     snr_db: float
     is_speed_known: bool
+    seed: int
     periods: float
     period_mm: float
     angle_deg: float
@@ -99,14 +100,23 @@ def trial(estimator: str, window_s: float, snr_db: float, is_speed_known: bool, 
     least = 0.0 if seed % _FREE_EVERY == _FREE_EVERY - 1 else MIN_PERIODS
     case = draw_case(load_array("wang2019-3x3"), rng, window_s, snr_db, least)
     answer = ESTIMATORS[estimator](case, readings(case, rng), is_speed_known)
-    return scored(case, answer, window_s, snr_db, is_speed_known)
+    return scored(case, answer, window_s, snr_db, is_speed_known, seed)
 
 
-def scored(case: Case, answer: Answer, window_s: float, snr_db: float, is_speed_known: bool) -> Trial:
+def scored(
+    case: Case, answer: Answer, window_s: float, snr_db: float, is_speed_known: bool, seed: int
+) -> Trial:
     """An answer beside the truth and the bound."""
     wave = case.wave
     known = Trial(
-        window_s, snr_db, is_speed_known, case.periods, wave.period_mm, wave.angle_deg, answer.status
+        window_s,
+        snr_db,
+        is_speed_known,
+        seed,
+        case.periods,
+        wave.period_mm,
+        wave.angle_deg,
+        answer.status,
     )
     if answer.status != "ok":
         return known

@@ -44,9 +44,10 @@ def answers(
     *,
     valid: NDArray[np.bool_] | None = None,
     given_mm_s: Sequence[tuple[int, float]] = (),
+    start_s: float = 0.0,
     block_scans: int = 10,
 ) -> list[TextureEvent]:
-    """Everything said about a stretch of scans that begins at 0 s, in blocks as they would come live.
+    """Everything said about a stretch of scans, in blocks as they would come live.
 
     Parameters
     ----------
@@ -56,10 +57,11 @@ def answers(
     estimator = JointTexture(array, params)
     for scan, speed_mm_s in given_mm_s:
         estimator.set_speed(speed_mm_s, scan)
-    block = regular_block(volts, RATE_HZ, channel_offset_s=offset_s, valid=valid)
+    block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s, valid=valid)
     said: list[TextureEvent] = []
+    detected = round((slip.detected_s - start_s) * RATE_HZ)
     for first in range(0, len(block), block_scans):
         part = block[first : first + block_scans]
-        slips = [slip] if part.time_s[0] <= slip.detected_s <= part.time_s[-1] else []
+        slips = [slip] if first <= detected < first + len(part) else []
         said += [e for e in estimator.process(part, slips) if isinstance(e, TextureEvent)]
     return said

@@ -2,21 +2,26 @@
 
 Each plate of the experiment protocol is played by the `periodic` rung through firmware, line, decoder and
 clock fit. The joint fit sees the very windows of the procedure (10 s each, from 1 s after the slip was
-detected), and windows of 2 s of the same slide; both are told the speed, as the procedure must be.
+detected), and windows of 2 s of the same slide; both are told the speed, as the procedure must be. Online it
+follows the slip detector, and answers when its preset lets it.
 """
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactiled.array import load_array
+from tactiled.array import Array, load_array
 from tactiled.bench.paper import PUBLISHED
 from tactiled.bench.play import NONE, Run, play, spread
 from tactiled.bench.report import table
 from tactiled.bench.texture_answers import joint_fit
+from tactiled.bench.texture_bound import FloatArray
+from tactiled.bench.texture_online import answers
+from tactiled.bench.texture_signal import RATE_HZ
 from tactiled.detect.grooves import Motion
+from tactiled.detect.texture_joint import PRESETS, JointParams, Preset
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import paper_scenes
 from tactiled.events.types import TextureEvent
@@ -24,7 +29,9 @@ from tactiled.events.types import TextureEvent
 Plate = tuple[float, int]
 PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
 WINDOWS_S = (10.0, 2.0)
+SPEED_MM_S = 1.0  # of the protocol
 _SETTLE_S = 1.0  # as the procedure has it
+_LONGEST_S = 12.0  # after the onset, in which an answer must come
 
 
 @dataclass(frozen=True)
@@ -53,15 +60,35 @@ class Answered:
         return float(period_mm), float(angle_deg)
 
 
+@dataclass(frozen=True)
+class First:
+    """The first answer of the online estimator on one slide; infinitely late where there was none.
+
+    Attributes
+    ----------
+    after_s : float
+        From the true onset of slip to the scan that completed the answer.
+    """
+
+    plate: Plate
+    preset: Preset
+    seed: int
+    after_s: float = float("inf")
+    period_mm: float = float("nan")
+    angle_deg: float = float("nan")
+
+
 def run_table2(
     say: Callable[[str], None], pool: Executor, *, n_seeds: int, plates: Sequence[Plate] = PLATES
-) -> list[Answered]:
+) -> tuple[list[Answered], list[First]]:
     """Every plate with seeds 0 to n_seeds - 1."""
     found: list[Answered] = []
-    for plate, answers in zip(plates, pool.map(_Played(n_seeds), plates), strict=True):
-        found += answers
+    firsts: list[First] = []
+    for plate, played in zip(plates, pool.map(_Played(n_seeds), plates), strict=True):
+        found += played[0]
+        firsts += played[1]
         say(f"plate of {plate[0]:g} mm at {plate[1]} degrees: {n_seeds} slides of 40 s")
-    return found
+    return found, firsts
 
 
 @dataclass(frozen=True)
@@ -70,7 +97,7 @@ class _Played:
 
     n_seeds: int
 
-    def __call__(self, plate: Plate) -> list[Answered]:
+    def __call__(self, plate: Plate) -> tuple[list[Answered], list[First]]:
         period_mm, angle_deg = plate
         scene = paper_scenes()[f"experiment-d{period_mm:.2f}-a{angle_deg}"].with_changes(contact="periodic")
         runs = [play(scene, seed) for seed in range(self.n_seeds)]
@@ -79,10 +106,13 @@ class _Played:
         agreed = [(e.period_mm, e.angle_deg) for e in textures if e.status == "ok"]
         found = [Answered(plate, "procedure", len(textures), agreed)]
         for window_s in WINDOWS_S:
-            answers = [answer for run in runs for answer in _joint(run, window_s)]
-            said = [answer for answer in answers if answer is not None]
-            found.append(Answered(plate, f"joint, {window_s:g} s", len(answers), said))
-        return found
+            windows = [answer for run in runs for answer in _joint(run, window_s)]
+            said = [answer for answer in windows if answer is not None]
+            found.append(Answered(plate, f"joint, {window_s:g} s", len(windows), said))
+        firsts = [
+            _first(run, First(plate, preset, seed)) for seed, run in enumerate(runs) for preset in PRESETS
+        ]
+        return found, firsts
 
 
 def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
@@ -90,16 +120,38 @@ def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
     onset, end_s = run.slips("onset")[0], run.truth.slips[0].end_s
     begin = int(np.searchsorted(run.time_s, onset.detected_s + _SETTLE_S))
     end = int(np.searchsorted(run.time_s, end_s))
-    board = BoardParams()
     array = load_array("wang2019-3x3")
-    offset_s = board.channel_step_s * np.arange(array.n_channels, dtype=np.float64)
-    n = round(window_s * board.rate_hz)
-    motion = Motion(1.0, 0.0, onset.direction_deg, onset.direction_sd_deg)
-    answers: list[tuple[float, float] | None] = []
+    n = round(window_s * RATE_HZ)
+    motion = Motion(SPEED_MM_S, 0.0, onset.direction_deg, onset.direction_sd_deg)
+    said: list[tuple[float, float] | None] = []
     for first in range(begin, end - n + 1, n):
-        fit = joint_fit(array, run.volts[first : first + n], board.rate_hz, offset_s, motion)
-        answers.append((fit.period_mm, fit.angle_deg) if fit.status == "ok" else None)
-    return answers
+        fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, _offsets_s(array), motion)
+        said.append((fit.period_mm, fit.angle_deg) if fit.status == "ok" else None)
+    return said
+
+
+def _first(run: Run, first: First) -> First:
+    """The same, answered."""
+    slip, array = run.truth.slips[0], load_array("wang2019-3x3")
+    until = int(np.searchsorted(run.time_s, slip.onset_s + _LONGEST_S))
+    said = answers(
+        array,
+        JointParams(preset=first.preset, speed_mm_s=SPEED_MM_S),
+        run.volts[:until],
+        _offsets_s(array),
+        run.slips("onset")[0],
+        start_s=float(run.time_s[0]),
+    )
+    ok = [event for event in said if event.status == "ok"]
+    if not ok:
+        return first
+    return replace(
+        first, after_s=ok[0].time_s - slip.onset_s, period_mm=ok[0].period_mm, angle_deg=ok[0].angle_deg
+    )
+
+
+def _offsets_s(array: Array) -> FloatArray:
+    return BoardParams().channel_step_s * np.arange(array.n_channels, dtype=np.float64)
 
 
 def table2(found: Sequence[Answered]) -> str:
@@ -126,6 +178,24 @@ def errors2(found: Sequence[Answered]) -> str:
         cells += [f"{base[0] / period:.0f}, {base[1] / angle:.0f} times" for period, angle in errors[1:]]
         rows.append([_name(plate), *(NONE if "nan" in cell else cell for cell in cells)])
     return table(head, rows)
+
+
+def first_table(firsts: Sequence[First]) -> str:
+    """When the first answers came, median and latest, and their errors (rms)."""
+    presets = list(dict.fromkeys(f.preset for f in firsts))
+    rows = []
+    for plate in dict.fromkeys(f.plate for f in firsts):
+        cells = [_name(plate)]
+        for preset in presets:
+            mine = [f for f in firsts if (f.plate, f.preset) == (plate, preset)]
+            ok = [(f.period_mm, f.angle_deg) for f in mine if np.isfinite(f.after_s)]
+            period_mm, angle_deg = Answered(plate, preset, len(mine), ok).errors()
+            after_s = np.array([f.after_s for f in mine if np.isfinite(f.after_s)])
+            when = f"{np.median(after_s):.1f} s, {after_s.max():.1f} s: " if ok else f"{NONE} "
+            error = f"{1e3 * period_mm:.2f} um, {angle_deg:.3f} deg " if ok else ""
+            cells.append(f"{when}{error}({len(ok)}/{len(mine)})")
+        rows.append(cells)
+    return table(["D, angle", *(f"{preset}: D, angle" for preset in presets)], rows)
 
 
 def _name(plate: Plate) -> str:

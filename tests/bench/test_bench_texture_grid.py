@@ -30,7 +30,7 @@ def right(of: Case) -> Answer:
 
 def test_the_truth_has_no_error() -> None:
     of = case()
-    found = scored(of, right(of), 2.0, 20.0, True)
+    found = scored(of, right(of), 2.0, 20.0, True, 0)
     assert (found.angle_over_bound, found.period_over_bound, found.is_wrong) == (0.0, 0.0, False)
     assert found.periods >= 3
 
@@ -43,7 +43,7 @@ def test_errors_count_over_bound_and_over_stated_sigma() -> None:
         period_mm=of.wave.period_mm + 3 * least.period_sd_mm,
         angle_deg=of.wave.angle_deg - 2 * least.angle_sd_deg,
     )
-    found = scored(of, off, 2.0, 20.0, True)
+    found = scored(of, off, 2.0, 20.0, True, 0)
     assert found.period_over_bound == pytest.approx(3)
     assert found.angle_over_bound == pytest.approx(-2)
     assert found.period_over_sd == pytest.approx(3 * least.period_sd_mm / 0.001)
@@ -61,8 +61,8 @@ def test_another_lobe_is_wrong_and_a_refusal_is_not() -> None:
         period_mm=float(1 / np.hypot(*per_mm)),
         angle_deg=float(np.degrees(np.arctan2(per_mm[1], per_mm[0]))),
     )
-    assert scored(of, lobe, 2.0, 20.0, True).is_wrong
-    assert not scored(of, Answer("ambiguous"), 2.0, 20.0, True).is_wrong
+    assert scored(of, lobe, 2.0, 20.0, True, 0).is_wrong
+    assert not scored(of, Answer("ambiguous"), 2.0, 20.0, True, 0).is_wrong
 
 
 @given(period_mm=st.floats(0.6, 6.0), angle_deg=st.floats(-75, 75))
@@ -104,7 +104,7 @@ def test_procedure_needs_the_speed() -> None:
 
 
 def some_trials() -> list[Trial]:
-    known = Trial(2.0, 20.0, True, 5.0, 1.2, 30.0, "ok", 1.0, -2.0, 1.0, 3.0)
+    known = Trial(2.0, 20.0, True, 0, 5.0, 1.2, 30.0, "ok", 1.0, -2.0, 1.0, 3.0)
     wrong = replace(known, angle_over_bound=1e5, is_wrong=True)
     return [known, replace(known, angle_over_bound=-1.0), wrong, replace(known, status="ambiguous")]
 

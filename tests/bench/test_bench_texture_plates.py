@@ -107,7 +107,7 @@ def a_slide() -> Slide:
     n = len(TIMES_S)
     nothing = (float("nan"),) * 3
     return Slide(
-        "quick", 2.0, 1e-3, 0.1,
+        "quick", 0, 2.0, 1e-3, 0.1,
         period_error_mm=nothing + (1e-3,) * (n - 3),
         angle_error_deg=nothing + (0.1,) * (n - 3),
         period_bound_mm=(5e-4,) * n,
@@ -133,7 +133,7 @@ def test_slides_are_answered_near_the_bound() -> None:
 
 def test_pictures_are_written(tmp_path: Path) -> None:
     trials = [
-        Trial(window_s, snr_db, known, 5.0, 1.2, 30.0, "ok", 1.0, 1.0, 1.0, 1.0)
+        Trial(window_s, snr_db, known, 0, 5.0, 1.2, 30.0, "ok", 1.0, 1.0, 1.0, 1.0)
         for window_s in (1.0, 2.0)
         for snr_db in (0.0, 20.0)
         for known in (True, False)
