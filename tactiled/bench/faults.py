@@ -9,11 +9,13 @@ import asyncio
 import logging
 import tempfile
 import time
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+
+import numpy as np
 
 from tactiled.bench.fault_cases import CALM_S, CASES, Case, Span
 from tactiled.bench.report import table
@@ -23,6 +25,7 @@ from tactiled.daemon.session import SILENT_PERIODS
 _IN_FLIGHT_S = 0.03  # a scan is sampled and sent in 15 ms, the rest is the host's
 _OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01  # as the status has it, by instants that err a little
 _SURELY = 0.75  # of a period: nearer than that, the count is right and the instant is not
+_BEHIND = 40  # scans: less than come before the next fault, and a new clock fit needs some ten of them
 
 
 @dataclass(frozen=True)
@@ -90,18 +93,23 @@ async def _calm(stage: Stage, calm_s: float) -> Heard:
 def lost_scans(taken_s: Sequence[float], scans: Sequence[Heard]) -> list[float]:
     """Instants of the scans that were due and the subscriber never got.
 
-    Instants alone may err by half a period while a new clock fit settles, so scans go by the daemon's count,
-    which is tied to the board's anew wherever it leads away from the instant.
+    Instants alone may err by a period while a new clock fit settles on a busy machine, so scans go by the
+    daemon's count. Where an instant is far from what the count says, the count is tied to the board's anew,
+    as most of the scans behind it have it.
     """
-    got = set()
-    offset = 0
-    for scan in scans:
-        place = scan.data["index"] + offset
-        if not (0 <= place < len(taken_s) and abs(taken_s[place] - scan.time_s) < _SURELY / RATE_HZ):
-            right = bisect_left(taken_s, scan.time_s)
-            place = min((right - 1, right), key=lambda k: abs(taken_s[k % len(taken_s)] - scan.time_s))
-            offset = place - scan.data["index"]
-        got.add(place)
+    board_s = np.array(taken_s)
+    came_s = np.array([scan.time_s for scan in scans])
+    counts = np.array([scan.data["index"] for scan in scans])
+    right = np.clip(np.searchsorted(board_s, came_s), 1, len(board_s) - 1)
+    nearest = right - (came_s - board_s[right - 1] < board_s[right] - came_s)
+    offset, got = 0, set()
+    for k, count in enumerate(counts.tolist()):
+        place = count + offset
+        if not (0 <= place < len(board_s) and abs(board_s[place] - came_s[k]) < _SURELY / RATE_HZ):
+            first = max(0, min(k, len(scans) - _BEHIND))
+            behind = slice(first, first + _BEHIND)
+            offset = round(float(np.median(nearest[behind] - counts[behind])))
+        got.add(count + offset)
     return [at_s for place, at_s in enumerate(taken_s) if place not in got]
 
 

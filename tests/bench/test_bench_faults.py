@@ -18,11 +18,11 @@ def heard(place: int, count: int, error_s: float = 0.0) -> Heard:
     return Heard(100 + place * PERIOD_S + error_s, 0.0, {"index": count})
 
 
-@given(lost=st.sets(st.integers(1, 58)), error=st.floats(-0.6, 0.6), base=st.integers(0, 1000))
+@given(lost=st.sets(st.integers(1, 58), max_size=9), error=st.floats(-2.5, 2.5), base=st.integers(0, 1000))
 def test_scans_that_never_came_are_found_whatever_the_instants_err(
     lost: set[int], error: float, base: int
 ) -> None:
-    """One instant in three errs by more than half a period, as while a new clock fit settles."""
+    """One instant in three errs by up to some periods, as on a busy machine while a new clock fit settles."""
     taken_s = [100 + k * PERIOD_S for k in range(60)]
     came = [k for k in range(60) if k not in lost]
     scans = [heard(k, base + k, error * PERIOD_S * (k % 3 == 1)) for k in came]
