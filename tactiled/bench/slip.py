@@ -51,7 +51,7 @@ def bench_slip(
     numbers : Path, optional
         JSON to write: every number, case by case.
     """
-    seeds, quiet_seeds, draws, hours = (2, 1, 1, 0.5) if quick else (16, 24, 4, 4.0)
+    seeds, quiet_seeds, draws, hours = (2, 1, 1, 0.5) if quick else (12, 16, 3, 4.0)
     tune_seeds = range(TUNE_SEED, TUNE_SEED + seeds // 2)
     report_seeds, alarm_seeds = range(1, 1 + seeds), range(1, 1 + quiet_seeds)
     with _pool() as pool:

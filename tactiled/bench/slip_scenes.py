@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
@@ -36,7 +37,7 @@ SCAN_SPAN_S = (
 LEAD_S = 3.0
 SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
 NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
-# A load rests where it grew by less than this part of the grip (as in `slipwatch`) in so many seconds.
+# A load rests where it changed by less than this part of the grip (as in `slipwatch`) in so many seconds.
 _RESTS, _RESTS_S = 0.002, 0.1
 _GRID_S = 0.005  # step of the plates' contact models: truth is no finer
 
@@ -186,13 +187,13 @@ def _shear_s(slip: TrueSlip, rests_s: FloatArray) -> float:
 
 
 def _rests_s(truth: Truth, until_s: float) -> FloatArray:
-    """Instants at which the tangential load had not grown for `_RESTS_S`."""
+    """Instants at which the tangential load had not changed for `_RESTS_S`."""
     time_s = np.arange(0.0, until_s, _GRID_S)
     state = truth.state(time_s)
     shear_n = np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1)
     back = round(_RESTS_S / _GRID_S)
-    grew = shear_n[back:] - shear_n[:-back]
-    return np.asarray(time_s[back:][grew <= _RESTS * state.normal_n.sum(axis=1)[back:]])
+    moved_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
+    return np.asarray(time_s[back:][moved_n <= _RESTS * state.normal_n.sum(axis=1)[back:]])
 
 
 def _announcements(scene: Scene) -> tuple[Announcement, ...]:
