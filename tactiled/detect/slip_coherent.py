@@ -34,14 +34,13 @@ from tactiled.detect.contact import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.pairs import PairResponse
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slip_course import Course, Verdict
 from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
 from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_kink import Kink, find_kink
 from tactiled.detect.slip_response import PRESSURE, motion
-from tactiled.detect.slip_witness import Witness
+from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -52,6 +51,7 @@ _KEPT_ANNOUNCED = 8
 # Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing.
 _NEWS = 1.2
 _FORGET_S = 1.0
+_BEGUN = 0.004  # shear over pressure at which a load has begun to grow: friction of 0.2 % of the load
 
 
 class CoherentParams(Params):
@@ -109,7 +109,6 @@ class CoherentSlip:
     def __init__(self, array: Array, params: CoherentParams | None = None) -> None:
         self._array = array
         self._params = params or CoherentParams()
-        self._pairs = PairResponse(array)
         self.reset()
 
     def reset(self) -> None:
@@ -189,7 +188,7 @@ class CoherentSlip:
                 scan = stretch.scans.start + row
                 if change := self._tracker.step(*next(gate)):
                     events.append(contact_event(block, scan, pressure, change))
-                now = Witness(self._array, self._pairs, self._evidence, block, stretch, row, self._n_seen)
+                now = Witness(self._array, self._evidence, block, stretch, row, self._n_seen)
                 events += self._look(now, stretch, row)
                 if change := self._follow():
                     events.append(contact_event(block, scan, pressure, change))
@@ -233,13 +232,21 @@ class CoherentSlip:
         size = float(np.sqrt((growth.rise**2).sum()))
         along = growth.rise / size
         n = min(growth.scans + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
-        kink = find_kink(motion(now.seen[-n:]) @ along, 2 * growth.scans, self._evidence.noise(along))
-        return self._begin(now, along, kink, size / growth.scans, growth.statistic)
+        course = motion(now.seen[-n:]) @ along
+        least = _BEGUN * float(now.seen[-1, PRESSURE])
+        kink = find_kink(course, 2 * growth.scans, self._evidence.noise(along), least)
+        said = now.testify(along, growth.change)
+        return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
 
     def _begin(
-        self, now: Witness, along: FloatArray, kink: Kink, slope: float, statistic: float
+        self,
+        now: Witness,
+        along: FloatArray,
+        kink: Kink,
+        said: Testimony,
+        slope: float,
+        statistic: float,
     ) -> SlipEvent:
-        said = now.testify(along, kink.delay_scans)
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
         event = SlipEvent(
             time_s=onset_s,
@@ -293,7 +300,8 @@ class CoherentSlip:
                 towards = motion(now.seen[-1]) / np.sqrt((motion(now.seen[-1]) ** 2).sum())
             size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
             kink = Kink(since, max(verdict.sd_scans, 1.0))
-            events.append(self._begin(now, towards, kink, size / max(since, 1.0), statistic))
+            said = now.testify(towards, now.changed(since))
+            events.append(self._begin(now, towards, kink, said, size / max(since, 1.0), statistic))
         return events
 
     def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:

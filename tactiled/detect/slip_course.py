@@ -28,6 +28,7 @@ _FLAT = 0.3
 _LINE_S = 0.05  # of the line through the newest responses whose slope is looked at: five scans at 100 Hz
 # By Mindlin's curve nine tenths slip when friction has reached 1 - 0.1^(3/2) of its limit.
 _NINE_TENTHS = 0.968
+_INSTANT_SD = 1.0  # scans: where between two it lies, and what noise adds
 _SHAPE_SD_PART = 0.03  # of the time since the onset: what real curves differ from Mindlin's
 # The line is longer where noise would make its slope uncertain by more than this part of the steepest.
 _SLOPE_SD_PART = 0.15
@@ -37,6 +38,8 @@ _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no un
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
 _COMMON = 4.0
 _NOISE_SDS = 6.0  # a fall within the noise is none
+# An extreme lasts until the response has left it by more than ripple and noise.
+_NEAR_PART, _NEAR_SDS = 0.03, 3.0
 _SETTLE_S = 0.05  # after a break-away, before the new level is one
 _ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
 _TURN_DEG = 30.0
@@ -66,7 +69,7 @@ class Verdict(NamedTuple):
 
 @dataclass
 class _Level:
-    """An extreme, and when it was."""
+    """An extreme, and when the response was last at it."""
 
     value: float
     index: int
@@ -120,7 +123,7 @@ class Course:
         self._least_line = max(4, round(_LINE_S * rate_hz))
         self._top = _Level(-math.inf, index)
         self._top_pressure = 0.0
-        self._low = self._high = _Level(0.0, index)
+        self._low, self._high = _Level(0.0, index), _Level(0.0, index)
         self._top_shear = 0.0
         self._n_flat = self._n_turned = 0
         self._level_from = 0
@@ -171,8 +174,10 @@ class Course:
         speed = max(abs(slope), float(np.sqrt((motion(trend) ** 2).sum())))
         response = self._risen(seen[-1])
         if response > self._top.value:
-            self._top, self._top_pressure, self._top_shear = _Level(response, index), pressure, shear
+            self._top.value, self._top_pressure, self._top_shear = response, pressure, shear
         fall = self._top.value - response
+        if fall <= max(_NEAR_PART * (self._top.value - self._start), _NEAR_SDS * noise):
+            self._top.index = index
         if fall > max(
             self._least * pressure,
             _FELL_PART * (self._top.value - self._start),
@@ -182,7 +187,7 @@ class Course:
             since = max(index - self._top.index, 1)
             broke = fall / since > _BROKE_AWAY * self._steepest
             if broke and self._top_shear >= self._gross * pressure:
-                return self._go_gross(index, self._top.index, 0.5, round(_SETTLE_S * self._rate_hz))
+                return self._go_gross(index, self._top.index, _INSTANT_SD, round(_SETTLE_S * self._rate_hz))
             return Verdict("back", self._top.index, since / 2)
         # The largest that is sure, not the largest that noise made.
         self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)
@@ -206,7 +211,7 @@ class Course:
         limit = float(courses[-max(self._n_flat, 1) :].mean())
         below = np.flatnonzero(courses < self._start + _NINE_TENTHS * (limit - self._start))
         at = index - (len(seen) - 1.5 - (float(below[-1]) if len(below) else 0.0))
-        return at, math.hypot(0.5, _SHAPE_SD_PART * (at - self._begun))
+        return at, math.hypot(_INSTANT_SD, _SHAPE_SD_PART * (at - self._begun))
 
     def _line_scans(self, noise: float, most: int) -> int:
         """The variance of a slope is 12 noise^2 / n^3."""
@@ -226,10 +231,12 @@ class Course:
             return None
         if turned := self._has_turned(index, sides):
             return turned
-        if level < self._low.value:
-            self._low = _Level(level, index)
-        if level > self._high.value:
-            self._high = _Level(level, index)
+        near = max(_NEAR_PART * self._high.value, _NEAR_SDS * noise)
+        self._low.value, self._high.value = min(self._low.value, level), max(self._high.value, level)
+        if level <= self._low.value + near:
+            self._low.index = index
+        if level >= self._high.value - near:
+            self._high.index = index
         least = max(self._least, _NOISE_SDS * noise)
         if self._high.value - level > max(least, _FELL_PART * self._high.value):
             return Verdict("back", self._high.index, (index - self._high.index) / 2)

@@ -74,11 +74,14 @@ class Growth:
         Length of the ramp.
     rise : (3,) float64
         Of x, y and turn.
+    change : (channels,) float64
+        What each reading rose, in steps.
     statistic : float
     """
 
     scans: int
     rise: FloatArray
+    change: FloatArray
     statistic: float
 
 
@@ -196,7 +199,8 @@ class Evidence:
             return None
         seen = stretch.seen[scan : scan + self.window]
         rise = moved(seen[-1] - self._filters.rise(best, seen), seen[-1])
-        return Growth(int(self._filters.lengths[best]), rise, float(statistic[best]))
+        change = self._filters.rise(best, stretch.steps[scan : scan + self.window])
+        return Growth(int(self._filters.lengths[best]), rise, change, float(statistic[best]))
 
     def learn(self, details: FloatArray, disturbed: bool) -> None:
         """Noise of a scan: its details (3, levels), and whether something happened."""

@@ -16,7 +16,7 @@ _LEVEL_SCANS = 8  # before the earliest instant that is tried
 _SCAN_SD = 1 / np.sqrt(12)  # an instant between two scans
 # What real beginnings differ from both shapes: part of the time since. Set where 68 % of onsets on physical
 # scenes (emulator/families, seeds 0 to 11) lie within one sigma.
-_SHAPE_SD_PART = 0.12
+_SHAPE_SD_PART = 0.03
 
 
 class Kink(NamedTuple):
@@ -26,7 +26,7 @@ class Kink(NamedTuple):
     sd_scans: float
 
 
-def find_kink(course: FloatArray, longest: int, noise: float) -> Kink:
+def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0) -> Kink:
     """Where a response began to rise.
 
     Parameters
@@ -37,27 +37,37 @@ def find_kink(course: FloatArray, longest: int, noise: float) -> Kink:
         Delay, in scans, beyond which it is not looked for.
     noise : float
         Standard deviation of the response.
+    least : float
+        How far it must have risen to have begun: less is nobody's load.
     """
     n = len(course)
     delays = np.arange(1, max(2, min(longest, n - _LEVEL_SCANS)) + 1)
     since = np.maximum(np.arange(n) - (n - 1 - delays[:, np.newaxis]), 0).astype(np.float64)
     centred = course - course.mean()
-    explained = np.stack([_explained(since**power, centred) for power in _SHAPES])
+    sizes = np.stack([_size(since**power, centred) for power in _SHAPES])  # (shapes, 2, delays)
+    explained = sizes[:, 0]
     shape, best = np.unravel_index(int(np.argmax(explained)), explained.shape)
     row = explained[shape]
     left = float(centred @ centred) - float(row[best])
     variance = max(noise**2, left / max(n - 3, 1))
-    delay, sd = float(delays[best]), float(len(delays))
+    delay, sd = float(delays[best]), len(delays) / 8
     if 0 < best < len(delays) - 1:
         bend = float(2 * row[best] - row[best - 1] - row[best + 1])
         if bend > 0:
             delay += float(row[best + 1] - row[best - 1]) / (2 * bend)
             # The log likelihood is `explained / (2 variance)`; its curvature is the information.
-            sd = min(sd, float(np.sqrt(2 * variance / bend)))
+            sd = float(np.sqrt(2 * variance / bend))
+    size = float(sizes[shape, 1, best])
+    unseen = (least / size) ** (1 / _SHAPES[shape]) if size > 0 else 0.0
+    delay = max(delay - unseen, 0.0)
     return Kink(delay, float(np.sqrt(sd**2 + _SCAN_SD**2 + (_SHAPE_SD_PART * delay) ** 2)))
 
 
-def _explained(shapes: FloatArray, centred: FloatArray) -> FloatArray:
-    """Sum of squares (shapes,) that a rise of each shape (shapes, n) takes away; none for a fall."""
+def _size(shapes: FloatArray, centred: FloatArray) -> FloatArray:
+    """Of a rise of each shape (shapes, n): the sum of squares that it takes away, and its size (2, shapes).
+
+    A fall takes nothing away.
+    """
     shapes = shapes - shapes.mean(axis=1, keepdims=True)
-    return np.asarray(np.maximum(shapes @ centred, 0.0) ** 2 / (shapes**2).sum(axis=1))
+    overlap, energy = np.maximum(shapes @ centred, 0.0), (shapes**2).sum(axis=1)
+    return np.stack([overlap**2 / energy, overlap / energy])

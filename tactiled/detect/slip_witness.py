@@ -5,13 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.pairs import PairResponse
 from tactiled.detect.slip_evidence import Evidence, Stretch
 from tactiled.detect.slip_response import PRESSURE, motion, moved
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
 _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may be leak
+
+# One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
+_ONE_TAXEL_SD = 0.05
+_MODEL_SD = 0.004  # what the divider's bend makes of all taxels alike, at the small shear of an onset
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,6 @@ class Witness:
     Parameters
     ----------
     array : Array
-    pairs : PairResponse
     evidence : Evidence
     block : ScanBlock
     stretch : Stretch
@@ -56,14 +58,14 @@ class Witness:
     def __init__(
         self,
         array: Array,
-        pairs: PairResponse,
         evidence: Evidence,
         block: ScanBlock,
         stretch: Stretch,
         row: int,
         index: int,
     ) -> None:
-        self._array, self._pairs, self._evidence, self._block = array, pairs, evidence, block
+        self._array, self._evidence, self._block = array, evidence, block
+        self._weights = array.shear_weights()
         self.index = index
         self.scan = stretch.scans.start + row
         self.seen = stretch.seen[row : row + evidence.window]
@@ -101,16 +103,18 @@ class Witness:
         size = float(np.sqrt((change**2).sum()))
         return change / size if size > 0 else change
 
-    def testify(self, along: FloatArray, scans: float) -> Testimony:
-        """About a change along a unit vector (3,) that began so long ago."""
-        first = self.ago(scans)
-        change = self._steps[-1] - self._steps[first]
+    def changed(self, scans: float) -> FloatArray:
+        """Change (channels,) of the readings since so long ago."""
+        return np.asarray(self._steps[-1] - self._steps[self.ago(scans)])
+
+    def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
+        """About a change of the readings (channels,) that is one along a unit vector (3,)."""
         shares = self._shares(along, change)
         agreement = max(0.0, float(shares.sum())) / max(float(np.abs(shares).sum()), 1.0)
-        opposed = float(np.sqrt((motion(self.seen[-1] - self.seen[first]) ** 2).sum()))
-        common = abs(float(self.seen[-1, PRESSURE] - self.seen[first, PRESSURE]))
+        response = self._evidence.weights @ change
+        opposed, common = float(np.sqrt((motion(response) ** 2).sum())), abs(float(response[PRESSURE]))
         part = shares >= _TAKES_PART * max(float(np.maximum(shares, 0.0).mean()), 1.0)
-        direction_deg, direction_sd_deg = self._direction_deg(along, change, opposed)
+        direction_deg, direction_sd_deg = self._direction_deg(along, change)
         return Testimony(
             direction_deg,
             direction_sd_deg,
@@ -124,14 +128,27 @@ class Witness:
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
-    def _direction_deg(self, along: FloatArray, change: FloatArray, opposed: float) -> tuple[float, float]:
+    def _direction_deg(self, along: FloatArray, change: FloatArray) -> tuple[float, float]:
         """None where the skin turns on the spot rather than moves, or the array has no shear channels."""
         size = float(np.hypot(along[0], along[1]))
         if not self._array.has_shear or size <= abs(float(along[2])):
             return 0.0, UNKNOWN_SD_DEG
-        noise = self._evidence.noise(along) * np.sqrt(2) / max(opposed * size, 1.0)
         towards = along[:2] / size
-        sd_deg = self._pairs.direction_sd_deg(
-            change, self._evidence.taxels, towards, float(np.degrees(noise))
-        )
+        sd_deg = min(UNKNOWN_SD_DEG, float(np.degrees(self._spread(towards, change))))
         return float(np.degrees(np.arctan2(towards[1], towards[0]))), sd_deg
+
+    def _spread(self, towards: FloatArray, change: FloatArray) -> float:
+        """Standard error, in radians, of the direction of a sum of taxels that point to different sides.
+
+        Noise and unequal resistors alike; what all taxels share, as the divider's bend, it does not know.
+        """
+        x, y = (self._weights @ change)[:, self._evidence.taxels]
+        total = float(np.hypot(x.sum(), y.sum()))
+        n = len(x)
+        if total == 0:
+            return np.pi
+        if n < 2:
+            noise = self._evidence.noise(np.array([*towards, 0.0]))
+            return float(np.hypot(_ONE_TAXEL_SD, np.sqrt(2) * noise / total))
+        across = towards[0] * y - towards[1] * x
+        return float(np.hypot(_MODEL_SD, np.sqrt(n / (n - 1) * (across**2).sum()) / total))
