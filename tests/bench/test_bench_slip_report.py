@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from tactiled.bench import slip_tables
 from tactiled.bench.slip import plain
@@ -18,6 +19,7 @@ from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
 from tactiled.bench.slip_scenes import NOISES_V, Announcement, play
 from tactiled.bench.slip_score import Found
+from tactiled.cli import cli
 from tactiled.emulator.families import QUIET
 
 TAIL = Tail(5.0, 0.5, 1.0)
@@ -132,3 +134,10 @@ def test_only_what_a_controller_does_itself_is_announced(family: str, kinds: set
     assert {said.kind for said in played.announcements} == kinds
     assert played.announcements[0] == Announcement("load-change", 0.0, played.held_s)  # the press
     assert all(said.start_s < played.duration_s for said in played.announcements)
+
+
+@pytest.mark.parametrize("option", ["--json", "--plot"])
+def test_files_are_written_only_by_benches_that_have_them(option: str, tmp_path: Path) -> None:
+    refused = CliRunner().invoke(cli, ["bench", "clock", option, str(tmp_path / "out")])
+    assert refused.exit_code == 2
+    assert f"{option} is for" in refused.output
