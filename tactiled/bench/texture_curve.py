@@ -16,8 +16,8 @@ from tactiled.array import load_array
 from tactiled.bench.report import table
 from tactiled.bench.texture_bound import Bound, bound
 from tactiled.bench.texture_online import answers, slip_at
-from tactiled.bench.texture_plates import Window, perfect
 from tactiled.bench.texture_signal import RATE_HZ
+from tactiled.bench.texture_window import Window, perfect
 from tactiled.detect.texture_joint import JointParams, Preset
 
 PRESETS: tuple[Preset, ...] = get_args(Preset)

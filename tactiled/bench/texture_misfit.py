@@ -11,7 +11,8 @@ from tactiled.array import load_array
 from tactiled.bench.report import table
 from tactiled.bench.texture_grid import WRONG_TURNS, turns_off
 from tactiled.bench.texture_online import answers, slip_at
-from tactiled.bench.texture_plates import GROOVELESS, MISFITS, SNR_DB, perfect
+from tactiled.bench.texture_plates import GROOVELESS, MISFITS
+from tactiled.bench.texture_window import SNR_DB, perfect
 from tactiled.detect.texture_joint import JointParams
 
 WINDOW_S = 5.0

@@ -5,91 +5,15 @@ over which the only right answer is a refusal.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import Array
-from tactiled.bench.texture_bound import FloatArray, Sensed, Wave
-from tactiled.bench.texture_signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, RATE_HZ, sensed_by
+from tactiled.bench.texture_bound import FloatArray, Sensed
+from tactiled.bench.texture_signal import AMPLITUDE_VOLTS, RATE_HZ
+from tactiled.bench.texture_window import RANGE_VOLTS, SPEED_MM_S, Window
 
-SNR_DB = 30.0  # 20 mV of ripple over 0.45 mV of noise: the emulated board has 0.3
-LSB_VOLTS = 3.0 / 4096
-_RANGE_VOLTS = 3.0
-_SPEED_MM_S = 1.5
-_PERIODS_MM = (0.9, 2.0)
-_ANGLES_DEG = (-60.0, 60.0)
-
-
-@dataclass(eq=False)
-class Window:
-    """A window while it is being made.
-
-    Attributes
-    ----------
-    travel_mm : (n, channels) float64
-        Way of the skin along the motion when each reading is taken; the window's middle at 0.
-    added_volts : (n, channels) float64
-        On top of level, ripple and noise.
-    bend_mm : float
-        Radius of the grooves; infinite is straight.
-    wander : callable or None
-        Place along the groove normal (turns) to what is added to it.
-    given_mm_s : list of (scan, mm/s)
-        Speeds that the estimator is told, from which scan on.
-    """
-
-    wave: Wave
-    sensed: Sensed
-    time_s: FloatArray
-    travel_mm: FloatArray
-    added_volts: FloatArray
-    valid: NDArray[np.bool_]
-    given_mm_s: list[tuple[int, float]]
-    phase_off_rad: FloatArray
-    level_volts: FloatArray
-    bend_mm: float = np.inf
-    wander: Callable[[FloatArray], FloatArray] | None = None
-
-    def volts(self, rng: np.random.Generator) -> FloatArray:
-        """Readings (n, channels), clipped to the converter's range."""
-        sensed, wave = self.sensed, self.wave
-        angle, theta = np.radians(wave.angle_deg), np.radians(wave.direction_deg)
-        x = sensed.x_mm - sensed.x_mm.mean() + self.travel_mm * np.cos(theta)
-        y = sensed.y_mm - sensed.y_mm.mean() + self.travel_mm * np.sin(theta)
-        across, along = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-        phase = (across + along**2 / (2 * self.bend_mm)) / wave.period_mm
-        if self.wander is not None:
-            phase = phase + self.wander(phase)
-        order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)
-        own = (2 * np.pi * phase + self.phase_off_rad)[..., None] * order + sensed.phase_rad[sensed.kind]
-        ripple = (sensed.amplitude_volts * np.cos(own)).sum(axis=-1)
-        noise = sensed.noise_volts * rng.standard_normal(ripple.shape)
-        volts = self.level_volts + ripple + self.added_volts + noise
-        return np.asarray(np.clip(volts, 0.0, _RANGE_VOLTS))
-
-
+LSB_VOLTS = RANGE_VOLTS / 4096
 Spoil = Callable[[Window, np.random.Generator], None]
-
-
-def perfect(array: Array, rng: np.random.Generator, window_s: float, snr_db: float = SNR_DB) -> Window:
-    """A window that the model describes, over any grating of moderate period."""
-    wave = Wave(float(rng.uniform(*_PERIODS_MM)), float(rng.uniform(*_ANGLES_DEG)), _SPEED_MM_S, 0.0)
-    sensed = sensed_by(array, rng, snr_db, ())
-    time_s = np.arange(round(window_s * RATE_HZ)) / RATE_HZ
-    shape = (len(time_s), array.n_channels)
-    return Window(
-        wave=wave,
-        sensed=sensed,
-        time_s=time_s,
-        travel_mm=_SPEED_MM_S * (time_s[:, None] - time_s.mean() + sensed.offset_s),
-        added_volts=np.zeros(shape),
-        valid=np.ones(shape, dtype=np.bool_),
-        given_mm_s=[(0, _SPEED_MM_S)],
-        phase_off_rad=np.zeros(array.n_channels),
-        level_volts=LEVEL_VOLTS * rng.uniform(0.9, 1.1, array.n_channels),
-    )
 
 
 def _nothing(_window: Window, _rng: np.random.Generator) -> None:
@@ -118,7 +42,7 @@ def _stepping(part: float, frequency_hz: float) -> Spoil:
     def spoil(window: Window, rng: np.random.Generator) -> None:
         rad_s, phase = 2 * np.pi * frequency_hz, rng.uniform(0, 2 * np.pi)
         time_s = window.time_s[:, None] + window.sensed.offset_s
-        window.travel_mm += _SPEED_MM_S * part / rad_s * np.sin(rad_s * time_s + phase)
+        window.travel_mm += SPEED_MM_S * part / rad_s * np.sin(rad_s * time_s + phase)
 
     return spoil
 
@@ -128,11 +52,11 @@ def _accelerating(is_told: bool) -> Spoil:
         # From 0.7 to 1.3 of the speed; where it is told, at each tenth of a second.
         length_s = len(window.time_s) / RATE_HZ
         time_s = window.time_s[:, None] - window.time_s.mean() + window.sensed.offset_s
-        window.travel_mm += _SPEED_MM_S * 0.3 * time_s**2 / length_s
+        window.travel_mm += SPEED_MM_S * 0.3 * time_s**2 / length_s
         if is_told:
             every = round(RATE_HZ / 10)
             middles_s = (np.arange(0, len(window.time_s), every) + every / 2) / RATE_HZ
-            speeds = _SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
+            speeds = SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
             window.given_mm_s = [(k * every, float(speed)) for k, speed in enumerate(speeds)]
 
     return spoil
@@ -140,7 +64,7 @@ def _accelerating(is_told: bool) -> Spoil:
 
 def _wrong_speed(window: Window, _rng: np.random.Generator) -> None:
     """Told 3 % too much: the period must come out 3 % too long."""
-    window.given_mm_s = [(0, 1.03 * _SPEED_MM_S)]
+    window.given_mm_s = [(0, 1.03 * SPEED_MM_S)]
 
 
 def _creep(window: Window, rng: np.random.Generator) -> None:
@@ -172,13 +96,13 @@ def _dead(window: Window, rng: np.random.Generator) -> None:
 
 def _clipped(window: Window, _rng: np.random.Generator) -> None:
     """A taxel presses so hard that half of each ripple is beyond the range; those readings are flagged."""
-    window.level_volts[4 * 4 : 4 * 5] = _RANGE_VOLTS
+    window.level_volts[4 * 4 : 4 * 5] = RANGE_VOLTS
     window.valid[:, 4 * 4 : 4 * 5] = False
 
 
 def _unflagged(window: Window, _rng: np.random.Generator) -> None:
     """The same, and nobody says so."""
-    window.level_volts[4 * 4 : 4 * 5] = _RANGE_VOLTS
+    window.level_volts[4 * 4 : 4 * 5] = RANGE_VOLTS
 
 
 def _uneven(window: Window, _rng: np.random.Generator) -> None:

@@ -16,8 +16,9 @@ from tactiled.bench.texture_misfit import Spoiled, misfit_table, spoiled
 from tactiled.bench.texture_online import answers, slip_at
 from tactiled.bench.texture_paper import Answered
 from tactiled.bench.texture_picture import draw_texture
-from tactiled.bench.texture_plates import GROOVELESS, LSB_VOLTS, MISFITS, Window, perfect
+from tactiled.bench.texture_plates import GROOVELESS, LSB_VOLTS, MISFITS
 from tactiled.bench.texture_signal import wave_volts
+from tactiled.bench.texture_window import Window, perfect
 from tactiled.detect.texture_joint import JointParams
 from tactiled.events.types import TextureEvent
 
