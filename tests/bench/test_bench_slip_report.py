@@ -120,8 +120,8 @@ def test_numbers_are_json_without_nan_and_the_picture_is_drawn(
 
 
 def test_scenes_without_slip_are_counted_for_every_detector() -> None:
-    counted = count("taps", 1, 2, KNOBS, NAMES)
-    assert set(counted) == {("taps", noise, name) for noise in QUIET_NOISES_V for name in NAMES}
+    counted = count("taps", 1, 2, KNOBS, NAMES[:2])
+    assert set(counted) == {("taps", noise, name) for noise in QUIET_NOISES_V for name in NAMES[:2]}
     played = play("taps", QUIET["taps"], 1)
     assert counted["taps", 3e-3, NAMES[0]].hours == pytest.approx(2 * played.duration_s / 3600)
 
