@@ -141,7 +141,7 @@ def play(name: str, family: Family, seed: int) -> Played:
         held_s=scene.phases[0].duration_s,
         slip=_first_gross(truth, rests_s),
         slipping=tuple((_shear_s(e, rests_s), e.end_s) for e in truth.episodes),
-        announcements=_announcements(scene),
+        announcements=announcements(scene),
     )
 
 
@@ -196,7 +196,7 @@ def _rests_s(truth: Truth, until_s: float) -> FloatArray:
     return np.asarray(time_s[back:][moved_n <= _RESTS * state.normal_n.sum(axis=1)[back:]])
 
 
-def _announcements(scene: Scene) -> tuple[Announcement, ...]:
+def announcements(scene: Scene) -> tuple[Announcement, ...]:
     """The gripper's and the arm's own doing: grip, load and starts and stops. Nobody announces the rest."""
     said, start_s = [], 0.0
     for phase in scene.phases:

@@ -17,7 +17,7 @@ from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted, count
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
-from tactiled.bench.slip_scenes import NOISES_V, Announcement, play
+from tactiled.bench.slip_scenes import NOISES_V, Announcement, announcements, play
 from tactiled.bench.slip_score import Found
 from tactiled.cli import cli
 from tactiled.emulator.families import QUIET
@@ -130,10 +130,11 @@ def test_scenes_without_slip_are_counted_for_every_detector() -> None:
     ("family", "kinds"), [("arm-acceleration", {"inhibit", "load-change"}), ("taps", {"load-change"})]
 )
 def test_only_what_a_controller_does_itself_is_announced(family: str, kinds: set[str]) -> None:
-    played = play(family, QUIET[family], 1)
-    assert {said.kind for said in played.announcements} == kinds
-    assert played.announcements[0] == Announcement("load-change", 0.0, played.held_s)  # the press
-    assert all(said.start_s < played.duration_s for said in played.announcements)
+    scene = QUIET[family](1)
+    said = announcements(scene)
+    assert {one.kind for one in said} == kinds
+    assert said[0] == Announcement("load-change", 0.0, scene.phases[0].duration_s)  # the press
+    assert all(one.start_s < scene.duration_s for one in said)
 
 
 @pytest.mark.parametrize("option", ["--json", "--plot"])
