@@ -29,8 +29,9 @@ def test_ripple_over_grooves_is_as_provided(plate: str) -> None:
     assert np.abs(np.abs(ratio) - 1).max() <= compliance.PROVIDES["groove-ripple"]
     assert np.abs(np.angle(ratio)).max() / (2 * np.pi) <= compliance.PROVIDES["groove-phase"]
     assert own.correlation.min() > 0.95  # the whole run, as the aim is stated
+    # 0.9 mm is five nodes of the coarse mesh: with the medium mesh's compliance the ripple is 0 and 6 % off.
     if plate != "groove-1.2-60":
-        assert np.abs(np.abs(ratio) - 1).max() < 0.2
+        assert np.abs(np.abs(ratio) - 1).max() < (0.25 if plate == "groove-0.9-0" else 0.16)
 
 
 def test_reference_compared_with_itself_is_perfect() -> None:

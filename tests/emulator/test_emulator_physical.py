@@ -188,9 +188,9 @@ def test_auto_takes_the_cheapest_rung_that_serves_and_says_why() -> None:
     flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
     assert choose_rung(flat).rung == "signal"
     assert choose_rung(flat.with_changes(needs=["direction"])).rung == "lumped"
-    assert choose_rung(flat.with_changes(needs=["incipient-slip"])).rung == "bristle"
-    words = explain(flat.with_changes(needs=["incipient-slip"]))
-    assert "not lumped: incipient-slip is 18 % off" in words
+    assert choose_rung(flat.with_changes(needs=["incipient-slip"], tolerance=0.12)).rung == "bristle"
+    words = explain(flat.with_changes(needs=["incipient-slip"], tolerance=0.12))
+    assert "not lumped: incipient-slip is 14 % off" in words
     with pytest.raises(ConfigError, match="no rung delivers this"):
         choose_rung(flat.with_changes(needs=["incipient-slip"], tolerance=0.01))
 

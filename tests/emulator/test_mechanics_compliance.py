@@ -39,12 +39,12 @@ def replay(reference: ReferenceRun, readout: str = "half") -> dict[str, FloatArr
 
 
 def test_indentation_agrees_with_finite_elements_up_to_27_n_on_the_array() -> None:
-    """Beyond 3.3 N a taxel the skin stiffens more than a linear body does."""
+    """One constant for the stiffening of the skin, fitted to its drag while sliding under 2.5 N."""
     reference = load_reference("coarse", "load")
     seen = replay(reference)["indentation_mm"]
     loaded = reference.columns["normal_n"] < 3.0
     error = seen[loaded] / reference.columns["approach_mm"][loaded] - 1
-    assert np.abs(error).max() < 0.05
+    assert np.abs(error).max() < 0.01
 
 
 @pytest.mark.parametrize("run", ["flat-0.3", "flat-0.6", "flat-0.9"])
@@ -59,15 +59,18 @@ def test_a_flat_slide_agrees_with_finite_elements(run: str) -> None:
         np.abs(seen["tangential_n"][:, 0] - columns["tangential_x_n"]).max()
         < PROVIDES["tangential-force"] * friction_n
     )
-    # A ring of nodes slips at once in either mesh, a sixth of the contact, and a node that this rung lets go
-    # creeps for a while under the penalty of the finite elements' contact.
+    # A ring of nodes slips at once, a fifth of the contact: at friction 0.3 the knee has five instants.
     knee = (columns["travel_x_mm"] > 0) & (columns["slipping"] < 1)
-    assert np.abs(seen["slipping"] - columns["slipping"])[knee].mean() < PROVIDES["incipient-slip"]
+    share = np.abs(seen["slipping"] - columns["slipping"])[knee]
+    assert share.max() < PROVIDES["incipient-slip"]
+    assert share.mean() < 0.1
     assert not seen["warnings"].any()
 
 
-def test_left_and_right_follow_finite_elements_over_grooves() -> None:
-    reference = load_reference("coarse", "groove-1.2-0")
+@pytest.mark.parametrize("run", ["groove-1.2-0", "groove-1.5-0", "groove-1.2-30"])
+def test_left_and_right_follow_finite_elements_over_grooves(run: str) -> None:
+    """Not 0.9 mm, five nodes of the coarse mesh a wave, nor 60 degrees, where there is no ripple left."""
+    reference = load_reference("coarse", run)
     seen, columns = replay(reference), reference.columns
     for side in (0, 2):
         true = reference.sides("half")[:, side]

@@ -17,7 +17,7 @@ from tactiled.emulator.mechanics.fem.compliance import compliance_arrays, load_c
 from tactiled.emulator.mechanics.fem.contact import Bench, Instant, Solution
 from tactiled.emulator.mechanics.fem.linear import stiffness
 from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
-from tactiled.emulator.mechanics.fem.readout import read_out, side_parts
+from tactiled.emulator.mechanics.fem.readout import EDGE_MM, read_out, side_parts
 from tactiled.emulator.mechanics.fem.reference import COLUMNS, load_reference, reference_names
 from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
 from tactiled.emulator.mechanics.fem.runs import LOAD_N, RUNS, produce
@@ -174,6 +174,19 @@ def test_a_uniform_pressure_reads_out_as_area(name: str, beyond_mm: float) -> No
     np.testing.assert_allclose(
         read_out(mesh, side_parts(beyond_mm)) @ force, segment, atol=outline * 0.3 / 32
     )
+
+
+@pytest.mark.parametrize("name", ["coarse", "medium"])
+def test_no_point_counts_less_than_nothing_or_more_than_once(name: str) -> None:
+    mesh = taxel_mesh(MESHES[name])
+    left, _, right, _, whole = read_out(mesh, [*side_parts(0.0), lambda x, _: np.full(x.shape, True)])
+    edges = read_out(mesh, side_parts(EDGE_MM))
+    assert left.min() >= 0
+    assert edges.min() >= 0
+    np.testing.assert_allclose(left + right, whole, atol=1e-12)
+    middle = np.hypot(*mesh.points_mm[mesh.bottom, :2].T) < meshes.BUMP_RADIUS_MM
+    np.testing.assert_allclose(whole[middle], 1.0)
+    assert np.all(edges[0] <= left + 1e-12)
 
 
 plates = st.builds(

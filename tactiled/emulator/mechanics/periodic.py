@@ -47,12 +47,12 @@ _MOVING = 1e-6  # part of sliding below which no sliding table is needed
 # sliding is a blend, so left and right are as good as that.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
-    "gross-slip": 0.145,
-    "absolute-force": 0.08,
+    "gross-slip": 0.07,
+    "absolute-force": 0.05,
     "left-right": 0.11,
     "tangential-force": 0.04,
-    "groove-ripple": 0.60,
-    "groove-phase": 0.135,
+    "groove-ripple": 0.46,
+    "groove-phase": 0.08,
 }
 # Largest deviation from the parent on the way from rest into sliding, of the force on a side at rest.
 ONSET_ERROR = 0.11

@@ -16,10 +16,13 @@ from tactiled.resources import shipped
 FloatArray = NDArray[np.float64]
 Readout = Literal["half", "edge"]
 
-# In large strain the pressure moves with the tilting bump, which linear weights do not know. These make the
-# finite elements' 0.674 N on half a chip at 1.667 N, and their (L - R) / T = 0.549 at full slip with friction
-# 0.6 (config/contact/fem-coarse-flat-0.6.json; 0.555 and 0.544 at friction 0.3 and 0.9 were not fitted).
-_NORMAL_GAIN, _TILT_GAIN = 1.022, 1.137
+# In large strain the pressure moves with the tilting bump, which linear weights do not know, and the more the
+# larger the load. Growth of the weights a newton of load on the taxel: with these `bristle` has the finite
+# elements' half chips at rest, and their left minus right at full slip, under 2.5 N (config/contact/
+# fem-coarse-flat-0.6-heavy.json; other loads and frictions were not fitted). No reference is loaded with more
+# than the last number, so there they stay as they are.
+_NORMAL_GROWTH, _TILT_GROWTH = 0.0102, 0.0745
+_LARGEST_N = 3.8
 _ORDER = 5  # residual of the fits: rms below 0.01
 
 
@@ -40,7 +43,7 @@ class SideWeights:
         self._fits = _fits(readout)
 
     def at(self, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Newtons on each area per newton at places of the bump.
+        """Newtons on each area per newton at places of the bump, at small load; `growth` has the rest.
 
         Returns
         -------
@@ -52,10 +55,16 @@ class SideWeights:
         cos, sin = self._cos[:, None], self._sin[:, None]
         s, q = cos * x_mm + sin * y_mm, cos * y_mm - sin * x_mm
         normal, along, across = self._fits
-        pull_s = _TILT_GAIN * _even(s, q) @ along
-        pull_q = _TILT_GAIN * (q[..., None] * _even(s, q)) @ across
+        pull_s = _even(s, q) @ along
+        pull_q = (q[..., None] * _even(s, q)) @ across
         tangential = np.stack([cos * pull_s - sin * pull_q, sin * pull_s + cos * pull_q], axis=-1)
-        return np.asarray(_NORMAL_GAIN * _even(s, q) @ normal), tangential
+        return np.asarray(_even(s, q) @ normal), tangential
+
+
+def growth(normal_n: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factors (..., 1) on the weights of normal and of tangential forces, at a load of the whole taxel."""
+    load = np.minimum(normal_n, _LARGEST_N)[..., None]
+    return 1 + _NORMAL_GROWTH * load, 1 + _TILT_GROWTH * load
 
 
 def _even(s: FloatArray, q: FloatArray) -> FloatArray:

@@ -31,8 +31,8 @@ class SkinCompliance:
         Azimuths, equally spaced, at which the read-out areas were measured.
     side : (s, 3, n) float64
         Force on each area by a force component on each node.
-    side_slope : (s, 2, n) float64
-        Derivative of its normal part by the place of the force, 1/mm.
+    gradient : (2, n, n) float64
+        Derivatives along x and y at the nodes of values at the nodes, 1/mm.
     """
 
     x_mm: FloatArray
@@ -42,7 +42,7 @@ class SkinCompliance:
     compliance: FloatArray
     side_azimuth_deg: FloatArray
     side: FloatArray
-    side_slope: FloatArray
+    gradient: FloatArray
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, FloatArray], readout: Readout) -> "SkinCompliance":
@@ -64,13 +64,16 @@ class SkinCompliance:
             compliance,
             np.array([180.0, 270.0, 0.0, 90.0]),
             np.concatenate([normal[:, None], tangential], axis=1),
-            _slopes(x_mm, y_mm, normal),
+            _gradient(x_mm, y_mm),
         )
 
     def at_azimuths(self, azimuth_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`side` and `side_slope` at any azimuths, by trigonometric interpolation round the chip."""
-        weights = _round_the_chip(azimuth_deg, self.side_azimuth_deg)
-        return np.tensordot(weights, self.side, 1), np.tensordot(weights, self.side_slope, 1)
+        """`side` at any azimuths, and the derivatives (a, 2, n) of its normal part by the place of the force.
+
+        Between the known azimuths it is the trigonometric interpolant round the chip.
+        """
+        side = np.tensordot(_round_the_chip(azimuth_deg, self.side_azimuth_deg), self.side, 1)
+        return side, np.einsum("dnl,al->adn", self.gradient, side[:, 0])
 
 
 def _round_the_chip(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray:
@@ -84,15 +87,14 @@ def _round_the_chip(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray
     return np.asarray(weights / count)
 
 
-def _slopes(x_mm: FloatArray, y_mm: FloatArray, values: FloatArray) -> FloatArray:
-    """Gradient of values (s, n) at the nodes: a plane fitted to each neighbourhood, Gaussian weights."""
+def _gradient(x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+    """Slopes of the plane fitted to the values in each node's neighbourhood, Gaussian weights."""
     dx, dy = x_mm - x_mm[:, None], y_mm - y_mm[:, None]
     weight = np.exp(-(dx**2 + dy**2) / (2 * (_REACH_MM / 2) ** 2))
     base = np.stack([np.ones_like(dx), dx, dy])
     gram = np.einsum("akn,kn,bkn->kab", base, weight, base)
-    right = np.einsum("akn,kn,sn->ksa", base, weight, values)
-    plane = np.linalg.solve(gram, right.transpose(0, 2, 1))
-    return np.asarray(plane[:, 1:].transpose(2, 1, 0))
+    plane = np.linalg.solve(gram, (base * weight).transpose(1, 0, 2))
+    return np.ascontiguousarray(plane[:, 1:].transpose(1, 0, 2))
 
 
 @cache

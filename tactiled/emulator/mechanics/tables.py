@@ -49,7 +49,7 @@ def shipped_tables() -> Mapping[str, FloatArray]:
 def write_tables(path: Path, tables: Mapping[str, FloatArray]) -> None:
     """Keys beside arrays, since a key is no file name."""
     arrays = {f"table_{k}": rows for k, rows in enumerate(tables.values())}
-    np.savez_compressed(path, keys=np.array(list(tables)), **arrays)
+    np.savez_compressed(path, allow_pickle=False, keys=np.array(list(tables)), **arrays)
 
 
 def _load(path: Path) -> dict[str, FloatArray]:

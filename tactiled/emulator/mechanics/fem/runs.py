@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tactiled.emulator.mechanics.base import Held, Surface
-from tactiled.emulator.mechanics.fem.contact import PENALTY, PENALTY_SLIP, TOLERANCE, Bench, Instant, Solution
+from tactiled.emulator.mechanics.fem.contact import TOLERANCE, Bench, Instant, Solution, penalties
 from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, taxel_mesh
 from tactiled.emulator.mechanics.fem.reference import reference_path, write_reference
 from tactiled.errors import ConfigError
@@ -110,6 +110,7 @@ def _produce(mesh: str, name: str, report: Callable[[str], None]) -> Path:
     began = time.perf_counter()
     solutions = list(Bench(taxel, planned.surface).follow(planned.instants))
     seconds = time.perf_counter() - began
+    stiff, stick = penalties(planned.surface)
     steps, cuts = sum(s.newton_steps for s in solutions), sum(s.halvings > 0 for s in solutions)
     path = reference_path(mesh, name)
     provenance = {
@@ -119,7 +120,7 @@ def _produce(mesh: str, name: str, report: Callable[[str], None]) -> Path:
         "mesh": {"name": mesh, "cells": len(taxel.cells), "unknowns": taxel.points_mm.size},
         "materials": [asdict(material) for material in MATERIALS],
         "versions": {library: version(library) for library in ("felupe", "numpy", "scipy")},
-        "solver": {"penalty": PENALTY, "penalty_slip": PENALTY_SLIP, "tolerance": TOLERANCE},
+        "solver": {"penalty": stiff, "penalty_slip": stick, "tolerance": TOLERANCE},
         "convergence": {"increments": len(solutions), "newton_steps": steps, "increments_halved": cuts},
         "seconds": round(seconds, 1),
     }
