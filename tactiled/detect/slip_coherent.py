@@ -18,15 +18,13 @@ A controller that knows better says so with `announce`. What falls into its time
 """
 
 import dataclasses
-import math
 from collections import deque
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
-import numpy as np
 from pydantic import Field
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import Array
 from tactiled.detect.contact import (
     ContactParams,
     ContactTracker,
@@ -35,23 +33,15 @@ from tactiled.detect.contact import (
     lost_contact_event,
 )
 from tactiled.detect.quantise import Quantiser
-from tactiled.detect.slip_course import Course, Verdict
-from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
-from tactiled.detect.slip_filters import N_BASELINE
-from tactiled.detect.slip_kink import Kink, find_kink
-from tactiled.detect.slip_response import PRESSURE, motion
-from tactiled.detect.slip_witness import Testimony, Witness
+from tactiled.detect.slip_evidence import Evidence
+from tactiled.detect.slip_story import Story
+from tactiled.detect.slip_witness import Witness
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-DETECTOR = "coherent"
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 _KEPT_ANNOUNCED = 8
-# Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing.
-_NEWS = 1.2
-_FORGET_S = 1.0
-_BEGUN = 0.004  # shear over pressure at which a load has begun to grow: friction of 0.2 % of the load
 
 
 class CoherentParams(Params):
@@ -80,21 +70,12 @@ SETTINGS: Mapping[str, CoherentParams] = {
 """``fast`` takes all growing shear for slip, ``quiet`` waits until a tenth slips on any likely friction."""
 
 Announcement = Literal["inhibit", "load-change"]
-SlipKind = Literal["incipient", "gross"]
 
 
 class _Announced(NamedTuple):
     kind: Announcement
     from_index: int
     duration_s: float
-
-
-class _Slip(NamedTuple):
-    """The slip that goes on: its newest onset event, its course, and the evidence that raised it."""
-
-    event: SlipEvent
-    course: Course
-    statistic: float
 
 
 class CoherentSlip:
@@ -119,7 +100,6 @@ class CoherentSlip:
     def _forget_signal(self) -> None:
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
-        self._slip: _Slip | None = None
 
     def _start(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
@@ -129,8 +109,8 @@ class CoherentSlip:
             self._array, rate_hz, self._params.false_alarms_per_hour, self._params.least_shear
         )
         self._n_seen = 0
-        self._told = 0  # what was until this scan is told, or was no contact
-        self._came_and_went = (0.0, 0)  # shear over pressure, and when
+        self._story = Story(self._evidence, rate_hz, self._params.least_shear, self._params.gross_shear)
+        self._is_trusted = True
 
     @property
     def contact_state(self) -> ContactState:
@@ -168,9 +148,7 @@ class CoherentSlip:
         return events
 
     def _forget(self) -> list[Event]:
-        events: list[Event] = []
-        if self._slip is not None:
-            events.append(_ended(self._slip.event, self._last_time_s, self._last_time_s, valid=False))
+        events: list[Event] = [*self._story.cut_off(self._last_time_s)] if self._rate_hz else []
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
         self._forget_signal()
@@ -182,14 +160,18 @@ class CoherentSlip:
         gate = pressure.rows()
         events: list[Event] = []
         for stretch in self._evidence.stretches(held):
-            if self._slip is not None:
-                self._slip.course.shift(stretch.jump)
+            self._story.shift(stretch.jump)
             for row in range(stretch.scans.stop - stretch.scans.start):
                 scan = stretch.scans.start + row
                 if change := self._tracker.step(*next(gate)):
                     events.append(contact_event(block, scan, pressure, change))
                 now = Witness(self._array, self._evidence, block, stretch, row, self._n_seen)
-                events += self._look(now, stretch, row)
+                if (state := self._tracker.state) == "none":
+                    slips = self._story.lift(now)
+                else:
+                    slips = self._story.look(now, stretch, row, is_sure=state != "unknown")
+                self._evidence.learn(stretch.details[row], self._story.happens)
+                events += self._judge(slips, now.block_index)
                 if change := self._follow():
                     events.append(contact_event(block, scan, pressure, change))
                 self._n_seen += 1
@@ -197,144 +179,22 @@ class CoherentSlip:
 
     def _follow(self) -> Transition | None:
         """Sliding is known by slip alone."""
-        is_gross = self._slip is not None and self._slip.course.is_gross
-        if is_gross and self._tracker.state not in ("sliding", "none"):
+        state, is_gross = self._tracker.state, self._story.is_gross
+        if is_gross and state not in ("sliding", "none"):
             return self._tracker.begin_sliding()
-        return self._tracker.end_sliding() if self._tracker.state == "sliding" and not is_gross else None
+        return self._tracker.end_sliding() if state == "sliding" and not is_gross else None
 
-    def _look(self, now: Witness, stretch: Stretch, row: int) -> list[SlipEvent]:
-        """What a scan brings."""
-        events: list[SlipEvent] = []
-        happens = True
-        if self._tracker.state == "none":
-            self._told = now.index
-            happens = False
-            if self._slip is not None:
-                events = [self._end(now, now.time_s)]
-        elif self._slip is not None:
-            course = self._slip.course
-            verdict = course.step(now.index, now.seen, self._evidence.noise(course.along))
-            events = self._conclude(verdict, now) if verdict else []
-        else:
-            least = self._shaken(now.index) * float(now.seen[-1, PRESSURE])
-            growth = self._evidence.growth(stretch, row, now.index - self._told, least)
-            happens = growth is not None
-            events = [self._onset(growth, now)] if growth else []
-        self._evidence.learn(stretch.details[row], happens)
-        return events
+    def _judge(self, events: list[SlipEvent], index: int) -> list[SlipEvent]:
+        """Events of a scan, with those not valid that somebody announced; an end is as valid as its onset."""
+        out: list[SlipEvent] = []
+        for event in events:
+            if event.state == "onset":
+                self._is_trusted = not any(self._covers(a, event, index) for a in self._announced)
+            out.append(event if self._is_trusted else dataclasses.replace(event, valid=False))
+        return out
 
-    def _shaken(self, index: int) -> float:
-        """Shear over pressure that came and went of late."""
-        size, at = self._came_and_went
-        return size * math.pow(2.0, -(index - at) / (_FORGET_S * self._rate_hz))
-
-    def _onset(self, growth: Growth, now: Witness) -> SlipEvent:
-        size = float(np.sqrt((growth.rise**2).sum()))
-        along = growth.rise / size
-        n = min(growth.scans + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
-        course = motion(now.seen[-n:]) @ along
-        least = _BEGUN * float(now.seen[-1, PRESSURE])
-        kink = find_kink(course, 2 * growth.scans, self._evidence.noise(along), least)
-        said = now.testify(along, growth.change)
-        return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
-
-    def _begin(
-        self,
-        now: Witness,
-        along: FloatArray,
-        kink: Kink,
-        said: Testimony,
-        slope: float,
-        statistic: float,
-    ) -> SlipEvent:
-        onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
-        event = SlipEvent(
-            time_s=onset_s,
-            state="onset",
-            kind="incipient",
-            onset_s=onset_s,
-            onset_sd_s=float(np.hypot(kink.sd_scans / self._rate_hz, now.time_sd_s)),
-            direction_deg=said.direction_deg,
-            direction_sd_deg=said.direction_sd_deg,
-            confidence=said.confidence / (2 if self._tracker.state == "unknown" else 1),
-            taxels=said.taxels,
-            detector=DETECTOR,
-            statistic=statistic,
-            threshold=self._evidence.threshold,
-            valid=self._is_valid("incipient", onset_s, now),
-            detected_s=now.time_s,
-        )
-        before = now.seen[now.ago(kink.delay_scans)]
-        course = Course(
-            along,
-            before,
-            self._evidence.even,
-            now.index,
-            kink.delay_scans,
-            slope,
-            self._rate_hz,
-            least=self._params.least_shear,
-            gross=self._params.gross_shear,
-        )
-        self._slip = _Slip(event, course, statistic)
-        return event
-
-    def _conclude(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
-        """Events of what became of the slip."""
-        assert self._slip is not None
-        along, statistic = self._slip.course.along, self._slip.statistic
-        since = now.index - verdict.index
-        at_s = now.time_s + now.skew_s(along) - since / self._rate_hz
-        if verdict.fate == "gross":
-            return [self._deepen(verdict, now, at_s)]
-        was_gross = self._slip.event.kind == "gross"
-        if verdict.fate == "back" and not was_gross:
-            size = _NEWS * self._slip.course.excursion(now.seen[-1])
-            self._came_and_went = (max(size, self._shaken(now.index)), now.index)
-        events = [self._end(now, at_s)]
-        self._told = int(verdict.index)
-        towards = now.along(since)
-        if (was_gross or verdict.fate == "turned") and towards.any():
-            # Friction points along the motion: in a slip that goes on, all of the response does.
-            if was_gross and verdict.fate == "turned":
-                towards = motion(now.seen[-1]) / np.sqrt((motion(now.seen[-1]) ** 2).sum())
-            size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
-            kink = Kink(since, max(verdict.sd_scans, 1.0))
-            said = now.testify(towards, now.changed(since))
-            events.append(self._begin(now, towards, kink, said, size / max(since, 1.0), statistic))
-        return events
-
-    def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:
-        assert self._slip is not None
-        event = dataclasses.replace(
-            self._slip.event,
-            kind="gross",
-            time_s=gross_s,
-            onset_s=gross_s,
-            onset_sd_s=float(np.hypot(verdict.sd_scans / self._rate_hz, now.time_sd_s)),
-            valid=self._is_valid("gross", gross_s, now),
-            detected_s=now.time_s,
-        )
-        self._slip = self._slip._replace(event=event)
-        return event
-
-    def _is_valid(self, kind: SlipKind, onset_s: float, now: Witness) -> bool:
-        """Whether nobody has announced it, and it does not come late."""
-        return not now.is_late and not any(
-            (a.kind == "inhibit" or kind == "incipient")
-            and now.block_index >= a.from_index
-            and now.block_index - (now.time_s - onset_s) * self._rate_hz
-            <= a.from_index + a.duration_s * self._rate_hz
-            for a in self._announced
-        )
-
-    def _end(self, now: Witness, ended_s: float) -> SlipEvent:
-        assert self._slip is not None
-        event = self._slip.event
-        self._slip = None
-        return _ended(event, ended_s, now.time_s, valid=event.valid and not now.is_late)
-
-
-def _ended(event: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
-    """Event for the end; it repeats what the onset's event said."""
-    return dataclasses.replace(event, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)
+    def _covers(self, announced: _Announced, event: SlipEvent, index: int) -> bool:
+        onset_index = index - (event.detected_s - event.onset_s) * self._rate_hz
+        until_index = announced.from_index + announced.duration_s * self._rate_hz
+        concerns = announced.kind == "inhibit" or event.kind == "incipient"
+        return concerns and index >= announced.from_index and onset_index <= until_index

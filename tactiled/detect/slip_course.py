@@ -10,9 +10,11 @@ A load that stops growing below the friction limit has the same shape. Only its 
 over pressure as that is no gross slip on any likely surface. A response that falls back at once is a load
 that goes again; one that falls much faster than it rose has broken away (stick-slip).
 
-While all slips, shear goes with pressure, so their ratio is followed. It drops when the motion ends with a
-recoil, turns back, or breaks away again; it grows when the skin sticks again under a growing load. A skin
-that just stops keeps its shear, and nothing shows before it moves again or lifts.
+While all slips, shear goes with pressure, so their ratio is followed, once it has come to rest at its
+limit. It drops when the motion ends with a recoil, turns back, or breaks away again; it grows when the skin
+sticks again under a growing load. What drops has ended, be it by recoil or by turning back: that is known
+when little of the shear is left. A skin that just stops keeps its shear, and nothing shows before it moves
+again or lifts.
 """
 
 import math
@@ -40,12 +42,15 @@ _COMMON = 4.0
 _NOISE_SDS = 6.0  # a fall within the noise is none
 # An extreme lasts until the response has left it by more than ripple and noise.
 _NEAR_PART, _NEAR_SDS = 0.03, 3.0
+_RISES = 0.05  # of the steepest: a response that grows slower has come to its limit
+_LEFT_PART = 0.3  # of gross slip's shear: skins and rubber that just stop keep more
+_RESTED_S = 0.1
 _SETTLE_S = 0.05  # after a break-away, before the new level is one
 _ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
 _TURN_DEG = 30.0
 _TURNED_S = 0.2  # as `heading`: a tap that shoves the skin aside is over sooner
 
-Fate = Literal["gross", "stalled", "back", "again", "turned"]
+Fate = Literal["gross", "stalled", "back", "again", "turned", "reversed", "rests"]
 
 
 class Verdict(NamedTuple):
@@ -54,9 +59,9 @@ class Verdict(NamedTuple):
     Attributes
     ----------
     fate : str
-        ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, in the
-        other direction something slips. ``again``: gross slip had ended, shear grows again. ``turned``: gross
-        slip goes on in another direction.
+        ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, it has
+        ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
+        direction. After gross slip fell back: ``reversed``, it slips the other way; ``rests``, it does not.
     index : float
         Scan at which that began.
     sd_scans : float
@@ -110,7 +115,7 @@ class Course:
         gross: float,
     ) -> None:
         self.along = along
-        self.is_gross = False
+        self.is_gross = self.is_over = False
         self._along: list[float] = along.tolist()
         # Twice the side that rises stands for both: what it may miss is that the other bottoms out.
         self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
@@ -127,6 +132,7 @@ class Course:
         self._top_shear = 0.0
         self._n_flat = self._n_turned = 0
         self._level_from = 0
+        self._settles = True
 
     def shift(self, by: FloatArray) -> None:
         """Other taxels make the response from now on, which jumps by (7,)."""
@@ -158,9 +164,12 @@ class Course:
             return None
         x, y, turn = motion(seen[-1]).tolist()
         shear = self._along[0] * x + self._along[1] * y + self._along[2] * turn
-        if self.is_gross:
+        if self.is_gross or self.is_over:
             level = self._risen(seen[-1]) / pressure - self._even
-            return self._step_gross(index, (x, y, turn), level, noise / pressure)
+            if self.is_over:
+                return self._step_back(index, level, noise / pressure)
+            slope = self._risen(self._trend(seen, self._least_line))
+            return self._step_gross(index, (x, y, turn), level, slope, noise / pressure)
         return self._step_incipient(index, seen, shear, pressure, noise)
 
     def _step_incipient(
@@ -168,8 +177,7 @@ class Course:
     ) -> Verdict | None:
         noise *= math.sqrt(2)  # one side of two, twice
         n = self._line_scans(noise, len(seen))
-        line = 2.0 * np.arange(n) - (n - 1)
-        trend = (line @ seen[-n:]) * 6 / (n * (n * n - 1.0))  # of whole numbers: exact in any order
+        trend = self._trend(seen, n)
         slope = self._risen(trend)
         speed = max(abs(slope), float(np.sqrt((motion(trend) ** 2).sum())))
         response = self._risen(seen[-1])
@@ -205,6 +213,11 @@ class Course:
             return Verdict("turned", index - self._n_turned, n / 2)
         return None
 
+    def _trend(self, seen: FloatArray, n: int) -> FloatArray:
+        """Slopes (7,) of a line through the newest n scans: sums of whole numbers, exact in any order."""
+        line = 2.0 * np.arange(n) - (n - 1)
+        return np.asarray((line @ seen[-n:]) * 6 / (n * (n * n - 1.0)))
+
     def _reached(self, index: int, seen: FloatArray) -> tuple[float, float]:
         """Scan at which nine tenths slipped, with its sigma, now that the response stands at its limit."""
         courses = seen[:, :PRESSURE] @ self._sides
@@ -224,11 +237,13 @@ class Course:
         return Verdict("gross", at, sd_scans)
 
     def _step_gross(
-        self, index: int, sides: tuple[float, float, float], level: float, noise: float
+        self, index: int, sides: tuple[float, float, float], level: float, slope: float, noise: float
     ) -> Verdict | None:
-        if index <= self._level_from:
+        still_rises = self._settles and slope > _RISES * self._steepest
+        if index <= self._level_from or still_rises:
             self._low, self._high = _Level(level, index), _Level(level, index)
             return None
+        self._settles = False
         if turned := self._has_turned(index, sides):
             return turned
         near = max(_NEAR_PART * self._high.value, _NEAR_SDS * noise)
@@ -239,9 +254,20 @@ class Course:
             self._high.index = index
         least = max(self._least, _NOISE_SDS * noise)
         if self._high.value - level > max(least, _FELL_PART * self._high.value):
+            self.is_over, self.is_gross = True, False
+            self._low = _Level(level, index)
             return Verdict("back", self._high.index, (index - self._high.index) / 2)
         if level - self._low.value > max(least, _FELL_PART * self._low.value):
             return Verdict("again", self._low.index, (index - self._low.index) / 2)
+        return None
+
+    def _step_back(self, index: int, level: float, noise: float) -> Verdict | None:
+        if level < _LEFT_PART * self._high.value:
+            return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
+        if level < self._low.value - max(_NEAR_PART * self._high.value, _NEAR_SDS * noise):
+            self._low = _Level(level, index)
+        if index - self._low.index > _RESTED_S * self._rate_hz:
+            return Verdict("rests", self._low.index, 0.0)
         return None
 
     def _has_turned(self, index: int, sides: tuple[float, float, float]) -> Verdict | None:

@@ -96,6 +96,8 @@ class Evidence:
 
     Attributes
     ----------
+    shear_weights : (2, taxels, channels) float64
+        Readings to each taxel's own response.
     taxels : (taxels,) bool
         Those that make the response now.
     weights : (7, channels) float64
@@ -111,6 +113,7 @@ class Evidence:
         self, array: Array, rate_hz: float, false_alarms_per_hour: float, least_shear: float
     ) -> None:
         self._response = Response(array)
+        self.shear_weights = array.shear_weights()
         self._chance = false_alarms_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
         self._least = least_shear
         self._filters = Filters(rate_hz)

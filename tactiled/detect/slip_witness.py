@@ -65,7 +65,6 @@ class Witness:
         index: int,
     ) -> None:
         self._array, self._evidence, self._block = array, evidence, block
-        self._weights = array.shear_weights()
         self.index = index
         self.scan = stretch.scans.start + row
         self.seen = stretch.seen[row : row + evidence.window]
@@ -142,7 +141,7 @@ class Witness:
 
         Noise and unequal resistors alike; what all taxels share, as the divider's bend, it does not know.
         """
-        x, y = (self._weights @ change)[:, self._evidence.taxels]
+        x, y = (self._evidence.shear_weights @ change)[:, self._evidence.taxels]
         total = float(np.hypot(x.sum(), y.sum()))
         n = len(x)
         if total == 0:

@@ -1,0 +1,225 @@
+"""The slips of a contact, one after the other: what each scan brings, told as events.
+
+Idle, evidence of growing shear begins a slip. While it goes on its course is followed; a gross slip that
+fell back is followed until it has turned round or rests. What was told is not told again: evidence counts
+from the scan where the last slip ended, and shear that came and went of late must be outgrown.
+"""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.slip_course import Course, Verdict
+from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
+from tactiled.detect.slip_filters import N_BASELINE
+from tactiled.detect.slip_kink import Kink, find_kink
+from tactiled.detect.slip_response import PRESSURE, motion
+from tactiled.detect.slip_witness import Testimony, Witness
+from tactiled.events.types import SlipEvent
+
+DETECTOR = "coherent"
+# Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing.
+_NEWS = 1.2
+_FORGET_S = 1.0
+_BEGUN = 0.004  # shear over pressure at which a load has begun to grow: friction of 0.2 % of the load
+
+
+class _Slip(NamedTuple):
+    """A slip: its newest onset event, its course, and the evidence that raised it."""
+
+    event: SlipEvent
+    course: Course
+    statistic: float
+
+
+class Story:
+    """See the module.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    rate_hz : float
+    least_shear, gross_shear : float
+        Shear over pressure of what counts, and of gross slip.
+    """
+
+    def __init__(self, evidence: Evidence, rate_hz: float, least_shear: float, gross_shear: float) -> None:
+        self._evidence = evidence
+        self._rate_hz = rate_hz
+        self._least_shear, self._gross_shear = least_shear, gross_shear
+        self._slip: _Slip | None = None
+        self._recoil: _Slip | None = None  # a gross slip that has ended and may be turning back
+        self._told = 0  # what was until this scan is told, or was no contact
+        self._came_and_went = (0.0, 0)  # shear over pressure, and when
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether all of the contact slips now."""
+        return self._slip is not None and self._slip.course.is_gross
+
+    def shift(self, jump: FloatArray) -> None:
+        """Other taxels make the response from now on, which jumps by (7,)."""
+        for slip in (self._slip, self._recoil):
+            if slip is not None:
+                slip.course.shift(jump)
+
+    def cut_off(self, time_s: float) -> list[SlipEvent]:
+        """The end of a slip that nobody saw end."""
+        if self._slip is None:
+            return []
+        return [_ended(self._slip.event, time_s, time_s, valid=False)]
+
+    def lift(self, now: Witness) -> list[SlipEvent]:
+        """A scan without contact."""
+        self._told = now.index
+        self._recoil = None
+        return [] if self._slip is None else [self._end(now, now.time_s)]
+
+    def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
+        """A scan in contact; `is_sure` where the contact's beginning was seen."""
+        if (slip := self._slip or self._recoil) is not None:
+            verdict = slip.course.step(now.index, now.seen, self._evidence.noise(slip.course.along))
+            if verdict is None:
+                return []
+            return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
+        least = self._shaken(now.index) * float(now.seen[-1, PRESSURE])
+        growth = self._evidence.growth(stretch, row, now.index - self._told, least)
+        return [] if growth is None else [self._onset(growth, now, is_sure)]
+
+    @property
+    def happens(self) -> bool:
+        """Whether what is seen now is no noise."""
+        return self._slip is not None or self._recoil is not None
+
+    def _shaken(self, index: int) -> float:
+        """Shear over pressure that came and went of late."""
+        size, at = self._came_and_went
+        return size * math.pow(2.0, -(index - at) / (_FORGET_S * self._rate_hz))
+
+    def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
+        size = float(np.sqrt((growth.rise**2).sum()))
+        along = growth.rise / size
+        n = min(growth.scans + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
+        course = motion(now.seen[-n:]) @ along
+        least = _BEGUN * float(now.seen[-1, PRESSURE])
+        kink = find_kink(course, 2 * growth.scans, self._evidence.noise(along), least)
+        said = now.testify(along, growth.change)
+        if not is_sure:
+            said = dataclasses.replace(said, confidence=said.confidence / 2)
+        return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
+
+    def _begin(
+        self,
+        now: Witness,
+        along: FloatArray,
+        kink: Kink,
+        said: Testimony,
+        slope: float,
+        statistic: float,
+    ) -> SlipEvent:
+        onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
+        event = SlipEvent(
+            time_s=onset_s,
+            state="onset",
+            kind="incipient",
+            onset_s=onset_s,
+            onset_sd_s=float(np.hypot(kink.sd_scans / self._rate_hz, now.time_sd_s)),
+            direction_deg=said.direction_deg,
+            direction_sd_deg=said.direction_sd_deg,
+            confidence=said.confidence,
+            taxels=said.taxels,
+            detector=DETECTOR,
+            statistic=statistic,
+            threshold=self._evidence.threshold,
+            valid=not now.is_late,
+            detected_s=now.time_s,
+        )
+        before = now.seen[now.ago(kink.delay_scans)]
+        course = Course(
+            along,
+            before,
+            self._evidence.even,
+            now.index,
+            kink.delay_scans,
+            slope,
+            self._rate_hz,
+            least=self._least_shear,
+            gross=self._gross_shear,
+        )
+        self._slip = _Slip(event, course, statistic)
+        return event
+
+    def _conclude(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+        """Events of what became of the slip."""
+        assert self._slip is not None
+        along = self._slip.course.along
+        since = now.index - verdict.index
+        at_s = now.time_s + now.skew_s(along) - since / self._rate_hz
+        if verdict.fate == "gross":
+            return [self._deepen(verdict, now, at_s)]
+        slip, was_gross = self._slip, self._slip.event.kind == "gross"
+        if verdict.fate == "back" and was_gross:
+            self._recoil = slip
+        elif verdict.fate == "back":
+            size = _NEWS * slip.course.excursion(now.seen[-1])
+            self._came_and_went = (max(size, self._shaken(now.index)), now.index)
+        events = [self._end(now, at_s)]
+        self._told = int(verdict.index)
+        if verdict.fate in ("again", "turned"):
+            # Friction points along the motion: in a gross slip that goes on, all of the response does.
+            goes_on = was_gross and verdict.fate == "turned"
+            towards = _unit(motion(now.seen[-1])) if goes_on else now.along(since)
+            events += self._resume(verdict, now, towards, slip.statistic)
+        return events
+
+    def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+        """What became of a gross slip that fell back."""
+        assert self._recoil is not None
+        statistic, self._recoil = self._recoil.statistic, None
+        self._told = int(verdict.index)
+        if verdict.fate == "rests":
+            return []
+        return self._resume(verdict, now, now.along(now.index - verdict.index), statistic)
+
+    def _resume(self, verdict: Verdict, now: Witness, along: FloatArray, statistic: float) -> list[SlipEvent]:
+        """Onset of a slip that follows on another."""
+        since = now.index - verdict.index
+        size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
+        if not along.any() or size == 0:
+            return []
+        said = now.testify(along, now.changed(since))
+        kink = Kink(since, max(verdict.sd_scans, 1.0))
+        return [self._begin(now, along, kink, said, size / max(since, 1.0), statistic)]
+
+    def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:
+        assert self._slip is not None
+        event = dataclasses.replace(
+            self._slip.event,
+            kind="gross",
+            time_s=gross_s,
+            onset_s=gross_s,
+            onset_sd_s=float(np.hypot(verdict.sd_scans / self._rate_hz, now.time_sd_s)),
+            valid=not now.is_late,
+            detected_s=now.time_s,
+        )
+        self._slip = self._slip._replace(event=event)
+        return event
+
+    def _end(self, now: Witness, ended_s: float) -> SlipEvent:
+        assert self._slip is not None
+        event = self._slip.event
+        self._slip = None
+        return _ended(event, ended_s, now.time_s, valid=not now.is_late)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    size = float(np.sqrt((vector**2).sum()))
+    return vector / size if size > 0 else vector
+
+
+def _ended(event: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
+    """Event for the end; it repeats what the onset's event said."""
+    return dataclasses.replace(event, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)
