@@ -39,7 +39,7 @@ class Sizes:
 
 
 QUICK = Sizes(trials=3, procedure_trials=10, plates=_QUICK_PLATES, scenes=1, misfits=3, slides=2, repeats=2)
-FULL = Sizes(trials=120, procedure_trials=60, plates=PLATES, scenes=5, misfits=40, slides=40, repeats=10)
+FULL = Sizes(trials=100, procedure_trials=50, plates=PLATES, scenes=5, misfits=30, slides=30, repeats=10)
 
 
 @dataclass(frozen=True)

@@ -57,14 +57,19 @@ def joint(case: Case, volts: FloatArray, is_speed_known: bool) -> Answer:
 
 
 def joint_fit(
-    array: Array, volts: FloatArray, rate_hz: float, offset_s: FloatArray, motion: Motion
+    array: Array,
+    volts: FloatArray,
+    rate_hz: float,
+    offset_s: FloatArray,
+    motion: Motion,
+    params: WaveParams | None = None,
 ) -> WaveFit:
-    """The core of the joint estimator on one window (n, channels); its parameters are the defaults."""
+    """The core of the joint estimator on one window (n, channels)."""
     return fit_wave(
         volts,
         np.arange(len(volts)) / rate_hz,
         offset_s,
         layout_of(array),
         WaveMotion(motion.speed_mm_s, motion.speed_sd_mm_s, motion.direction_deg, motion.direction_sd_deg),
-        WaveParams(),
+        params or WaveParams(),
     )
