@@ -1,6 +1,6 @@
 """False alarms of ``tactiled bench slip``: hours of what is no slip, with and without being told of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -74,7 +74,7 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
     played = play(family, QUIET[family], seed)
     if played.slip is not None:
         return {}
-    array, found = load_array("wang2019-3x3"), Counted()
+    array, known, found = load_array("wang2019-3x3"), rivals(knobs), Counted()
     for noise_v in NOISES_V if family == HELD else QUIET_NOISES_V:
         for draw in range(draws):
             counts = played.counts(noise_v, draw)
@@ -84,22 +84,18 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
                 streams |= {name: fault(counts, rng) for name, fault in FAULTS.items()}
             for stream_name, stream in streams.items():
                 for name in names:
-
-                    def build(name: str = name, noise_v: float = noise_v) -> Detector:
-                        return rivals(knobs)[name].build(array, noise_v)
-
-                    alarms = _alarms(build, stream, played)
+                    alarms = _alarms(known[name].build(array, noise_v), stream, played)
                     key = (stream_name, noise_v, name)
                     found[key] = found[key] + alarms if key in found else alarms
     return found
 
 
-def _alarms(build: Callable[[], Detector], stream: Stream, played: Played) -> Alarms:
-    untold = tally(run(build(), stream, ()), played)
-    detector, told = build(), None
+def _alarms(detector: Detector, stream: Stream, played: Played) -> Alarms:
+    untold, told = tally(run(detector, stream, ()), played), None
     if isinstance(detector, Announces):
         told = untold.false
         if played.announcements:
+            detector.reset()
             told = tally(run(detector, stream, played.announcements), played).false
     hours = sum(len(item) for item in stream if isinstance(item, ScanBlock)) / RATE_HZ / 3600
     return Alarms(hours, *untold, told)
