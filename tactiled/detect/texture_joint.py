@@ -38,6 +38,9 @@ PRESETS: dict[Preset, tuple[float, float, float]] = {
     "fine": (0.001, 0.05, 20.0),
 }
 
+# Grooves turn friction aside, and with it the direction that slip says: up to 5 degrees on physical scenes.
+_GROOVES_TURN_DEG = 3.0
+
 
 class JointParams(WaveParams):
     """The joint fit, online."""
@@ -223,7 +226,8 @@ class JointTexture:
 
     def _motion(self) -> WaveMotion:
         assert self._slip is not None
-        direction_deg, direction_sd_deg = self._slip.direction_deg, self._slip.direction_sd_deg
+        direction_deg = self._slip.direction_deg
+        direction_sd_deg = float(np.hypot(self._slip.direction_sd_deg, _GROOVES_TURN_DEG))
         forward = self._slip_sign
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
@@ -234,7 +238,7 @@ class JointTexture:
         return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
     def _event(self, time_s: float, window_s: float, fit: WaveFit) -> TextureEvent:
-        is_given = self._held.sign != 0
+        is_given = self._held.sign != 0 and (fit.is_tied or fit.speed_mm_s == 0)
         speed_mm_s = float(np.abs(self._held.speeds_mm_s).mean()) if is_given else fit.speed_mm_s
         return TextureEvent(
             time_s=time_s,

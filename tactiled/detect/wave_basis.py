@@ -47,7 +47,7 @@ class Window:
 
     @property
     def n(self) -> int:
-        return self.volts.shape[1]
+        return len(self.trend)
 
     def without(self, turn: float, n_harmonics: int) -> "Window":
         """The same with a line and its harmonics taken to be part of the trend."""

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, make_window, tabulate
-from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_lines import find_lines
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import inflation
 from tactiled.detect.wave_refine import Refined, centred, fundamental, refine
 from tactiled.detect.wave_search import search, together
 from tactiled.detect.wave_solve import Solver
-from tactiled.events.types import Candidate
+from tactiled.detect.wave_weigh import has_lever, reading, weighed
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
@@ -27,8 +26,6 @@ _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and o
 _WAVES = ("ok", "ambiguous")
 _OWN_HARMONICS = 8  # of a grating, none of which is a second one
 _SECOND_DB = 20.0  # weaker ones beside a grating may be what the model does not describe of it
-_MOST_CANDIDATES = 8
-_LEAST_SPREAD_MM2 = 1e-6  # of places: less, and there are no delays to go by
 Line = tuple[float, int]  # turn, and how many harmonics
 
 
@@ -133,7 +130,7 @@ def _wave(
     variance: FloatArray,
 ) -> tuple[WaveFit, Line] | None:
     """The wave of a line, as it is or as the mirror image of one too fast to be sampled; or None."""
-    if not _has_lever(layout, motion):
+    if not has_lever(layout, motion):
         return WaveFit("ambiguous", window.frequency_hz(turn)), (turn, 1)
     tables = tabulate(window, turn, 1)
     least = together(window, tables, layout, variance)
@@ -157,71 +154,19 @@ def _wave(
     if line[0] * window.largest_step > 2 * np.pi * _ALIASED:
         return replace(fit, status="aliased"), line
     fit = _answer(fit, best, window, layout, motion)
-    return _weighed(fit, best, found, window, layout, motion, params), line
-
-
-def _weighed(
-    fit: WaveFit,
-    best: Refined,
-    found: Waves,
-    window: Window,
-    layout: Layout,
-    motion: WaveMotion,
-    params: WaveParams,
-) -> WaveFit:
-    """The fit with the probability that another reading is true; "ambiguous" where that is too large."""
-    # All of them anew, with what is known by now of noise and strays; `best` is the refined first.
-    solver = Solver(window, layout, motion, best.variance, best.stray[:, :1])
-    found = solver.solve(tabulate(window, float(best.waves.turn[0]), 1), found.k, found.turn, steps=2)
-    # Channels of one taxel may stray together, and then count for one.
-    places = np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1).shape[1]
-    shared = len(layout.x_mm) / places if best.stray.any() else 1.0
-    odds = np.exp((found.gain - found.gain.max()) / 2 / max(shared, fit.colour))
-    weights = odds / odds.sum()
-    error = float(1 - weights[0])
-    if error <= params.error_probability:
-        return replace(fit, error_probability=error)
-    return WaveFit(
-        "ambiguous",
-        fit.frequency_hz,
-        fit.snr_db,
-        error_probability=error,
-        candidates=_candidates(found, weights),
-    )
-
-
-def _has_lever(layout: Layout, motion: WaveMotion) -> bool:
-    """Whether channels of one kind are far enough apart, in the directions that matter."""
-    place = np.stack([layout.x_mm, layout.y_mm], axis=1)
-    spread = np.zeros((2, 2))
-    for kind in np.unique(layout.kind):
-        mine = place[layout.kind == kind]
-        spread += (mine - mine.mean(axis=0)).T @ (mine - mine.mean(axis=0))
-    normal = np.array([-motion.heading[1], motion.heading[0]])
-    least = normal @ spread @ normal if motion.has_speed else np.linalg.eigvalsh(spread)[0]
-    return bool(least > _LEAST_SPREAD_MM2)
-
-
-def _candidates(found: Waves, weights: FloatArray) -> tuple[Candidate, ...]:
-    shown = [i for i in np.argsort(-weights, kind="stable")[:_MOST_CANDIDATES] if weights[i] > 1e-4]
-    return tuple(
-        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))
-        for i in shown
-        for period_mm, angle_deg in [_reading(found.k[i])]
-    )
-
-
-def _reading(k: FloatArray) -> tuple[float, float]:
-    """Period and angle (within -90..90) of a wave vector."""
-    angle = np.arctan2(k[1], k[0])
-    angle -= np.pi * np.round(angle / np.pi)
-    return float(2 * np.pi / np.hypot(k[0], k[1])), float(np.degrees(angle))
+    fit = weighed(fit, best, found, window, layout, motion, params)
+    if fit.status == "ambiguous" and motion.has_speed and has_lever(layout, motion.without_speed):
+        # Phases that leave one reading only, whatever the motion, belie what is said of it.
+        loose = _wave(window, layout, motion.without_speed, params, turn, variance)
+        if loose is not None and loose[0].status == "ok":
+            return loose
+    return fit, line
 
 
 def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion: WaveMotion) -> WaveFit:
     k, turn = best.waves.k[0], float(best.waves.turn[0])
     size = float(np.hypot(k[0], k[1]))
-    period_mm, angle_deg = _reading(k)
+    period_mm, angle_deg = reading(k)
     # Rows: period, angle, speed; columns: kx, ky, turn.
     slope = np.zeros((3, 3))
     slope[0, :2] = -period_mm * k / size**2
@@ -248,5 +193,6 @@ def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion:
         speed_mm_s=speed_mm_s,
         covariance=covariance,
         n_harmonics=best.tables.n_harmonics,
+        is_tied=motion.has_speed,
         colour=float(colour.max()),
     )

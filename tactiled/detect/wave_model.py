@@ -12,7 +12,7 @@ With motion of speed v along direction theta, ``kappa = v |k| cos(theta - a)``: 
 to wave vector, an unknown one is found from the two.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,16 @@ from tactiled.tomlfile import Params
 
 
 class WaveParams(Params):
-    """What the joint fit may answer, and how sure it must be."""
+    """What the joint fit may answer, and how sure it must be.
+
+    The limits are the operator's: they tell readings apart that phases cannot, and grooves outside them may
+    be taken for others inside.
+    """
 
     min_period_mm: float = Field(default=0.5, ge=0.05, description="grooves are not finer than this")
     max_period_mm: float = Field(default=20.0, gt=0.05, description="nor coarser than this")
     max_tilt_deg: float = Field(
-        default=80.0,
+        default=88.0,
         gt=0,
         lt=90,
         description="between groove normal and motion; beyond, the skin slides along the grooves",
@@ -62,6 +66,10 @@ class WaveMotion:
     def has_speed(self) -> bool:
         """Whether frequency and wave vector are tied; a speed without its direction does not do that."""
         return self.speed_mm_s > 0 and self.has_direction
+
+    @property
+    def without_speed(self) -> "WaveMotion":
+        return replace(self, speed_mm_s=0.0, speed_sd_mm_s=0.0)
 
     @property
     def heading(self) -> FloatArray:
@@ -108,6 +116,8 @@ class WaveFit:
     ----------
     covariance : (3, 3) float64
         Of period (mm), angle (radians) and speed (mm/s).
+    is_tied : bool
+        Whether the speed is what was given; it is not where the phases belie that.
     colour : float
         By which the largest variance is wider than on white noise and a perfect plane wave.
     error_probability : float
@@ -124,6 +134,7 @@ class WaveFit:
     speed_mm_s: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     n_harmonics: int = 0
+    is_tied: bool = False
     colour: float = 1.0
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()

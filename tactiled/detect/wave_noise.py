@@ -23,6 +23,7 @@ _NEAREST = 2.0  # periods of the window: nearer, the fit has taken the noise wit
 _SLOWEST = 0.75  # periods: below, the trend has taken it
 # White noise passes for more than white so often; the sigma is then too wide by what it seemed to be.
 _FALSE_COLOUR = 0.01
+_TAIL = 0.025
 _SPENT_TAXELS = 3  # by wave vector and phase: what is left of a few taxels' parts is too small by that
 
 
@@ -51,7 +52,10 @@ def inflation(window: Window, layout: Layout, solver: Solver, best: Refined, slo
         is_taxel = taxel.reshape(-1) == np.arange(n_taxels)[:, np.newaxis]
         parts = is_taxel[..., np.newaxis] * solver.surprise(best.tables, best.waves)
         moved = ((solver.moves(best.tables, best.waves, parts) @ slope.T) ** 2).sum(axis=0)
-        factor = np.maximum(factor, moved * n_taxels / (n_taxels - _SPENT_TAXELS) / stated)
+        left = n_taxels - _SPENT_TAXELS
+        # A variance out of so few is itself unsure: as wide as makes two sigmas hold what they do of a normal.
+        unsure = (stats.t.isf(_TAIL, left) / stats.norm.isf(_TAIL)) ** 2
+        factor = np.maximum(factor, moved * n_taxels / left / stated * unsure)
     return factor
 
 

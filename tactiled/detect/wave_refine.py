@@ -124,4 +124,4 @@ def _variance(window: Window, tables: Tables) -> FloatArray:
     """Of what the tables' own phasors leave of each channel."""
     rest = (window.volts**2).sum(axis=1) - tables.explained()
     n_free = max(window.n - window.trend.shape[1] - 2 * tables.n_harmonics, 1)
-    return np.maximum(rest / n_free, LEAST_VARIANCE)
+    return np.asarray(np.maximum(rest / n_free, LEAST_VARIANCE))

@@ -45,7 +45,7 @@ def search(
     size = np.hypot(a, b)
     allowed = (size <= 2 * np.pi / params.min_period_mm) & (size >= 2 * np.pi / params.max_period_mm)
     if motion.has_direction:
-        allowed &= np.abs(b) <= a * np.tan(np.radians(params.max_tilt_deg))
+        allowed &= a >= size * np.cos(np.radians(params.max_tilt_deg))
     starts = np.flatnonzero((_is_peak(scores) & allowed).ravel())
     if not len(starts):
         return _none()
@@ -83,15 +83,13 @@ def _grid(
     across = np.arange(-n_across, n_across + 1) * step
     if not motion.has_speed:
         along = across[across > 0] if motion.has_direction else across
-        return along, across
+        return np.asarray(along), np.asarray(across)
     exact = turn / window.half_way
-    tilt = np.tan(np.radians(params.max_tilt_deg))
-    across = across[np.abs(across) <= exact * tilt + step]
     relative = motion.speed_sd_mm_s / motion.speed_mm_s
     slack = float(np.hypot(exact * relative, np.abs(across).max() * np.radians(motion.direction_sd_deg)))
     n_along = int(np.ceil(_SLACK_SIGMAS * slack / step)) if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0
     along = exact + np.arange(-n_along, n_along + 1) * step
-    return along[along > 0], across
+    return np.asarray(along[along > 0]), np.asarray(across)
 
 
 def _scores(

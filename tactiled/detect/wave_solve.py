@@ -18,7 +18,7 @@ from tactiled.detect.wave_basis import Tables, Window
 from tactiled.detect.wave_linear import Geometry, Waves, linearise, spread
 from tactiled.detect.wave_model import Layout, WaveMotion
 
-_STEPS = 6  # quadratic from a start within a fraction of a radian
+_STEPS = 3  # quadratic from a start within a quarter of a radian
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
 _FALSE_STRAY = 1e-3  # noise passes for strays of a kind so often
 _RIDGE = 1e-12  # what no channel tells must have a finite sigma

@@ -1,0 +1,101 @@
+"""Whether one reading of the phases is the true one: the best against all others that they allow."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from tactiled.array import FloatArray
+from tactiled.detect.wave_basis import Window, tabulate
+from tactiled.detect.wave_linear import Waves
+from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
+from tactiled.detect.wave_refine import Refined, refine
+from tactiled.detect.wave_search import search
+from tactiled.detect.wave_solve import Solver
+from tactiled.events.types import Candidate
+
+_MOST_CANDIDATES = 8
+_FALSE_CONFLICT = 1e-6  # phases belie a motion that is true so often
+_LEAST_SPREAD_MM2 = 1e-6  # of places: less, and there are no delays to go by
+
+
+def weighed(
+    fit: WaveFit,
+    best: Refined,
+    found: Waves,
+    window: Window,
+    layout: Layout,
+    motion: WaveMotion,
+    params: WaveParams,
+) -> WaveFit:
+    """The fit with the probability that another reading is true; "ambiguous" where that is too large."""
+    # All of them anew, with what is known by now of noise and strays; `best` is the refined first.
+    solver = Solver(window, layout, motion, best.variance, best.stray[:, :1])
+    found = solver.solve(tabulate(window, float(best.waves.turn[0]), 1), found.k, found.turn, steps=2)
+    # Channels of one taxel may stray together, and then count for one.
+    shared = len(layout.x_mm) / _n_places(layout) if best.stray.any() else 1.0
+    odds = np.exp((found.gain - found.gain.max()) / 2 / max(shared, fit.colour))
+    weights = odds / odds.sum()
+    error = float(1 - weights[0])
+    if error <= params.error_probability and not _belies(best, found, window, layout, motion, params):
+        return replace(fit, error_probability=error)
+    return WaveFit(
+        "ambiguous",
+        fit.frequency_hz,
+        fit.snr_db,
+        error_probability=error,
+        candidates=_candidates(found, weights),
+    )
+
+
+def _belies(
+    best: Refined, found: Waves, window: Window, layout: Layout, motion: WaveMotion, params: WaveParams
+) -> bool:
+    """Whether a wave of another motion than the one said to be known suits the phases far better."""
+    free = motion.without_speed
+    if not motion.has_speed or not best.stray.any() or not has_lever(layout, free):
+        return False
+    tables = tabulate(window, float(best.waves.turn[0]), 1)
+    others = search(window, tables, layout, free, params, best.variance, 0.0)
+    if not len(others.k):
+        return False
+    other = refine(window, layout, free, params, others[0])
+    stray = other.stray[:, :1]
+    tied = Solver(window, layout, motion, other.variance, stray).solve(tables, found.k, found.turn, steps=2)
+    loose = Solver(window, layout, free, other.variance, stray).solve(
+        tables, other.waves.k, other.waves.turn, 2
+    )
+    shared = len(layout.x_mm) / _n_places(layout)
+    return bool(loose.gain[0] - tied.gain.max() > shared * stats.chi2.isf(_FALSE_CONFLICT, 1))
+
+
+def _n_places(layout: Layout) -> int:
+    return int(np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1).shape[1])
+
+
+def has_lever(layout: Layout, motion: WaveMotion) -> bool:
+    """Whether channels of one kind are far enough apart, in the directions that matter."""
+    place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+    spread = np.zeros((2, 2))
+    for kind in np.unique(layout.kind):
+        mine = place[layout.kind == kind]
+        spread += (mine - mine.mean(axis=0)).T @ (mine - mine.mean(axis=0))
+    normal = np.array([-motion.heading[1], motion.heading[0]])
+    least = normal @ spread @ normal if motion.has_speed else np.linalg.eigvalsh(spread)[0]
+    return bool(least > _LEAST_SPREAD_MM2)
+
+
+def _candidates(found: Waves, weights: FloatArray) -> tuple[Candidate, ...]:
+    shown = [i for i in np.argsort(-weights, kind="stable")[:_MOST_CANDIDATES] if weights[i] > 1e-4]
+    return tuple(
+        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))
+        for i in shown
+        for period_mm, angle_deg in [reading(found.k[i])]
+    )
+
+
+def reading(k: FloatArray) -> tuple[float, float]:
+    """Period and angle (within -90..90) of a wave vector."""
+    angle = np.arctan2(k[1], k[0])
+    angle -= np.pi * np.round(angle / np.pi)
+    return float(2 * np.pi / np.hypot(k[0], k[1])), float(np.degrees(angle))
