@@ -458,6 +458,48 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     sys.exit(code)
 
 
+@cli.command()
+@click.argument("endpoint", default="tcp://127.0.0.1:9872")
+@click.option("--quiet", type=FILE, help="Recording, CSV or npz of an object held still, instead.")
+@click.option("--motion", type=FILE, help="The same, moved as in work.")
+@click.option(
+    "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
+    type=click.FloatRange(0, 3600, min_open=True), help="That are put up with.",
+)  # fmt: skip
+@click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(4, 3600))
+@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(4, 36_000))
+@click.option(
+    "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
+)
+@click.option("--keys", type=FILE, help="Our file of `tactiled keys make`.")
+def tune(
+    endpoint: str,
+    quiet: Path | None,
+    motion: Path | None,
+    per_hour: float,
+    quiet_s: float,
+    motion_s: float,
+    array: str | None,
+    keys: Path | None,
+) -> None:
+    """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
+
+    Listens to a running daemon while you hold an object still, then move it without slip; or takes two files.
+    Words and TOML on stderr, all numbers as one JSON line on stdout.
+
+    Example: tactiled tune --quiet hold.mcap --motion carry.mcap
+    """
+    _use_one_blas_thread()
+    from tactiled.tune.run import tune_files, tune_live
+
+    if (quiet is None) != (motion is None):
+        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
+    if quiet is not None and motion is not None:
+        tune_files(quiet, motion, array, per_hour)
+    else:
+        tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)
+
+
 def _use_one_blas_thread() -> None:
     """Before numpy is imported: more would only wake every core for 36 channels, which costs latency."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

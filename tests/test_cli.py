@@ -24,7 +24,7 @@ def tactiled(
 
 VERBS = [
     "demo", "run", "emulate", "listen", "detect", "bench", "fit-material", "check-config",
-    "record", "replay", "recover", "export", "command", "keys", "doctor",
+    "record", "replay", "recover", "export", "command", "keys", "doctor", "tune",
 ]  # fmt: skip
 
 
@@ -61,6 +61,9 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["command", "tare", "force"], "FIELD=VALUE"),
         (["keys", "make", "a/b"], "letters"),
         (["keys", "list"], "tactiled keys make"),
+        (["tune", "--quiet", "a.csv"], "both --quiet FILE and --motion FILE"),
+        (["tune", "--quiet", "none.csv", "--motion", "none.csv"], "none.csv: cannot be read"),
+        (["tune", "nonsense"], "nonsense"),
         (["frobnicate"], "frobnicate"),
     ],
 )

@@ -1,0 +1,52 @@
+"""Recordings for `tactiled tune` from files: ours, or tables as `tactiled detect` takes them."""
+
+from pathlib import Path
+
+from tactiled.array import load_array
+from tactiled.errors import ConfigError, DataError
+from tactiled.events.types import ScanEvent
+from tactiled.recording.replay import Replay
+from tactiled.recording.table import read_table, to_blocks
+from tactiled.tune.hold import Recording, from_scans
+
+_DEFAULT_ARRAY = "wang2019-3x3"
+
+
+def read_recording(path: Path, array: str | None = None) -> Recording:
+    """Scans of a file.
+
+    Parameters
+    ----------
+    path : Path
+        ``.mcap``, or ``.csv`` or ``.npz`` as `recording.table` reads them.
+    array : str, optional
+        Array of a table: shipped name or TOML file.
+
+    Raises
+    ------
+    DataError, ConfigError
+    """
+    if path.suffix == ".mcap":
+        if array is not None:
+            raise ConfigError("command line", ["--array is for tables; a recording knows its own"])
+        return _from_mcap(path)
+    if path.suffix not in (".csv", ".npz"):
+        raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
+    worn = load_array(array or _DEFAULT_ARRAY)
+    time_s, volts = read_table(path)
+    if volts.shape[1] != worn.n_channels:
+        raise DataError(
+            f"{path}: {volts.shape[1]} channels, but array {worn.name} has {worn.n_channels}; say which "
+            "array with --array NAME or --array FILE.toml"
+        )
+    return Recording(path.name, worn, tuple(to_blocks(time_s, volts, None, worn.full_scale_volts)))
+
+
+def _from_mcap(path: Path) -> Recording:
+    """Bytes through the pipeline that runs live, for the scans alone."""
+    replay = Replay([path])
+    scans = [said.event for step in replay for said in step.now if isinstance(said.event, ScanEvent)]
+    hello = replay.pipeline.hello
+    if not scans or hello is None:
+        raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
+    return from_scans(path.name, replay.header.source.array, scans, hello.rate_hz, hello.channel_offset_s)

@@ -1,0 +1,162 @@
+"""Recordings of a held object: what was lost of them, when there was contact, how noisy each channel is."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.contact import ContactParams
+from tactiled.errors import DataError
+from tactiled.events.types import ScanEvent
+from tactiled.samples.block import Gap, GapCause, ScanBlock
+
+# Shorter, and there is no room for an onset behind the detector's settling (`onset`).
+LEAST_S = 4.0
+LOADING_S = 1.0  # after the touch: the skin still settles, and the press itself is no hold
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Scans of one hold.
+
+    Attributes
+    ----------
+    name : str
+        What to call it: a file, "quiet hold".
+    array : Array
+    items : tuple of ScanBlock or Gap
+    """
+
+    name: str
+    array: Array
+    items: tuple[ScanBlock | Gap, ...]
+
+    @property
+    def blocks(self) -> list[ScanBlock]:
+        return [item for item in self.items if isinstance(item, ScanBlock)]
+
+    @property
+    def seconds(self) -> float:
+        return sum(len(block) / block.rate_hz for block in self.blocks)
+
+    @property
+    def lost(self) -> int:
+        """Scans that are missing."""
+        return sum(item.n_missing for item in self.items if isinstance(item, Gap))
+
+    @property
+    def late(self) -> int:
+        """Scans that came too late to be acted on."""
+        return sum(int(block.late.sum()) for block in self.blocks)
+
+    def touching_s(self) -> float:
+        """Seconds in which some taxel was in contact."""
+        return sum(float(touching(b, self.array).sum()) / b.rate_hz for b in self.blocks)
+
+
+def from_scans(
+    name: str, array: Array, scans: Sequence[ScanEvent], rate_hz: float, offset_s: Sequence[float]
+) -> Recording:
+    """Recording of scans as they are published, in order."""
+    items: list[ScanBlock | Gap] = []
+    starts = [0, *(k for k in range(1, len(scans)) if scans[k].index != scans[k - 1].index + 1)]
+    for start, end in zip(starts, [*starts[1:], len(scans)], strict=True):
+        part = scans[start:end]
+        if not part:
+            break
+        if start:
+            missing = part[0].index - scans[start - 1].index - 1
+            cause: GapCause = "missing" if missing > 0 else "restart"
+            items.append(Gap(max(missing, 0), cause, part[0].index))
+        items.append(
+            ScanBlock(
+                volts=np.array([scan.volts for scan in part], dtype=np.float64),
+                time_s=np.array([scan.time_s for scan in part]),
+                time_sd_s=np.array([scan.time_sd_s for scan in part]),
+                index=np.array([scan.index for scan in part], dtype=np.int64),
+                valid=np.array([scan.valid for scan in part], dtype=np.bool_),
+                rate_hz=rate_hz,
+                channel_offset_s=np.array(offset_s, dtype=np.float64),
+                late=np.array([scan.late for scan in part], dtype=np.bool_),
+            )
+        )
+    return Recording(name, array, tuple(items))
+
+
+def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
+    """Scans (n,) in which some taxel is pressed above the threshold of contact."""
+    volts = np.nan_to_num(block.volts)
+    pressed = (volts @ array.normal_weights().T).max(axis=1)
+    return np.asarray(pressed > ContactParams().contact_volts)
+
+
+def quiet_part(recording: Recording) -> Recording:
+    """The longest contact of a recording without its press: what is a hold of it.
+
+    Raises
+    ------
+    DataError
+        There is no contact, or it is too short.
+    """
+    best = slice(0, 0)
+    longest: ScanBlock | None = None
+    for block in recording.blocks:
+        for run in _runs(touching(block, recording.array)):
+            held = slice(run.start + round(LOADING_S * block.rate_hz), run.stop)
+            if held.stop - held.start > best.stop - best.start:
+                best, longest = held, block
+    held_s = 0.0 if longest is None else (best.stop - best.start) / longest.rate_hz
+    if longest is None or held_s < LEAST_S:
+        raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
+    return Recording(recording.name, recording.array, (longest[best],))
+
+
+def check_motion(recording: Recording) -> None:
+    """`DataError` where the motion has too little contact to say anything."""
+    held_s = recording.touching_s()
+    if held_s < LEAST_S:
+        raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
+
+
+def _too_short(recording: Recording, held_s: float) -> str:
+    least_v = ContactParams().contact_volts
+    if held_s == 0 and not recording.touching_s():
+        return (
+            f"no contact in {recording.seconds:.1f} s (no taxel above {least_v:g} V): grip an object and "
+            "hold it throughout"
+        )
+    return (
+        f"{held_s:.1f} s of unbroken contact in {recording.seconds:.1f} s, {LEAST_S:g} s are the least "
+        f"({recording.lost} scans lost): hold the object longer, or mend the line (tactiled doctor)"
+    )
+
+
+def noise_sd_v(quiet: Recording) -> FloatArray:
+    """Noise (channels,) of each reading: volts rms, NaN where a channel is never valid.
+
+    Standard deviation of differences from scan to scan over root two, which creep and drift do not reach;
+    the median over seconds, which a knock does not. An ADC's rounding is part of it.
+    """
+    seconds: list[FloatArray] = []
+    for block in quiet.blocks:
+        n = max(2, round(block.rate_hz))
+        change = np.where(block.valid[1:] & block.valid[:-1], np.diff(block.volts, axis=0), np.nan)
+        for k in range(0, len(change) - n + 1, n):
+            part = change[k : k + n]
+            enough = np.isfinite(part).sum(axis=0) > n // 2
+            sd = np.full(part.shape[1], np.nan)
+            sd[enough] = np.nanstd(part[:, enough], axis=0) / np.sqrt(2)
+            seconds.append(sd)
+    table = np.array(seconds).reshape(len(seconds), quiet.array.n_channels)
+    known = np.isfinite(table).any(axis=0)
+    floor = np.full(quiet.array.n_channels, np.nan)
+    floor[known] = np.nanmedian(table[:, known], axis=0)
+    return floor
+
+
+def _runs(flags: NDArray[np.bool_]) -> Iterable[slice]:
+    """Stretches of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return (slice(int(a), int(b)) for a, b in edges.reshape(-1, 2))

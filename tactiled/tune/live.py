@@ -1,0 +1,159 @@
+"""Recordings for `tactiled tune` from a running daemon: a person is told what to do, scans are collected."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactiled.array import Array, load_array
+from tactiled.client.items import Fresh, Message, Recovered, Restarted, Stale
+from tactiled.client.subscriber import Subscription
+from tactiled.detect.contact import ContactParams
+from tactiled.errors import ConfigError, DataError
+from tactiled.events.types import ScanEvent
+from tactiled.tune.hold import LOADING_S, Recording, from_scans
+
+_BOARD_S = 5.0  # a daemon says once a second which board it reads
+_GRIP_S = 60.0  # to fetch an object
+_READY_S = 3.0  # from the words "now move" to the first scan that counts
+_TOLD_S = 10.0  # how often it is said how long it takes
+
+Tell = Callable[[str], None]
+
+
+def record_live(
+    endpoint: str, quiet_s: float, motion_s: float, array: str | None, keys: Path | None, tell: Tell
+) -> tuple[Recording, Recording]:
+    """A quiet hold and a motion.
+
+    Parameters
+    ----------
+    endpoint : str
+        Where the daemon publishes.
+    quiet_s, motion_s : float
+        Seconds of each.
+    array : str, optional
+        Where the board's array is no shipped one: its TOML file.
+    keys : Path, optional
+    tell : callable
+        Takes words for the person who holds the object.
+
+    Raises
+    ------
+    DataError
+        No daemon, no board, no contact.
+    ConfigError
+        The endpoint is none, or the array is not that of the board.
+    """
+    with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
+        feed = _Feed(subscription, tell)
+        info = feed.board(endpoint)
+        worn = _array_of(info, array)
+
+        def recording(name: str, scans: list[ScanEvent]) -> Recording:
+            if not scans:
+                raise DataError(
+                    f"{name}: no scans from {endpoint}; see what `tactiled listen -t status` says"
+                )
+            return from_scans(name, worn, scans, info["rate_hz"], info["channel_offset_s"])
+
+        tell(f"Grip an object firmly and hold it still, for {quiet_s:g} s from the touch on.")
+        feed.until_touch(worn)
+        quiet = recording("quiet hold", feed.collect(LOADING_S + quiet_s))
+        tell(
+            f"Now move arm and gripper as in work, without slip, for {motion_s:g} s, from {_READY_S:g} s on."
+        )
+        feed.gather(_READY_S)
+        motion = recording("motion", feed.collect(motion_s))
+        tell("Done; you may let go.")
+    return quiet, motion
+
+
+class _Feed:
+    """Scans and descriptions of the first board that is heard."""
+
+    def __init__(self, subscription: Subscription, tell: Tell) -> None:
+        self._subscription = subscription
+        self._tell = tell
+        self._board = ""
+
+    def board(self, endpoint: str) -> dict[str, Any]:
+        """What the daemon says of its board."""
+        until_s = time.monotonic() + _BOARD_S
+        while (item := self._subscription.next_item(until_s)) is not None:
+            if isinstance(item, Message) and item.topic == "info":
+                self._board = item.board
+                return item.data
+        raise DataError(
+            f"no board at {endpoint} within {_BOARD_S:g} s; is the daemon up (tactiled run), and the board "
+            "(tactiled doctor)?"
+        )
+
+    def gather(self, seconds: float) -> list[ScanEvent]:
+        """Scans of the next seconds."""
+        until_s = time.monotonic() + seconds
+        scans = []
+        while (item := self._subscription.next_item(until_s)) is not None:
+            message = item.message if isinstance(item, Recovered) else item
+            if isinstance(message, Message) and (message.topic, message.board) == ("scan", self._board):
+                scans.append(_scan(message.data))
+            elif isinstance(item, Stale):
+                self._tell(f"stale: {item.reason}")
+            elif isinstance(item, Restarted):
+                self._tell("the daemon was restarted")
+            elif isinstance(item, Fresh):
+                self._tell("the board runs")
+            if time.monotonic() >= until_s:
+                break
+        return scans
+
+    def collect(self, seconds: float) -> list[ScanEvent]:
+        """The same, saying how long it takes yet."""
+        until_s = time.monotonic() + seconds
+        scans: list[ScanEvent] = []
+        while (left_s := until_s - time.monotonic()) > 0:
+            self._tell(f"  {left_s:.0f} s")
+            scans += self.gather(min(_TOLD_S, left_s))
+        return scans
+
+    def until_touch(self, array: Array) -> None:
+        """Return when an object is held."""
+        until_s = time.monotonic() + _GRIP_S
+        least_v = ContactParams().contact_volts
+        weights = array.normal_weights()
+        while time.monotonic() < until_s:
+            scans = self.gather(0.1)
+            if scans and (weights @ np.nan_to_num(np.array(scans[-1].volts))).max() > least_v:
+                return
+        raise DataError(
+            f"no contact within {_GRIP_S:g} s (no taxel above {least_v:g} V): run again and grip an object"
+        )
+
+
+def _array_of(info: dict[str, Any], array: str | None) -> Array:
+    try:
+        worn = load_array(array or info["array_id"])
+    except ConfigError as error:
+        if array is not None:
+            raise
+        fault = f"the board carries {info['array_id']!r}: give its file with --array FILE.toml ({error})"
+        raise ConfigError("--array", [fault]) from None
+    if worn.n_channels != info["channels"]:
+        fault = f"{worn.name} has {worn.n_channels} channels, the board {info['channels']}"
+        raise ConfigError("--array", [fault])
+    return worn
+
+
+def _scan(data: dict[str, Any]) -> ScanEvent:
+    """Scan of a message, in epoch seconds."""
+    return ScanEvent(
+        time_s=data["timestamp"],
+        index=data["index"],
+        volts=tuple(data["volts"]),
+        valid=tuple(data["valid"]),
+        time_sd_s=data["time_sd_s"],
+        age_s=data["age_s"],
+        late=data["late"],
+    )

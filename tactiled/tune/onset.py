@@ -1,0 +1,120 @@
+"""Onsets of known shape put into somebody's own recordings: real noise, known truth.
+
+The response of a taxel that begins to slip follows Mindlin's curve (J. Appl. Mech. 16, 1949): at constant
+speed the tangential response grows as ``1 - (1 - t / rise_s)^(3/2)`` and stays, its end a part of the taxel's
+own pressure. What the recording does not hold, it cannot add: taxels that slip one after the other, pressure
+that changes meanwhile, sides that bottom out. So these latencies are the best that the noise allows.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.slip_coherent import CoherentParams, CoherentSlip
+from tactiled.errors import ConfigError
+from tactiled.events.types import SlipEvent
+from tactiled.samples.block import ScanBlock
+from tactiled.tune.hold import Recording, touching
+
+_LEAD_S = 2.0  # the detector's noise floor settles
+_AFTER_S = 0.5  # a slip said later than this after it is gross is missed
+_TRIES = 20  # the median is then between the 6th and the 15th of them, at 95 %
+# The golden section spreads any number evenly: onsets between two scans, directions around the circle.
+_GOLDEN = 0.618
+
+
+@dataclass(frozen=True)
+class Onset:
+    """A slip's beginning.
+
+    Attributes
+    ----------
+    shear : float
+        What the shear grows to, over pressure, both in volts.
+    rise_s : float
+        Until everything slips.
+    """
+
+    shear: float
+    rise_s: float
+
+
+def slide(array: Array, volts: FloatArray, share: FloatArray, direction_deg: float) -> FloatArray:
+    """Readings (n, channels) with shear `share` (n,) of each taxel's pressure added along a direction.
+
+    Raises
+    ------
+    ConfigError
+        The array sees no tangential load at all.
+    """
+    theta = np.deg2rad(direction_deg)
+    along = np.array([np.cos(theta), np.sin(theta)])
+    normal = array.normal_weights()
+    pressure = volts @ normal.T
+    if array.has_shear:
+        weights = np.einsum("d,dtc->tc", along, array.shear_weights())
+        # The least change of channels that a taxel reads as shear of one.
+        return np.asarray(volts + share[:, np.newaxis] * (pressure @ (weights / _squares(weights))))
+    across = along @ np.stack([array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()])
+    reach = np.hypot(array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()).mean()
+    if not np.any(across):
+        raise ConfigError(
+            "array", [f"{array.name} sees no tangential load: one pressure channel tells no slip"]
+        )
+    # The load leans over: a first moment of `share`, as `slip_response` reads it.
+    lean = across / reach / np.mean((across / reach) ** 2)
+    change = share[:, np.newaxis] * pressure.mean(axis=1, keepdims=True) * lean
+    return np.asarray(volts + change @ np.sign(normal))
+
+
+def _squares(weights: FloatArray) -> FloatArray:
+    """Squared length (taxels, 1) of each taxel's weights; one where there are none."""
+    squares = (weights**2).sum(axis=1, keepdims=True)
+    return np.where(squares > 0, squares, 1.0)
+
+
+def latencies(recording: Recording, params: CoherentParams, onset: Onset) -> list[float]:
+    """Seconds from each injected onset to the end of the scan that told it; inf where none did.
+
+    An onset that falls into an alarm that is already there is no test, and left out.
+    """
+    found = []
+    for number, (block, scan) in enumerate(_places(recording, onset)):
+        part = _GOLDEN * number % 1
+        begin_s = float(block.time_s[scan]) + part / block.rate_hz
+        slipping = _with_onset(recording.array, block, begin_s, onset, 360 * part)
+        slips = [
+            e for e in CoherentSlip(recording.array, params).process(slipping) if isinstance(e, SlipEvent)
+        ]
+        before = [e.state for e in slips if e.detected_s <= begin_s]
+        if before and before[-1] == "onset":
+            continue
+        said = [e.detected_s for e in slips if e.state == "onset" and e.valid and e.detected_s > begin_s]
+        span_s = float(block.channel_offset_s.max())
+        found.append(said[0] - begin_s + span_s if said else np.inf)
+    return found
+
+
+def _places(recording: Recording, onset: Onset) -> Iterator[tuple[ScanBlock, int]]:
+    """Stretches in contact throughout and the scan of each at which an onset begins, spread evenly."""
+    choices: list[tuple[ScanBlock, int, int]] = []
+    for block in recording.blocks:
+        lead = round(_LEAD_S * block.rate_hz)
+        length = lead + round((onset.rise_s + _AFTER_S) * block.rate_hz)
+        off = np.concatenate([[0], np.cumsum(~touching(block, recording.array))])
+        starts = np.flatnonzero(off[length:] == off[: max(len(off) - length, 0)])
+        choices += [(block, int(start), int(start) + length) for start in starts]
+    for k in np.unique(np.linspace(0, len(choices) - 1, _TRIES).astype(int)) if choices else ():
+        block, start, end = choices[k]
+        yield block[start:end], round(_LEAD_S * block.rate_hz)
+
+
+def _with_onset(
+    array: Array, block: ScanBlock, begin_s: float, onset: Onset, direction_deg: float
+) -> ScanBlock:
+    """All channels at the beginning of their scan: at their own instants they would answer sooner."""
+    travel = np.clip((block.time_s - begin_s) / onset.rise_s, 0.0, 1.0)
+    share = onset.shear * (1 - (1 - travel) ** 1.5)
+    return replace(block, volts=slide(array, block.volts, share, direction_deg))

@@ -1,0 +1,52 @@
+"""``tactiled tune``: fetch two recordings, judge them, say so."""
+
+import json
+from pathlib import Path
+
+import click
+
+from tactiled.errors import ConfigError
+from tactiled.tune.files import read_recording
+from tactiled.tune.hold import Recording
+from tactiled.tune.live import record_live
+from tactiled.tune.study import study
+from tactiled.tune.words import as_map, as_toml, in_words
+
+
+def tune_files(quiet: Path, motion: Path, array: str | None, wanted_per_hour: float) -> None:
+    """Judge recordings of a quiet hold and of motion without slip; JSON to stdout, words to stderr.
+
+    Raises
+    ------
+    DataError, ConfigError
+        A file is not what it should be, or holds too little contact.
+    """
+    first, second = read_recording(quiet, array), read_recording(motion, array)
+    if first.array.channel_name != second.array.channel_name:
+        fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
+        raise ConfigError("command line", [f"{fault}: record both with one board"])
+    judge(first, second, wanted_per_hour)
+
+
+def tune_live(
+    endpoint: str,
+    quiet_s: float,
+    motion_s: float,
+    array: str | None,
+    keys: Path | None,
+    wanted_per_hour: float,
+) -> None:
+    """Record both from a daemon that runs, and judge them; parameters and errors as `live.record_live`'s."""
+    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, _tell)
+    judge(quiet, motion, wanted_per_hour)
+
+
+def judge(quiet: Recording, motion: Recording, wanted_per_hour: float) -> None:
+    """Print a study of two recordings."""
+    found = study(quiet, motion, wanted_per_hour, _tell)
+    _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
+    click.echo(json.dumps(as_map(found), allow_nan=False))
+
+
+def _tell(words: str) -> None:
+    click.echo(words, err=True)

@@ -1,0 +1,218 @@
+"""What two recordings say of the slip detector: false alarms, noise, a proposal and what it costs in time.
+
+Nothing slips in either, so each alarm is a false one. Two knobs make them rare, and each has its tail:
+
+* `false_alarms_per_hour` sets the threshold against noise. The quiet hold is run with several rates; no more
+  alarms should come than were asked for.
+* `least_shear` is the shear that counts. The motion is run with larger and larger ones.
+
+The proposal is what the tails, continued, say for the wanted rate, and no less than kept the motion silent.
+Where that is more shear than a weak slip has, no threshold tells this motion from slip: then it is what kept
+the motion silent, or the quietest named setting, and the study says that the wanted rate is out of reach.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.bridge import Bridge
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.events.types import SlipEvent
+from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
+from tactiled.tune.onset import Onset, latencies
+from tactiled.tune.tail import Tail, fit_tail, median_interval, silent_from
+
+# Seconds hold few alarms: only rates far above any that one wants are seen to fail.
+NOISE_PER_HOUR = (3600.0, 900.0, 225.0, 56.0, 14.0)
+# From what the fastest setting takes for slip to beyond what friction of any dry skin bears.
+SHEARS = tuple(float(s) for s in np.round(np.geomspace(0.02, 1.0, 18), 3))
+# All that a skin of friction 0.3 bears on the 2019 array: the weakest slip of a dry one.
+WEAK_SHEAR = 0.57
+ONSETS: Mapping[str, Onset] = {"sudden": Onset(WEAK_SHEAR, 0.1), "slow": Onset(WEAK_SHEAR, 1.0)}
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Alarms:
+    """False alarms of a setting in a recording; `gross` of them went on to say that all slips."""
+
+    count: int
+    gross: int
+
+
+@dataclass(frozen=True)
+class Latency:
+    """From an injected onset to the end of the scan that told it; inf beyond what was told.
+
+    Attributes
+    ----------
+    median_s, low_s, high_s : float
+        With the 95 % interval of the median.
+    tried, missed : int
+    """
+
+    median_s: float
+    low_s: float
+    high_s: float
+    tried: int
+    missed: int
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A set of parameters on these recordings.
+
+    Attributes
+    ----------
+    latency : mapping of (recording, onset) to Latency
+        ``"quiet"`` or ``"motion"``, and a name of `ONSETS`; missing where no onset could be tried.
+    """
+
+    params: CoherentParams
+    quiet: Alarms
+    motion: Alarms
+    latency: Mapping[tuple[str, str], Latency]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """All that is said.
+
+    Attributes
+    ----------
+    wanted_per_hour : float
+    quiet, motion : Recording
+        As judged: the hold without its press, the motion with the seconds of it in contact.
+    noise_sd_v : (channels,) float64
+    noise_alarms, shear_alarms : tuple of int
+        At `NOISE_PER_HOUR`, `SHEARS`.
+    noise_tail, shear_tail : Tail or None
+        None where nothing alarmed.
+    restless : bool
+        The hold alarms however strict the threshold: something moved.
+    least_shear : tuple of float
+        For the wanted rate by the tail, and its 95 % interval; all the same where nothing alarmed.
+    silent_shear : float or None
+        From which on this motion was silent.
+    out_of_reach : bool
+        The wanted rate needs more shear than a weak slip has.
+    settings : mapping of str to Setting
+        The named ones and "proposed".
+    """
+
+    wanted_per_hour: float
+    quiet: Recording
+    motion: Recording
+    noise_sd_v: FloatArray
+    noise_alarms: tuple[int, ...]
+    noise_tail: Tail | None
+    restless: bool
+    shear_alarms: tuple[int, ...]
+    shear_tail: Tail | None
+    least_shear: tuple[float, float, float]
+    silent_shear: float | None
+    out_of_reach: bool
+    settings: Mapping[str, Setting]
+
+    @property
+    def proposed(self) -> Setting:
+        return self.settings["proposed"]
+
+
+def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tell) -> Study:
+    """Judge two recordings in which nothing slips.
+
+    Parameters
+    ----------
+    quiet, motion : Recording
+        Of the same array.
+    wanted_per_hour : float
+        False alarms that are put up with.
+    tell : callable
+        Takes words on how far it is.
+
+    Raises
+    ------
+    DataError
+        There is too little contact in one of them.
+    """
+    quiet = quiet_part(quiet)
+    check_motion(motion)
+    tell("counting alarms in the hold")
+    lowest = SHEARS[0]
+    noise_alarms = _ladder(
+        quiet, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
+    )
+    restless = noise_alarms[-1] > 0
+    strictness = [-float(np.log(rate)) for rate in NOISE_PER_HOUR]
+    noise_tail = fit_tail(strictness, noise_alarms, quiet.seconds / 3600)
+    per_hour = wanted_per_hour
+    if noise_tail is not None and not restless:
+        per_hour = min(wanted_per_hour, float(np.exp(-noise_tail.needed(wanted_per_hour)[0])))
+    per_hour = float(f"{per_hour:.2g}")
+
+    tell("counting alarms in the motion")
+    shear_alarms = _ladder(
+        motion, [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
+    )
+    shear_tail = fit_tail(SHEARS, shear_alarms, motion.touching_s() / 3600)
+    silent = silent_from(SHEARS, shear_alarms)
+    needed = (lowest, lowest, lowest) if shear_tail is None else shear_tail.needed(wanted_per_hour)
+    silent_or_never = np.inf if silent is None else silent
+    least = max(needed[0], silent_or_never)
+    out_of_reach = least >= WEAK_SHEAR
+    if out_of_reach:
+        quietest = max(params.least_shear for params in SETTINGS.values())
+        least = silent_or_never if silent_or_never < WEAK_SHEAR else quietest
+    proposed = CoherentParams(false_alarms_per_hour=per_hour, least_shear=float(np.ceil(1000 * least) / 1000))
+
+    settings = {}
+    for name, params in {**SETTINGS, "proposed": proposed}.items():
+        tell(f"injecting onsets: {name}")
+        settings[name] = _judge(params, quiet, motion)
+    return Study(
+        wanted_per_hour=wanted_per_hour,
+        quiet=quiet,
+        motion=motion,
+        noise_sd_v=noise_sd_v(quiet),
+        noise_alarms=noise_alarms,
+        noise_tail=noise_tail,
+        restless=restless,
+        shear_alarms=shear_alarms,
+        shear_tail=shear_tail,
+        least_shear=needed,
+        silent_shear=silent,
+        out_of_reach=out_of_reach,
+        settings=settings,
+    )
+
+
+def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int, ...]:
+    return tuple(false_alarms(recording, params).count for params in rungs)
+
+
+def false_alarms(recording: Recording, params: CoherentParams) -> Alarms:
+    """Slips that are told in a recording without any, short gaps bridged as in a pipeline."""
+    detector = Bridge(CoherentSlip(recording.array, params))
+    told = [
+        event
+        for item in recording.items
+        for event in detector.process(item)
+        if isinstance(event, SlipEvent) and event.state == "onset" and event.valid
+    ]
+    gross = sum(event.kind == "gross" for event in told)
+    return Alarms(len(told) - gross, gross)
+
+
+def _judge(params: CoherentParams, quiet: Recording, motion: Recording) -> Setting:
+    latency = {}
+    for where, recording in (("quiet", quiet), ("motion", motion)):
+        for name, onset in ONSETS.items():
+            found = latencies(recording, params, onset)
+            if found:
+                missed = int(np.isinf(found).sum())
+                latency[where, name] = Latency(*median_interval(found), len(found), missed)
+    return Setting(params, false_alarms(quiet, params), false_alarms(motion, params), latency)

@@ -1,0 +1,96 @@
+"""Counts of rare alarms: what they prove, and what they let one guess beyond.
+
+Proof is Poisson's: k alarms in T hours, whatever raised them, bound the rate. No alarm in T bounds it by
+3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion so never prove one alarm an hour.
+
+Beyond what was seen there is only extrapolation. Sizes above a high level u are exponential in the middle
+case of extreme values (Pickands, Annals of Statistics 3, 1975; Coles, An Introduction to Statistical Modeling
+of Extreme Values, 2001, section 4.3), neither bounded nor heavy-tailed; a motion that is bounded is then
+judged too sternly. The scale is the mean excess over u.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binom, chi2
+
+LEVEL = 0.95
+_ENOUGH = 10  # alarms above u: the scale is then good to a third
+
+
+def rate_interval(count: int, hours: float) -> tuple[float, float]:
+    """Rates an hour that `count` alarms in `hours` leave possible at 95 %; from zero where there was none.
+
+    Garwood's exact limits (Biometrika 28, 1936); with no alarm the whole 5 % lies above: 3 / hours.
+    """
+    if count == 0:
+        return 0.0, float(-np.log(1 - LEVEL) / hours)
+    side = (1 - LEVEL) / 2
+    low, high = chi2.ppf(side, 2 * count) / 2, chi2.isf(side, 2 * count + 2) / 2
+    return float(low / hours), float(high / hours)
+
+
+@dataclass(frozen=True)
+class Tail:
+    """Alarms by how strict a knob is, and their exponential continuation.
+
+    Attributes
+    ----------
+    start : float
+        u: the strictest rung with enough alarms above it.
+    count : int
+        Alarms there.
+    scale : float
+        Mean excess over `start`.
+    hours : float
+    """
+
+    start: float
+    count: int
+    scale: float
+    hours: float
+
+    def needed(self, per_hour: float) -> tuple[float, float, float]:
+        """Strictness for a rate, and its 95 % interval: 2 n mean / scale is chi-square of 2 n."""
+        times = max(0.0, float(np.log(self.count / self.hours / per_hour)))
+        n, side = 2 * self.count, (1 - LEVEL) / 2
+        excess = self.scale * times
+        low, high = excess * n / chi2.isf(side, n), excess * n / chi2.ppf(side, n)
+        return self.start + excess, self.start + float(low), self.start + float(high)
+
+
+def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> Tail | None:
+    """Tail of counts (alarms at or above each growing rung); None where nothing alarmed at any."""
+    level, count = np.asarray(rungs, dtype=np.float64), np.asarray(counts)
+    if not count.any():
+        return None
+    enough = np.flatnonzero(count >= min(_ENOUGH, int(count.max())))
+    first = int(enough[-1])
+    # The mean of (size - u) over sizes above u is the integral of their survival from u on.
+    above = np.minimum.accumulate(count[first:])
+    integral = float(np.trapezoid(above, level[first:]))
+    return Tail(float(level[first]), int(count[first]), integral / int(count[first]), hours)
+
+
+def silent_from(rungs: Sequence[float], counts: Sequence[int]) -> float | None:
+    """The lowest rung from which on nothing alarmed; None where the strictest still did."""
+    alarmed = np.flatnonzero(np.asarray(counts))
+    first = int(alarmed[-1]) + 1 if len(alarmed) else 0
+    return float(rungs[first]) if first < len(rungs) else None
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
+    """Median and its 95 % interval by order statistics.
+
+    Conover, Practical Nonparametric Statistics, 1999, section 3.2.
+
+    `inf` stands for what was never found; the interval may then end there.
+    """
+    ordered = np.sort(np.asarray(values, dtype=np.float64))
+    n = len(ordered)
+    k = int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
+    # Two halves of inf are one: no mean of unequal infinities arises, since all are of one sign.
+    middle = float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2
+    low = max(k - 1, 0)
+    return middle, float(ordered[low]), float(ordered[n - 1 - low])

@@ -1,0 +1,244 @@
+"""A study in words for people, as TOML to paste, and as one map for programs."""
+
+from typing import Any
+
+import numpy as np
+
+from tactiled.tune.hold import Recording
+from tactiled.tune.study import NOISE_PER_HOUR, ONSETS, SHEARS, WEAK_SHEAR, Alarms, Latency, Setting, Study
+from tactiled.tune.tail import Tail, rate_interval
+
+
+def in_words(found: Study) -> str:
+    """Everything, a paragraph a subject."""
+    parts = [_recordings(found), _noise(found), _settings(found), _tails(found), _proposal(found)]
+    return "\n\n".join(parts)
+
+
+def as_toml(found: Study) -> str:
+    """What to paste into tactiled.toml."""
+    params = found.proposed.params
+    return (
+        "[detect.slip]\n"
+        f"false_alarms_per_hour = {params.false_alarms_per_hour:g}\n"
+        f"least_shear = {params.least_shear:g}\n"
+    )
+
+
+def as_map(found: Study) -> dict[str, Any]:
+    """JSON of it all; what is not known, or never was told, is null."""
+    names = found.quiet.array.channel_name
+    low, high = rate_interval(_proposed_alarms(found), _motion_hours(found))
+    return {
+        "array": found.quiet.array.name,
+        "false_alarms_per_hour": found.wanted_per_hour,
+        "quiet": _recording_map(found.quiet),
+        "motion": _recording_map(found.motion),
+        "noise_sd_v": dict(zip(names, _numbers(found.noise_sd_v.tolist()), strict=True)),
+        "noise_ladder": {
+            "false_alarms_per_hour": list(NOISE_PER_HOUR),
+            "alarms": list(found.noise_alarms),
+            "restless": found.restless,
+        },
+        "shear_ladder": {
+            "least_shear": list(SHEARS),
+            "alarms": list(found.shear_alarms),
+            "silent_from": found.silent_shear,
+            "tail": _tail_map(found.shear_tail),
+        },
+        "settings": {name: _setting_map(setting) for name, setting in found.settings.items()},
+        "proposed": {
+            "false_alarms_per_hour": found.proposed.params.false_alarms_per_hour,
+            "least_shear": found.proposed.params.least_shear,
+            "least_shear_by_tail": dict(zip(("value", "low", "high"), found.least_shear, strict=True)),
+            "proven_per_hour": {"low": low, "high": high},
+            "extrapolated": _is_extrapolated(found),
+            "out_of_reach": found.out_of_reach,
+        },
+    }
+
+
+def _recordings(found: Study) -> str:
+    lines = []
+    for what, recording in (("quiet hold", found.quiet), ("motion", found.motion)):
+        lines.append(
+            f"{what}: {recording.touching_s():.1f} s in contact ({recording.name}); "
+            f"{recording.lost} scans lost, {recording.late} late"
+        )
+    if found.restless:
+        lines.append(
+            f"the hold was not quiet: {found.noise_alarms[-1]} alarms however strict the threshold is; "
+            "support the hand, hold still and run again"
+        )
+    return "\n".join(lines)
+
+
+def _noise(found: Study) -> str:
+    sd_v, names = found.noise_sd_v, found.quiet.array.channel_name
+    known = np.isfinite(sd_v)
+    if not known.any():
+        return "noise: no channel is valid"
+    worst = int(np.nanargmax(sd_v))
+    words = (
+        f"noise a channel: {np.nanmedian(sd_v) * 1e3:.2f} mV rms in the median, at worst "
+        f"{sd_v[worst] * 1e3:.2f} ({names[worst]}, channel {worst})"
+    )
+    never = [names[c] for c in np.flatnonzero(~known)]
+    return words + (f"; never valid: {', '.join(never)}" if never else "")
+
+
+def _settings(found: Study) -> str:
+    hours = _motion_hours(found)
+    alarms = [["setting", "least_shear", "false alarms in the motion", "an hour, 95 %"]]
+    latency = [["first event (ms)", *(f"{kind}, {where}" for kind in ONSETS for where in ("hold", "motion"))]]
+    for name, setting in found.settings.items():
+        between = _between(*rate_interval(setting.motion.count, hours))
+        alarms.append([name, f"{setting.params.least_shear:g}", _alarms(setting.motion), between])
+        told = [
+            _latency(setting.latency.get((where, kind))) for kind in ONSETS for where in ("quiet", "motion")
+        ]
+        latency.append([name, *told])
+    kinds = ", ".join(f"{name}: within {onset.rise_s:g} s" for name, onset in ONSETS.items())
+    return (
+        f"{_table(alarms)}\n\n{_table(latency)}\n"
+        f"median and its 95 % interval, of slips put into your recordings: shear grows to {WEAK_SHEAR:g} of "
+        f"the pressure on Mindlin's curve ({kinds}). They are ideal: a real slip is told no sooner."
+    )
+
+
+def _table(rows: list[list[str]]) -> str:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = ("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
+    return "\n".join(lines)
+
+
+def _tails(found: Study) -> str:
+    asked = ", ".join(
+        f"{n} at {rate:g} an hour" for rate, n in zip(NOISE_PER_HOUR, found.noise_alarms, strict=True)
+    )
+    expected = NOISE_PER_HOUR[0] * found.quiet.seconds / 3600
+    steps = [f"{n} at {s:g}" for s, n in zip(SHEARS, found.shear_alarms, strict=True) if n]
+    return (
+        f"alarms in the hold by the rate asked for: {asked} (noise may raise {expected:.0f} at the first)\n"
+        f"alarms in the motion by least_shear: {', '.join(steps) or 'none at any'}"
+    )
+
+
+def _proposal(found: Study) -> str:
+    seconds, wanted = found.motion.touching_s(), found.wanted_per_hour
+    alarms = _proposed_alarms(found)
+    _, high = rate_interval(alarms, _motion_hours(found))
+    lines = [
+        f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.least_shear:g}, "
+        f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}"
+    ]
+    proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
+    lines.append(
+        f"proven: {alarms} alarms in {seconds:.0f} s of motion; at most {_rate(high)} an hour at 95 % ({proof})"
+    )
+    if high > wanted:
+        hours = rate_interval(0, 1.0)[1] / wanted
+        lines.append(
+            f"that does not prove {wanted:g} an hour: {hours:.3g} hours of such motion without an alarm would"
+        )
+    if found.shear_tail is not None and _is_extrapolated(found):
+        value, low, top = found.least_shear
+        lines.append(
+            f"extrapolated from {found.shear_tail.count} alarms above {found.shear_tail.start:g} with an "
+            f"exponential tail: least_shear {value:.2f}, 95 % interval {low:.2f} to {top:.2f}"
+        )
+    elif found.shear_tail is None:
+        lines.append(
+            "nothing in this motion comes near: there is no tail to extrapolate; move as in hard work"
+        )
+    if found.out_of_reach:
+        lines.append(
+            f"out of reach: {wanted:g} an hour would need more shear than the {WEAK_SHEAR:g} of a weak slip, "
+            "and what is proposed is not it; announce such motion (tactiled command inhibit, "
+            "expect-load-change) and tune on the rest"
+        )
+    return "\n".join(lines)
+
+
+def _motion_hours(found: Study) -> float:
+    return found.motion.touching_s() / 3600
+
+
+def _proposed_alarms(found: Study) -> int:
+    return found.proposed.motion.count
+
+
+def _is_extrapolated(found: Study) -> bool:
+    """Whether the wanted rate is below what this much motion could show."""
+    return found.shear_tail is not None and found.wanted_per_hour < rate_interval(0, _motion_hours(found))[1]
+
+
+def _alarms(alarms: Alarms) -> str:
+    return f"{alarms.count}" + (f", {alarms.gross} gross" if alarms.gross else "")
+
+
+def _between(low: float, high: float) -> str:
+    return f"{_rate(low)} to {_rate(high)}"
+
+
+def _rate(per_hour: float) -> str:
+    return f"{per_hour:.0f}" if per_hour >= 10 else f"{per_hour:.2g}"
+
+
+def _latency(latency: Latency | None) -> str:
+    if latency is None:
+        return "-"
+    missed = f", {latency.missed} of {latency.tried} missed" if latency.missed else ""
+    if latency.missed == latency.tried:
+        return "never"
+    return f"{_ms(latency.median_s)} ({_ms(latency.low_s)} to {_ms(latency.high_s)}){missed}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.0f}" if np.isfinite(seconds) else "never"
+
+
+def _recording_map(recording: Recording) -> dict[str, Any]:
+    return {
+        "name": recording.name,
+        "seconds": recording.seconds,
+        "contact_s": recording.touching_s(),
+        "lost": recording.lost,
+        "late": recording.late,
+    }
+
+
+def _setting_map(setting: Setting) -> dict[str, Any]:
+    latency = [
+        {
+            "in": where,
+            "slip": name,
+            "shear": ONSETS[name].shear,
+            "rise_s": ONSETS[name].rise_s,
+            **dict(
+                zip(
+                    ("median_s", "low_s", "high_s"),
+                    _numbers([told.median_s, told.low_s, told.high_s]),
+                    strict=True,
+                )
+            ),
+            "tried": told.tried,
+            "missed": told.missed,
+        }
+        for (where, name), told in setting.latency.items()
+    ]
+    return {
+        "least_shear": setting.params.least_shear,
+        "false_alarms_per_hour": setting.params.false_alarms_per_hour,
+        "alarms_quiet": vars(setting.quiet),
+        "alarms_motion": vars(setting.motion),
+        "latency": latency,
+    }
+
+
+def _tail_map(tail: Tail | None) -> dict[str, Any] | None:
+    return None if tail is None else {"start": tail.start, "count": tail.count, "scale": tail.scale}
+
+
+def _numbers(values: list[float]) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values]
