@@ -27,8 +27,8 @@ Readout = Literal["edge", "half"]
 
 # Part of a taxel's load on one read-out area at rest, and left minus right, per newton of friction, over
 # twice that and times the load: finite elements, coarse mesh, 1.667 N (fem-coarse-flat-0.6.json).
-PART_OF_LOAD = {"edge": 0.05641 / (5 / 3), "half": 0.67931 / (5 / 3)}
-_EDGE_IMBALANCE = (0.15215 + 0.03106) / (2 * 0.05641) * (5 / 3)
+PART_OF_LOAD = {"edge": 0.05619 / (5 / 3), "half": 0.67987 / (5 / 3)}
+_EDGE_IMBALANCE = (0.15159 + 0.03124) / (2 * 0.05619) * (5 / 3)
 
 
 class ElectronicsParams(Params):
@@ -46,8 +46,8 @@ class ElectronicsParams(Params):
     shear_v_per_n: float = Field(default=0.47, gt=0, description="of shear channels, around mid-scale")
     # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
     # what lies beside its area; see `calibrate`. For physical rungs: prescribed signals have it already.
-    spread_x: float = Field(default=0.534, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
-    spread_y: float = Field(default=0.539, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
+    spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
+    spread_y: float = Field(default=0.54, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
     hysteresis: float = Field(
         default=0.0, ge=0, le=0.5, description="extra conductance on the way back, of that at half the peak"
     )

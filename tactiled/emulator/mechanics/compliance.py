@@ -20,6 +20,7 @@ from tactiled.emulator.mechanics.fem.mesh import CAP_MM
 from tactiled.emulator.mechanics.skin import Readout, shipped_skin
 from tactiled.emulator.mechanics.skin import SkinCompliance as Skin
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
+from tactiled.emulator.mechanics.underfoot import plate_under
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -117,8 +118,6 @@ class Compliance:
         self._displaced = Displaced(self._skin, np.asarray(azimuth_deg, dtype=np.float64))
         grooved = surface.depth_mm > 0
         self._substep_mm = min(substep_mm, surface.period_mm * _SUBSTEP_OF_PERIOD) if grooved else substep_mm
-        angle = math.radians(surface.angle_deg)
-        self._normal = (math.cos(angle), math.sin(angle)) if grooved else (1.0, 0.0)
         self._flat = self._skin.compliance.reshape(3 * len(self._skin.x_mm), -1)
         self.reset()
 
@@ -185,7 +184,9 @@ class Compliance:
         In displacement control the approach is set before; with a given load it is part of the solution.
         """
         assert taxel.base_mm is not None
-        height, frame = self._surface_under(base_mm, taxel.moved_mm)
+        along = self._skin.x_mm + base_mm[0] + taxel.moved_mm[1]
+        across = self._skin.y_mm + base_mm[1] + taxel.moved_mm[2]
+        height, frame = plate_under(self._surface, along, across)
         lowest = float((self._skin.gap_mm - height).min())  # approach at which the unloaded skin touches
         if (held == "force" and value <= 0) or (held == "displacement" and value <= lowest):
             taxel.approach_mm = lowest if held == "force" else value
@@ -235,22 +236,6 @@ class Compliance:
             if np.abs(taxel.turned_mm - last).max() < _TURNED_MM:
                 break
         return solution
-
-    def _surface_under(self, base_mm: FloatArray, moved_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Height over the ridges' plane (n,), 0 or less, and contact frames (3, 3, n) under the nodes."""
-        depth, period = self._surface.depth_mm, self._surface.period_mm
-        c, s = self._normal
-        x = self._skin.x_mm + base_mm[0] + moved_mm[1]
-        y = self._skin.y_mm + base_mm[1] + moved_mm[2]
-        phase = 2 * np.pi * (x * c + y * s) / period
-        height = depth * (np.cos(phase) - 1) / 2
-        slope = -depth * np.pi / period * np.sin(phase)
-        tilt = 1 / np.sqrt(1 + slope**2)
-        frame = np.zeros((3, 3, len(phase)))
-        frame[0] = tilt, -slope * tilt * c, -slope * tilt * s
-        frame[1] = slope * tilt, tilt * c, tilt * s
-        frame[2, 1], frame[2, 2] = -s, c
-        return height, frame
 
     def _felt(self) -> TaxelForces:
         force = np.array([t.force_n for t in self._taxels])  # (t, 3, n)
