@@ -14,8 +14,9 @@ NOT_MODELLED: Mapping[str, str] = {
     "lumped": "where on the patch it slips, grooves",
     "bristle": "grooves, lateral coupling of the skin, turning about a taxel's own axis",
     "periodic": "grooves during the onset of slip, ripple that lags behind a change of load or direction, "
-    "the skin's nonlinearity",
-    "compliance": "the skin's nonlinearity (Yeoh), static friction above sliding, neighbouring bumps",
+    "the skin's nonlinearity beyond first order",
+    "compliance": "the skin's nonlinearity beyond first order, static friction above sliding, "
+    "neighbouring bumps",
 }
 
 
