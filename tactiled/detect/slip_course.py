@@ -61,7 +61,7 @@ class Verdict(NamedTuple):
     fate : str
         ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, it has
         ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
-        direction. After gross slip fell back: ``reversed``, it slips the other way; ``rests``, it does not.
+        direction. After it fell back: ``reversed``, it slips the other way; ``again``; ``rests``.
     index : float
         Scan at which that began.
     sd_scans : float
@@ -115,7 +115,7 @@ class Course:
         gross: float,
     ) -> None:
         self.along = along
-        self.is_gross = self.is_over = False
+        self.is_gross = self.is_over = self._was_gross = False
         self._along: list[float] = along.tolist()
         # Twice the side that rises stands for both: what it may miss is that the other bottoms out.
         self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
@@ -167,7 +167,7 @@ class Course:
         if self.is_gross or self.is_over:
             level = self._risen(seen[-1]) / pressure - self._even
             if self.is_over:
-                return self._step_back(index, level, noise / pressure)
+                return self._step_back(index, shear / pressure, level, noise / pressure)
             slope = self._risen(self._trend(seen, self._least_line))
             return self._step_gross(index, (x, y, turn), level, slope, noise / pressure)
         return self._step_incipient(index, seen, shear, pressure, noise)
@@ -196,6 +196,9 @@ class Course:
             broke = fall / since > _BROKE_AWAY * self._steepest
             if broke and self._top_shear >= self._gross * pressure:
                 return self._go_gross(index, self._top.index, _INSTANT_SD, round(_SETTLE_S * self._rate_hz))
+            level = response / pressure - self._even
+            self.is_over = True
+            self._low, self._high = _Level(level, index), _Level(level, self._top.index)
             return Verdict("back", self._top.index, since / 2)
         # The largest that is sure, not the largest that noise made.
         self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)
@@ -205,7 +208,8 @@ class Course:
         knee = (
             index - self._n_flat - 0.35 * n + 0.5
         )  # a line is flat by so much when most of it is past the knee
-        if self._n_flat > n // 2 and shear >= self._gross * pressure:
+        still_there = self._top.index == index  # a load that goes again, if slowly, does not stay at its top
+        if self._n_flat > n // 2 and still_there and shear >= self._gross * pressure:
             return self._go_gross(index, *self._reached(index, seen), 0)
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
@@ -254,18 +258,21 @@ class Course:
             self._high.index = index
         least = max(self._least, _NOISE_SDS * noise)
         if self._high.value - level > max(least, _FELL_PART * self._high.value):
-            self.is_over, self.is_gross = True, False
+            self.is_over, self.is_gross, self._was_gross = True, False, True
             self._low = _Level(level, index)
             return Verdict("back", self._high.index, (index - self._high.index) / 2)
         if level - self._low.value > max(least, _FELL_PART * self._low.value):
             return Verdict("again", self._low.index, (index - self._low.index) / 2)
         return None
 
-    def _step_back(self, index: int, level: float, noise: float) -> Verdict | None:
-        if level < _LEFT_PART * self._high.value:
+    def _step_back(self, index: int, shear: float, level: float, noise: float) -> Verdict | None:
+        turned_round = level < _LEFT_PART * self._high.value if self._was_gross else shear < -self._gross
+        if turned_round:
             return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
         if level < self._low.value - max(_NEAR_PART * self._high.value, _NEAR_SDS * noise):
             self._low = _Level(level, index)
+        if self._was_gross and level - self._low.value > max(self._least, _NOISE_SDS * noise):
+            return Verdict("again", self._low.index, (index - self._low.index) / 2)
         if index - self._low.index > _RESTED_S * self._rate_hz:
             return Verdict("rests", self._low.index, 0.0)
         return None

@@ -80,7 +80,10 @@ class Filters:
 
     def ramp_sd(self, noise: FloatArray) -> FloatArray:
         """Standard deviation (columns, ramps) of the ramps' outputs under noise (levels, columns)."""
-        return np.asarray(np.sqrt((noise**2).T @ self._octaves * self._energy))
+        # Below the last octave noise may grow on as it did into that.
+        below = noise[-1] * np.maximum(noise[-1] / noise[-2], 1.0)
+        octaves = np.concatenate([noise, below[np.newaxis]])
+        return np.asarray(np.sqrt((octaves**2).T @ self._octaves * self._energy))
 
 
 def _lengths(longest: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -97,11 +100,11 @@ def _ramp(m: int) -> FloatArray:
 
 
 def _octaves(ramps: list[FloatArray]) -> FloatArray:
-    """Share (levels, ramps) of each ramp's energy in each octave; the last level has all below it too."""
+    """Share (levels + 1, ramps) of each ramp's energy in each octave, and below them all."""
     n = 1 << (max(map(len, ramps)) * 4).bit_length()
     power = np.abs(np.fft.rfft(np.stack([np.pad(r, (0, n - len(r))) for r in ramps]))) ** 2
     power[:, 1:-1] *= 2  # both signs of frequency
     power /= power.sum(axis=1, keepdims=True)
     bands = [np.abs(np.fft.rfft(np.pad(taps(j), (0, n - len(taps(j)))))) ** 2 / 2**j for j in LEVELS]
-    shares = power @ np.stack(bands[:-1], axis=1)
+    shares = power @ np.stack(bands, axis=1)
     return np.concatenate([shares, 1 - shares.sum(axis=1, keepdims=True)], axis=1).T

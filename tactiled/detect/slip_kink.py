@@ -13,10 +13,15 @@ from tactiled.array import FloatArray
 
 _SHAPES = (1, 2)
 _LEVEL_SCANS = 8  # before the earliest instant that is tried
+# Scans between the instants that are tried: two or three scans of a ramp tell its shape from a parabola's
+# only when neither is rounded to whole scans. And how many there are at most.
+_FINEST_STEP, _MOST_STEPS = 0.25, 256
 _SCAN_SD = 1 / np.sqrt(12)  # an instant between two scans
 # What real beginnings differ from both shapes: part of the time since. Set where 68 % of onsets on physical
 # scenes (emulator/families, seeds 0 to 11) lie within one sigma.
-_SHAPE_SD_PART = 0.03
+# The likelihood's width is that of a known shape; with the shape chosen by the same data it is wider.
+_UNKNOWN_SHAPE = 1.5
+_SHAPE_SD_PART = 0.02
 
 
 class Kink(NamedTuple):
@@ -41,8 +46,10 @@ def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0
         How far it must have risen to have begun: less is nobody's load.
     """
     n = len(course)
-    delays = np.arange(1, max(2, min(longest, n - _LEVEL_SCANS)) + 1)
-    since = np.maximum(np.arange(n) - (n - 1 - delays[:, np.newaxis]), 0).astype(np.float64)
+    latest = max(2, min(longest, n - _LEVEL_SCANS))
+    step = max(_FINEST_STEP, latest / _MOST_STEPS)
+    delays = np.arange(1.0, latest + step, step)
+    since = np.maximum(np.arange(n) - (n - 1 - delays[:, np.newaxis]), 0.0)
     centred = course - course.mean()
     sizes = np.stack([_size(since**power, centred) for power in _SHAPES])  # (shapes, 2, delays)
     explained = sizes[:, 0]
@@ -50,13 +57,13 @@ def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0
     row = explained[shape]
     left = float(centred @ centred) - float(row[best])
     variance = max(noise**2, left / max(n - 3, 1))
-    delay, sd = float(delays[best]), len(delays) / 8
+    delay, sd = float(delays[best]), latest / 8
     if 0 < best < len(delays) - 1:
         bend = float(2 * row[best] - row[best - 1] - row[best + 1])
         if bend > 0:
-            delay += float(row[best + 1] - row[best - 1]) / (2 * bend)
+            delay += step * float(row[best + 1] - row[best - 1]) / (2 * bend)
             # The log likelihood is `explained / (2 variance)`; its curvature is the information.
-            sd = float(np.sqrt(2 * variance / bend))
+            sd = min(_UNKNOWN_SHAPE * step * float(np.sqrt(2 * variance / bend)), latest / 2)
     size = float(sizes[shape, 1, best])
     unseen = (least / size) ** (1 / _SHAPES[shape]) if size > 0 else 0.0
     delay = max(delay - unseen, 0.0)

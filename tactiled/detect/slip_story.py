@@ -51,7 +51,7 @@ class Story:
         self._rate_hz = rate_hz
         self._least_shear, self._gross_shear = least_shear, gross_shear
         self._slip: _Slip | None = None
-        self._recoil: _Slip | None = None  # a gross slip that has ended and may be turning back
+        self._recoil: _Slip | None = None  # one that has ended and may be turning back
         self._told = 0  # what was until this scan is told, or was no contact
         self._came_and_went = (0.0, 0)  # shear over pressure, and when
 
@@ -161,9 +161,9 @@ class Story:
         if verdict.fate == "gross":
             return [self._deepen(verdict, now, at_s)]
         slip, was_gross = self._slip, self._slip.event.kind == "gross"
-        if verdict.fate == "back" and was_gross:
+        if verdict.fate == "back":
             self._recoil = slip
-        elif verdict.fate == "back":
+        if verdict.fate == "back" and not was_gross:
             size = _NEWS * slip.course.excursion(now.seen[-1])
             self._came_and_went = (max(size, self._shaken(now.index)), now.index)
         events = [self._end(now, at_s)]
@@ -176,7 +176,7 @@ class Story:
         return events
 
     def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
-        """What became of a gross slip that fell back."""
+        """What became of a slip that fell back."""
         assert self._recoil is not None
         statistic, self._recoil = self._recoil.statistic, None
         self._told = int(verdict.index)

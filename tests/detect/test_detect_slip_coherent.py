@@ -1,0 +1,342 @@
+"""The coherent slip detector on touches with known truth, and at the extremes."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import LSB, Touch, pieces, run
+
+from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.emulator.families import FAMILIES
+from tactiled.emulator.scene import Scene
+from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.truth import Truth
+from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+START_S = 100.0  # of every touch
+
+
+def square(n: int) -> Array:
+    """n x n taxels of four resistors."""
+    sides = [TaxelChannel(name=f"R{k}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]
+    places = [3.5 * k for k in range(n)]
+    return build(ArrayFile(name=f"square-{n}", grids=[Grid(x_mm=places, y_mm=places)], taxel_channels=sides))
+
+
+def slips(events: list[Event]) -> list[SlipEvent]:
+    return [e for e in events if isinstance(e, SlipEvent)]
+
+
+def told(events: list[Event]) -> list[tuple[str, str]]:
+    return [(e.state, e.kind) for e in slips(events)]
+
+
+def detect(block: ScanBlock, setting: str = "balanced", array: Array = ARRAY) -> list[Event]:
+    return CoherentSlip(array, SETTINGS[setting]).process(block)
+
+
+WHOLE = [("onset", "incipient"), ("onset", "gross"), ("end", "gross")]
+
+
+@given(st.floats(-180, 180), st.sampled_from([0.0, 0.3e-3, 3e-3, 10e-3]), st.integers(0, 99))
+@settings(max_examples=30, deadline=None)
+def test_a_slide_is_told_whole_early_and_in_its_direction(
+    direction_deg: float, noise: float, seed: int
+) -> None:
+    touch = Touch(direction_deg=direction_deg, noise=noise, seed=seed)
+    events = detect(touch.block(ARRAY))
+    assert told(events) == WHOLE
+    first, gross, end = slips(events)
+    assert 0 < first.detected_s - START_S - touch.slide_s < 0.06
+    assert abs(first.onset_s - START_S - touch.slide_s) < 5 * first.onset_sd_s < 0.15
+    off_deg = (first.direction_deg - direction_deg + 180) % 360 - 180
+    assert abs(off_deg) < 5 * first.direction_sd_deg + 1
+    assert first.onset_s < gross.onset_s < gross.detected_s < START_S + touch.slide_s + 0.4
+    assert end.time_s == pytest.approx(START_S + touch.stop_s, abs=0.1)
+    assert first.taxels == tuple(range(9))
+    assert first.confidence > 0.8
+    assert first.statistic >= first.threshold
+
+
+def test_the_contact_s_states_are_told_with_the_slip() -> None:
+    states = [e.state for e in detect(Touch().block(ARRAY)) if isinstance(e, ContactEvent)]
+    assert states == ["loading", "holding", "sliding", "holding", "none"]
+
+
+def test_settings_trade_early_against_sure() -> None:
+    block = Touch(shear_takes_s=1.0).block(ARRAY)
+    known = [slips(detect(block, name))[0].detected_s for name in ("fast", "balanced", "quiet")]
+    assert known == sorted(known)
+    assert known[0] < known[2]
+    small = Touch(shear=0.08, noise=0.1e-3).block(ARRAY)
+    assert told(detect(small, "fast"))[:1] == [("onset", "incipient")]
+    assert told(detect(small, "quiet")) == []
+
+
+# --- physical scenes with known truth
+
+
+def seen(scene: Scene, noise: float) -> tuple[ScanBlock, Truth]:
+    """A scene through sensor and ADC, on its own clock."""
+    sensor = Sensor(scene, ARRAY, adc_bits=12, adc_reference_v=3.0)
+    offset_s: FloatArray = np.arange(ARRAY.n_channels) * np.float64(2.5e-4)
+    time_s = np.arange(round(100 * scene.duration_s))[:, np.newaxis] / 100 + offset_s
+    parts = [sensor.volts(part) for part in np.array_split(time_s, max(1, len(time_s) // 16))]
+    volts = np.concatenate(parts)
+    volts = volts + noise * np.random.default_rng(scene.seed).normal(size=volts.shape)
+    counted = np.clip(np.floor(volts / LSB + 0.5), 0, 4095) * LSB
+    block = regular_block(counted, 100.0, channel_offset_s=offset_s)
+    return block, Truth(scene, 0.0, sensor.contact, ARRAY)
+
+
+@pytest.mark.parametrize("noise", [0.3e-3, 10e-3])
+@pytest.mark.parametrize("seed", [201, 203])
+def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -> None:
+    block, truth = seen(FAMILIES["steady-slide"](seed), noise)
+    (slip,) = truth.slips
+    assert slip.shear_s is not None
+    assert slip.gross_s is not None
+    assert slip.direction_deg is not None
+    events = slips(detect(block))
+    assert [(e.state, e.kind) for e in events[:2]] == WHOLE[:2]
+    first, gross = events[:2]
+    assert slip.shear_s < first.detected_s + 0.01 < max(slip.gross_s, slip.shear_s + 0.05)
+    assert first.onset_s == pytest.approx(slip.shear_s, abs=0.03)
+    assert gross.onset_s == pytest.approx(slip.gross_s, abs=0.03 + 0.1 * (slip.gross_s - slip.shear_s))
+    assert abs((first.direction_deg - slip.direction_deg + 180) % 360 - 180) < 5
+
+
+@pytest.mark.parametrize("seed", [201, 202])
+def test_a_load_below_the_friction_limit_is_never_gross(seed: int) -> None:
+    block, truth = seen(FAMILIES["load-and-back"](seed), 1e-3)
+    assert truth.slips == []
+    assert all(e.kind == "incipient" for e in slips(detect(block)))
+
+
+def test_taps_are_nothing() -> None:
+    block, _ = seen(FAMILIES["taps"](201), 1e-3)
+    assert slips(detect(block, "fast")) == []
+
+
+def test_a_grip_that_changes_is_nothing() -> None:
+    scene = FAMILIES["grip-changes"](201)
+    block, _ = seen(scene, 1e-3)
+    taken_up_s = sum(phase.duration_s for phase in scene.phases[:3])
+    assert [e for e in slips(detect(block)) if e.state == "onset" and e.onset_s > taken_up_s] == []
+
+
+# --- what somebody announces
+
+
+@pytest.mark.parametrize("kind", ["inhibit", "load-change"])
+def test_what_is_announced_is_told_as_not_valid(kind: str) -> None:
+    block = Touch().block(ARRAY)
+    detector = CoherentSlip(ARRAY)
+    at = int(block.index[390])
+    if kind == "inhibit":
+        detector.announce("inhibit", at, 0.5)
+    else:
+        detector.announce("load-change", at, 0.5)
+    events = slips(detector.process(block))
+    assert told([*events]) == WHOLE
+    incipient, gross, end = (e.valid for e in events)
+    assert not incipient
+    assert gross == end == (kind == "load-change")
+
+
+@given(st.lists(st.integers(1, 1099), max_size=8, unique=True).map(sorted))
+@settings(max_examples=10, deadline=None)
+def test_what_is_announced_holds_from_its_scan_on_however_scans_come(cuts: list[int]) -> None:
+    block = Touch().block(ARRAY)
+
+    def announced() -> CoherentSlip:
+        detector = CoherentSlip(ARRAY)
+        detector.announce("inhibit", int(block.index[403]), 0.001)
+        return detector
+
+    assert run(announced(), pieces(block, cuts)) == announced().process(block)
+
+
+def test_an_announcement_that_is_over_holds_no_more_and_reset_forgets_it() -> None:
+    block = Touch().block(ARRAY)
+    detector = CoherentSlip(ARRAY)
+    detector.announce("inhibit", int(block.index[0]), 3.0)
+    assert all(e.valid for e in slips(detector.process(block)))
+    detector.announce("inhibit", int(block.index[0]), 30.0)
+    detector.process(Gap(0, "command", 0))
+    assert not any(e.valid for e in slips(detector.process(block)))
+    detector.reset()
+    assert all(e.valid for e in slips(detector.process(block)))
+
+
+# --- extremes
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_one_bit_of_signal_is_nothing(setting: str) -> None:
+    for noise in (0.0, 0.3e-3):
+        assert slips(detect(Touch(shear=LSB, noise=noise).block(ARRAY), setting)) == []
+
+
+def test_full_scale_steps_are_survived_and_none_is_told_twice() -> None:
+    volts = np.full((600, ARRAY.n_channels), 1.0)
+    volts[200:, 0::4], volts[200:, 2::4] = 3.0, 0.0
+    volts[400:, 0::4], volts[400:, 2::4] = 0.0, 3.0
+    events = slips(detect(regular_block(volts, 100.0)))
+    onsets = [(e.kind, round(e.direction_deg) % 360) for e in events if e.state == "onset"]
+    assert onsets[0] == ("incipient", 0)
+    assert len(onsets) <= 4
+    assert all(e.onset_s == pytest.approx(2.0, abs=0.1) for e in events[:1])
+
+
+@pytest.mark.parametrize("dropped", [1, 20, 36])
+def test_channels_that_turn_nan_in_mid_slip_take_their_taxels_along(dropped: int) -> None:
+    block = Touch().block(ARRAY)
+    volts = block.volts.copy()
+    volts[405:, :dropped] = np.nan
+    events = slips(detect(dataclasses.replace(block, volts=volts, valid=np.isfinite(volts))))
+    whole = slips(detect(block))
+    assert events[0] == whole[0]
+    if dropped == ARRAY.n_channels:
+        assert [e.state for e in events] == ["onset", "end"]
+    else:
+        assert told([*events]) == WHOLE
+        assert events[1].onset_s == pytest.approx(whole[1].onset_s, abs=0.05)
+
+
+def test_fewer_taxels_know_the_direction_less_well() -> None:
+    sds = []
+    for left in (9, 3):
+        spread = []
+        for seed in range(12):
+            block = Touch(noise=5e-3, seed=seed).block(ARRAY)
+            valid = block.valid & (ARRAY.channel_taxel < left)
+            spread.append(slips(detect(dataclasses.replace(block, valid=valid)))[0].direction_sd_deg)
+        sds.append(np.mean(spread))
+    assert sds[1] > 1.2 * sds[0]
+
+
+def test_a_slip_that_began_in_a_gap_is_found_by_its_going_on() -> None:
+    block = Touch(shear_takes_s=0.5).block(ARRAY)
+    detector = CoherentSlip(ARRAY)
+    events = detector.process(block[:395])
+    assert slips(events) == []
+    assert slips(detector.process(Gap(10, "missing", int(block.index[405])))) == []
+    after = slips(detector.process(block[405:]))
+    assert after[0].state == "onset"
+    assert after[0].confidence <= 0.5  # nobody saw this contact begin
+    assert after[0].detected_s < START_S + 5
+
+
+def test_a_gap_in_a_slip_ends_it_and_the_end_is_not_valid() -> None:
+    block = Touch().block(ARRAY)
+    detector = CoherentSlip(ARRAY)
+    assert told(detector.process(block[:500])) == WHOLE[:2]
+    (end,) = slips(detector.process(Gap(10, "missing", int(block.index[510]))))
+    assert (end.state, end.valid) == ("end", False)
+
+
+def test_a_slip_while_the_load_still_grows_is_found() -> None:
+    touch = Touch(slide_s=1.0, press_takes_s=1.5)
+    events = slips(detect(touch.block(ARRAY)))
+    assert events[0].onset_s == pytest.approx(START_S + 1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("first", [20, 0])
+def test_a_slip_right_after_the_start_is_found(first: int) -> None:
+    """It takes a baseline of 16 scans; a slip that began with the first scan shows while it goes on."""
+    block = Touch(shear_takes_s=0.3).block(ARRAY)[400 - first :]
+    events = slips(detect(block))
+    assert events[0].state == "onset"
+    assert events[0].detected_s - START_S - 4.0 < (0.06 if first else 0.4)
+
+
+def test_two_slips_in_quick_succession_are_both_told() -> None:
+    """50 ms of rest between a jerk that was gross and the next."""
+    t = np.arange(800) / 100
+    shear = 0.5 * np.clip((t - 3) / 0.05, 0, 1) * np.clip(1 - (t - 3.3) / 0.05, 0, 1)
+    shear += 0.5 * np.clip((t - 3.4) / 0.05, 0, 1)
+    volts = 1.0 * np.clip((t - 0.5) / 0.5, 0, 1)[:, np.newaxis] + shear[:, np.newaxis] * moves(0.0)
+    noise = 0.3e-3 * np.random.default_rng(1).normal(size=volts.shape)
+    events = slips(detect(regular_block(volts + noise, 100.0)))
+    gross = [e.onset_s for e in events if (e.state, e.kind) == ("onset", "gross")]
+    assert gross == pytest.approx([3.05, 3.45], abs=0.05)
+    assert [e.state for e in events].count("end") >= 1
+
+
+def moves(direction_deg: float) -> FloatArray:
+    return np.asarray(-np.cos(np.radians(direction_deg - ARRAY.azimuth_deg)))
+
+
+def test_a_slip_that_lasts_an_hour_is_one_slip() -> None:
+    touch = Touch(noise=2e-3, slide_s=4, stop_s=3604, lift_s=3606, end_s=3607, more_s=3e9)
+    assert told(detect(touch.block(ARRAY, 20.0))) == WHOLE
+
+
+def test_an_hour_of_constant_input_is_nothing() -> None:
+    volts = np.full((72_000, ARRAY.n_channels), 1.2345)
+    assert slips(detect(regular_block(volts, 20.0), "fast")) == []
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0, 99.7, 350.0, 1000.0])
+def test_it_works_at_any_rate(rate_hz: float) -> None:
+    events = detect(Touch().block(ARRAY, rate_hz))
+    assert told(events) == WHOLE
+    first = slips(events)[0]
+    assert first.detected_s - START_S - 4.0 < max(0.03, 1.5 / rate_hz)
+    assert first.onset_s == pytest.approx(START_S + 4.0, abs=0.02 + 0.5 / rate_hz)
+
+
+@pytest.mark.parametrize("n", [1, 8])
+def test_it_works_on_one_taxel_and_on_many(n: int) -> None:
+    array = square(n)
+    events = slips(detect(Touch(direction_deg=40.0).block(array), array=array))
+    assert told([*events]) == WHOLE
+    assert events[0].direction_deg == pytest.approx(40, abs=2 * events[0].direction_sd_deg + 0.5)
+    assert events[0].taxels == tuple(range(n * n))
+    assert (events[0].direction_sd_deg > 2) == (n == 1)  # one taxel has no other to tell its error by
+
+
+def test_pads_without_shear_channels_tell_slip_without_direction() -> None:
+    array = load_array("normal-4x4")
+    events = slips(detect(Touch().block(array), array=array))
+    assert events[0].state == "onset"
+    assert all(e.direction_sd_deg == UNKNOWN_SD_DEG for e in events)
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.1e-3, 10e-3), (10e-3, 0.1e-3)])
+def test_noise_that_changes_a_hundredfold_is_no_slip_and_hides_none(before: float, after: float) -> None:
+    touch = Touch(slide_s=14.0, stop_s=18.0, lift_s=20.0, end_s=21.0, noise=0.0)
+    block = touch.block(ARRAY)
+    rng = np.random.default_rng(3)
+    sd = np.where(np.arange(len(block)) < 600, before, after)[:, np.newaxis]
+    block = dataclasses.replace(block, volts=block.volts + sd * rng.normal(size=block.volts.shape))
+    events = slips(detect(block))
+    assert told([*events]) == WHOLE
+    assert events[0].detected_s - START_S - 14.0 < 0.06
+
+
+def test_late_scans_make_no_valid_event() -> None:
+    block = dataclasses.replace(Touch().block(ARRAY), late=np.ones(1100, dtype=np.bool_))
+    events = slips(detect(block))
+    assert told([*events]) == WHOLE
+    assert not any(e.valid for e in events)
+
+
+def test_events_come_in_the_order_of_their_evidence() -> None:
+    events = detect(Touch().block(ARRAY))
+    assert all(a.evidence_s <= b.evidence_s for a, b in itertools.pairwise(events))
+
+
+def test_settings_are_frozen_parameters() -> None:
+    assert CoherentParams().false_alarms_per_hour == SETTINGS["balanced"].false_alarms_per_hour
+    allowed = [SETTINGS[name].false_alarms_per_hour for name in ("fast", "balanced", "quiet")]
+    thresholds = [slips(detect(Touch().block(ARRAY), name))[0].threshold for name in SETTINGS]
+    assert allowed == sorted(allowed, reverse=True)
+    assert thresholds == sorted(thresholds)
