@@ -464,7 +464,7 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
 @click.option("--motion", type=FILE, help="The same, moved as in work.")
 @click.option(
     "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
-    type=click.FloatRange(0, 3600, min_open=True), help="That are put up with.",
+    type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
 )  # fmt: skip
 @click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(4, 3600))
 @click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(4, 36_000))

@@ -134,7 +134,8 @@ def _proposal(found: Study) -> str:
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
     lines.append(
-        f"proven: {alarms} alarms in {seconds:.0f} s of motion; at most {_rate(high)} an hour at 95 % ({proof})"
+        f"proven: {alarms} alarms in {seconds:.0f} s of motion, so at most {_rate(high)} an hour at 95 % "
+        f"({proof})"
     )
     if high > wanted:
         hours = rate_interval(0, 1.0)[1] / wanted

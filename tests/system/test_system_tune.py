@@ -1,0 +1,54 @@
+"""`tactiled tune` beside a real daemon: an emulated board whose skin is held still all the time."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.system
+PATIENCE_S = 50.0
+
+
+def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
+    environ = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+    for name in ("NOTIFY_SOCKET", "RUNTIME_DIRECTORY"):
+        environ.pop(name, None)
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    config = tmp_path / "board.toml"
+    config.write_text(f'port.url = "{tmp_path}/board"\npublish.endpoints = ["{endpoint}"]\n')
+
+    def start(*arguments: str) -> "subprocess.Popen[bytes]":
+        return subprocess.Popen(
+            [sys.executable, "-m", "tactiled", *arguments], cwd=tmp_path, env=environ,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    board = start("emulate", "--scene", "persistent-contact-1", "--link", "board")
+    daemon = start("run", "--config", str(config))
+    try:
+        until_s = time.monotonic() + PATIENCE_S
+        while not (tmp_path / "events.ipc").exists() or not (tmp_path / "board").is_symlink():
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+        tuner = subprocess.run(
+            [sys.executable, "-m", "tactiled", "tune", endpoint, "--quiet-s", "4", "--motion-s", "4"],
+            cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+    finally:
+        for process in (daemon, board):
+            process.terminate()
+            process.wait(timeout=PATIENCE_S)
+    said = tuner.stderr
+    assert tuner.returncode == 0, said
+    assert said.index("hold it still") < said.index("Now move") < said.index("[detect.slip]")
+    (line,) = tuner.stdout.splitlines()
+    found = json.loads(line)
+    assert found["array"] == "wang2019-3x3"
+    for phase in ("quiet", "motion"):
+        assert found[phase]["lost"] == 0
+        assert 3.5 <= found[phase]["contact_s"] <= 4.5
+        assert found["settings"]["fast"][f"alarms_{phase}"]["count"] == 0

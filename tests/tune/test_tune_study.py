@@ -1,0 +1,246 @@
+"""Recordings with known truth: noise, shear and contact that were put in come out again."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tactiled.array import Array, load_array
+from tactiled.bench.slip_scenes import play, read_sd_v
+from tactiled.detect.quantise import Quantiser
+from tactiled.detect.slip_coherent import SETTINGS
+from tactiled.detect.slip_response import PRESSURE, Response, motion, responses
+from tactiled.detect.suite import DetectParams
+from tactiled.emulator.families import QUIET
+from tactiled.emulator.scene import Scene
+from tactiled.errors import ConfigError, DataError
+from tactiled.events.types import ScanEvent
+from tactiled.samples.block import Gap, regular_block
+from tactiled.tune.hold import Recording, from_scans, noise_sd_v, quiet_part
+from tactiled.tune.onset import Onset, latencies, slide
+from tactiled.tune.run import tune_files
+from tactiled.tune.study import SHEARS, WEAK_SHEAR, Study, study
+from tactiled.tune.words import as_toml, in_words
+
+ARRAY = load_array("wang2019-3x3")
+RATE_HZ = 100.0
+Floats = NDArray[np.float64]
+
+
+def held(seconds: float, noise_v: float, seed: int = 0, array: Array = ARRAY) -> Floats:
+    """Readings of a hold of 1.2 V, white noise on them."""
+    rng = np.random.default_rng(seed)
+    pressed = (array.normal_weights() != 0).any(axis=0) * 1.2
+    return np.asarray(pressed + rng.normal(0, noise_v, (int(seconds * RATE_HZ), array.n_channels)))
+
+
+def recording(volts: Floats, array: Array = ARRAY) -> Recording:
+    return Recording("it", array, (regular_block(volts, RATE_HZ),))
+
+
+def shaken(sizes: Floats, noise_v: float = 3e-4) -> Recording:
+    """Shear that comes and goes within 0.4 s, of each of these sizes over pressure, 3 s apart."""
+    volts = held(3.0 * len(sizes) + 2, noise_v, seed=1)
+    share = np.zeros(len(volts))
+    for k, size in enumerate(sizes):
+        at = int((3 + 3 * k) * RATE_HZ)
+        share[at : at + 40] = size * np.sin(np.pi * np.arange(40) / 40) ** 2
+    return recording(slide(ARRAY, volts, share, 30.0))
+
+
+def quietly(quiet: Recording, motion: Recording) -> Study:
+    return study(quiet, motion, 1.0, lambda _: None)
+
+
+@pytest.mark.parametrize("noise_v", [3e-4, 3e-3])
+def test_noise_of_each_channel_is_what_was_put_in(noise_v: float) -> None:
+    volts = held(20, noise_v)
+    volts[:, 7] += held(20, 5 * noise_v, seed=2)[:, 7] - 1.2
+    volts += 0.01 * np.arange(len(volts))[:, np.newaxis] / RATE_HZ  # creep is no noise
+    volts[500:520] += 0.3  # nor is a knock
+    volts[:, 3] = np.nan
+    sd_v = noise_sd_v(recording(volts))
+    wanted = np.full(36, noise_v)
+    wanted[7] *= np.sqrt(26)
+    known = np.arange(36) != 3
+    assert np.isnan(sd_v[3])
+    assert sd_v[known] == pytest.approx(wanted[known], rel=0.1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.sampled_from(["wang2019-3x3", "normal-4x4", "xyz-two-pads-4x4"]),
+    st.floats(0.01, 0.6),
+    st.floats(0, 360),
+)
+def test_a_detector_sees_the_shear_that_was_put_in(name: str, share: float, direction_deg: float) -> None:
+    array = load_array(name)
+    volts = held(0.02, 0.0, array=array)
+    slid = slide(array, volts, np.full(len(volts), share), direction_deg)
+    grid = Quantiser(array)
+    weights = Response(array).weights(np.ones(array.n_taxels, dtype=np.bool_))
+    seen = responses(weights, grid.round(slid))[0]
+    x, y, turn = motion(seen) / seen[PRESSURE]
+    along = np.deg2rad(direction_deg)
+    if array.has_shear:
+        assert (x, y) == pytest.approx((share * np.cos(along), share * np.sin(along)), abs=1e-5)
+    else:
+        assert x * np.cos(along) + y * np.sin(along) == pytest.approx(share, abs=1e-5)
+    assert turn == pytest.approx(0, abs=1e-5)
+    before = responses(weights, grid.round(volts))[0][PRESSURE]
+    assert abs(seen[PRESSURE] - before) <= 1  # a step of the grid
+
+
+def test_an_array_that_sees_no_shear_is_refused() -> None:
+    array = replace(load_array("normal-3x3"), x_mm=np.zeros(9), y_mm=np.zeros(9))
+    with pytest.raises(ConfigError, match="sees no tangential load"):
+        slide(array, held(0.1, 0.0, array=array), np.ones(10), 0.0)
+
+
+@pytest.mark.parametrize("rise_s", [0.1, 1.0])
+@pytest.mark.parametrize("name", ["balanced", "quiet"])
+def test_in_a_still_hold_an_onset_is_told_when_its_shear_is_there(name: str, rise_s: float) -> None:
+    """Mindlin's curve reaches `least_shear` at a known time; the detector tells within three scans of it.
+
+    No sooner but for 5 %: it sees a straight ramp where the curve is bent.
+    """
+    params = SETTINGS[name]
+    found = latencies(recording(held(10, 1e-4)), params, Onset(WEAK_SHEAR, rise_s))
+    there_s = rise_s * (1 - (1 - params.least_shear / WEAK_SHEAR) ** (2 / 3))
+    assert len(found) == 20
+    assert min(found) >= 0.95 * there_s
+    assert max(found) <= 1.1 * there_s + 0.03
+
+
+def test_an_onset_smaller_than_what_counts_is_never_told() -> None:
+    found = latencies(recording(held(10, 1e-4)), SETTINGS["quiet"], Onset(0.15, 0.1))
+    assert found == [np.inf] * 20
+
+
+def test_shakes_are_silenced_and_slips_are_not() -> None:
+    """Shakes of 0.03 to 0.12: the fast setting tells them, the proposal does not, and is in time for slip."""
+    sizes = np.linspace(0.03, 0.12, 6)
+    found = quietly(recording(held(6, 3e-4)), shaken(sizes))
+    assert found.settings["fast"].motion.count >= len(sizes)
+    assert found.proposed.motion.count == 0
+    assert not found.out_of_reach
+    assert found.silent_shear is not None
+    assert max(sizes) <= found.proposed.params.least_shear < WEAK_SHEAR
+    assert found.proposed.params.least_shear >= found.silent_shear
+    assert list(found.shear_alarms) == sorted(found.shear_alarms, reverse=True)
+    for latency in found.proposed.latency.values():
+        assert latency.missed == 0
+        assert latency.low_s <= latency.median_s <= latency.high_s
+    words = in_words(found)
+    assert "extrapolated from" in words
+    assert "rule of three" in words
+    assert "does not prove 1 an hour: 3 hours" in words
+
+
+def test_shakes_as_strong_as_slip_are_out_of_reach() -> None:
+    found = quietly(recording(held(6, 3e-4)), shaken(np.linspace(0.3, 0.9, 4)))
+    assert found.out_of_reach
+    assert found.proposed.params.least_shear < WEAK_SHEAR
+    assert "out of reach" in in_words(found)
+
+
+@pytest.fixture(scope="module")
+def still() -> Study:
+    alone = recording(held(6, 3e-4))
+    return quietly(alone, alone)
+
+
+def test_a_still_motion_proposes_the_fastest_and_says_what_that_is_worth(still: Study) -> None:
+    assert still.shear_tail is None
+    assert still.proposed.params.least_shear == SHEARS[0]
+    assert "no tail to extrapolate" in in_words(still)
+
+
+def test_a_restless_hold_is_said() -> None:
+    found = quietly(shaken(np.full(5, 0.1)), recording(held(6, 3e-4)))
+    assert found.restless
+    assert "the hold was not quiet" in in_words(found)
+    assert found.proposed.params.false_alarms_per_hour == 1.0
+
+
+def test_the_snippet_is_a_configuration(still: Study) -> None:
+    slip = DetectParams.model_validate(tomllib.loads(as_toml(still))["detect"]).slip
+    assert slip.least_shear == still.proposed.params.least_shear
+    assert slip.false_alarms_per_hour == still.proposed.params.false_alarms_per_hour
+
+
+@pytest.mark.parametrize(
+    ("volts", "says"),
+    [
+        (held(6, 3e-4) - 1.2, "no contact in 6.0 s .*: grip an object"),
+        (held(2, 3e-4), "1.0 s of unbroken contact in 2.0 s, 4 s are the least"),
+    ],
+)
+def test_too_little_contact_names_what_to_do(volts: Floats, says: str) -> None:
+    with pytest.raises(DataError, match=f"it: {says}"):
+        quietly(recording(volts), recording(held(6, 3e-4)))
+    if "no contact" in says:
+        with pytest.raises(DataError, match=f"it: {says}"):
+            quietly(recording(held(6, 3e-4)), recording(volts))
+
+
+def test_the_press_is_no_part_of_the_hold() -> None:
+    volts = np.concatenate([held(2, 3e-4) - 1.2, held(8, 3e-4), held(2, 3e-4) - 1.2])
+    (block,) = quiet_part(recording(volts)).blocks
+    assert (block.index[0], block.index[-1]) == (300, 999)
+
+
+def test_lost_and_late_scans_are_counted() -> None:
+    scans = [
+        ScanEvent(
+            time_s=k / 100, index=k, volts=(1.2,) * 36, valid=(True,) * 36, time_sd_s=0.0, age_s=0.0,
+            late=k in (5, 6),
+        )
+        for k in (*range(10), *range(13, 20), *range(3))
+    ]  # fmt: skip
+    found = from_scans("it", ARRAY, scans, RATE_HZ, (0.0,) * 36)
+    assert [(g.n_missing, g.cause) for g in found.items if isinstance(g, Gap)] == [
+        (3, "missing"), (0, "restart"),
+    ]  # fmt: skip
+    assert (found.lost, found.late) == (3, 2)
+    assert found.seconds == pytest.approx(0.2)
+
+
+def first_seconds(seed: int) -> Scene:
+    """`persistent-contact` without its two minutes of creep."""
+    document = QUIET["persistent-contact"](seed).model_dump()
+    document["phases"][-1]["duration_s"] = 5.0
+    return Scene.model_validate(document)
+
+
+def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A contact that nothing disturbs, then an arm that starts and stops; nothing slips in either."""
+    noise_v = 1e-3
+    scenes = {"persistent-contact": first_seconds, "arm-acceleration": QUIET["arm-acceleration"]}
+    for name, family in scenes.items():
+        block = play(name, family, 2).read(noise_v, 0)
+        np.savez(tmp_path / f"{name}.npz", time_s=block.time_s, volts=block.volts)
+    tune_files(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz", None, 1.0)
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    sd_v = np.array(list(found["noise_sd_v"].values()))
+    assert sd_v == pytest.approx(np.full(36, read_sd_v(noise_v)), rel=0.1)
+    settings_found = found["settings"]
+    assert settings_found["fast"]["alarms_quiet"]["count"] == 0
+    assert settings_found["fast"]["alarms_motion"]["count"] > 0
+    assert settings_found["proposed"]["alarms_motion"]["count"] == 0
+    assert found["proposed"]["proven_per_hour"]["high"] == pytest.approx(
+        3 * 3600 / found["motion"]["contact_s"], rel=0.002
+    )
+    medians = [
+        [latency["median_s"] for latency in settings_found[name]["latency"]]
+        for name in ("fast", "balanced", "quiet")
+    ]
+    assert all(a < b < c for a, b, c in zip(*medians, strict=True))
+    assert "[detect.slip]" in err
