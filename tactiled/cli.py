@@ -382,7 +382,7 @@ def command(name: str, fields: tuple[str, ...], endpoint: str, who: str, keys: P
     NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; fields:
     protocols/control.md.
 
-    Example: tactiled command thresholds slip.threshold_volts=0.003
+    Example: tactiled command thresholds slip.false_alarms_per_hour=0.5
     """
     from tactiled.client.commander import Commander, fields_of
 
@@ -466,8 +466,8 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
     type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
 )  # fmt: skip
-@click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(4, 3600))
-@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(4, 36_000))
+@click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600))
+@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 36_000))
 @click.option(
     "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
 )

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from tactiled.array import Array, load_array
+from tactiled.client.commander import Commander
 from tactiled.client.items import Fresh, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
 from tactiled.detect.contact import ContactParams
-from tactiled.errors import ConfigError, DataError
+from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
 from tactiled.tune.hold import LOADING_S, Recording, from_scans
 
@@ -50,6 +51,8 @@ def record_live(
     with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
         feed = _Feed(subscription, tell)
         info = feed.board(endpoint)
+        if warning := _warning_of_tare(endpoint, keys):
+            tell(warning)
         worn = _array_of(info, array)
 
         def recording(name: str, scans: list[ScanEvent]) -> Recording:
@@ -130,6 +133,16 @@ class _Feed:
         raise DataError(
             f"no contact within {_GRIP_S:g} s (no taxel above {least_v:g} V): run again and grip an object"
         )
+
+
+def _warning_of_tare(endpoint: str, keys: Path | None) -> str:
+    """Scans are published as they were read; a tared daemon's detectors see less."""
+    try:
+        with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
+            is_tared = daemon.send("state").data["settings"]["tared"]
+    except OperatorError:
+        return "the daemon takes no requests here: if it was tared, what is proposed will not fit"
+    return "the daemon was tared: what is proposed fits it untared; restart it first" if is_tared else ""
 
 
 def _array_of(info: dict[str, Any], array: str | None) -> Array:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tactiled.client import Commander
+
 pytestmark = pytest.mark.system
 PATIENCE_S = 50.0
 
@@ -27,6 +29,12 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
 
+    def tune(*arguments: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [sys.executable, "-m", "tactiled", "tune", endpoint, *arguments], cwd=tmp_path, env=environ,
+            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+
     board = start("emulate", "--scene", "persistent-contact-1", "--link", "board")
     daemon = start("run", "--config", str(config))
     try:
@@ -34,21 +42,24 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
         while not (tmp_path / "events.ipc").exists() or not (tmp_path / "board").is_symlink():
             assert time.monotonic() < until_s
             time.sleep(0.05)
-        tuner = subprocess.run(
-            [sys.executable, "-m", "tactiled", "tune", endpoint, "--quiet-s", "4", "--motion-s", "4"],
-            cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
-        )  # fmt: skip
+        wrong = tune("--array", "normal-4x4")
+        with Commander(endpoint) as commander:
+            assert commander.send("tare", force=True).ok
+        tuner = tune("--quiet-s", "5", "--motion-s", "5")
     finally:
         for process in (daemon, board):
             process.terminate()
             process.wait(timeout=PATIENCE_S)
+    assert wrong.returncode == 2
+    assert wrong.stderr == "tactiled: --array: normal-4x4 has 16 channels, the board 36\n"
     said = tuner.stderr
     assert tuner.returncode == 0, said
     assert said.index("hold it still") < said.index("Now move") < said.index("[detect.slip]")
+    assert "the daemon was tared" in said
     (line,) = tuner.stdout.splitlines()
     found = json.loads(line)
     assert found["array"] == "wang2019-3x3"
     for phase in ("quiet", "motion"):
         assert found[phase]["lost"] == 0
-        assert 3.5 <= found[phase]["contact_s"] <= 4.5
+        assert 4.5 <= found[phase]["contact_s"] <= 5.5
         assert found["settings"]["fast"][f"alarms_{phase}"]["count"] == 0
