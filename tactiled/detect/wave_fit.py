@@ -137,7 +137,7 @@ def _wave(
     found = search(window, tables, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
     is_wave = best is not None and best.is_wave
-    if best is None or not is_wave or best.stray.any():
+    if best is None or not is_wave or (motion.has_speed and best.stray.any()):
         # Too fast to be sampled, a ripple shows as a slower one, whose phases suit no wave well.
         whole_turn = 2 * np.pi / window.largest_step
         for fast in (whole_turn - turn, whole_turn + turn):
@@ -148,6 +148,8 @@ def _wave(
                     hz = window.frequency_hz(float(image.waves.turn[0]))
                     return WaveFit("aliased", hz, image.snr_db), (turn, 1)
     if best is None or not is_wave:
+        if motion.has_speed and has_lever(layout, motion.without_speed):
+            return _wave(window, layout, motion.without_speed, params, turn, variance)
         return None
     line = float(best.waves.turn[0]), best.tables.n_harmonics
     fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)

@@ -19,7 +19,7 @@ from tactiled.detect.wave_refine import Refined
 from tactiled.detect.wave_solve import Solver
 
 _PLACES = 8  # beside the line: fewer say little, more are far from it
-_NEAREST = 2.0  # periods of the window: nearer, the fit has taken the noise with the line
+_NEAREST = 1.0  # periods of the window: nearer, the fit has taken the noise with the line
 _SLOWEST = 0.75  # periods: below, the trend has taken it
 # White noise passes for more than white so often; the sigma is then too wide by what it seemed to be.
 _FALSE_COLOUR = 0.01
@@ -53,7 +53,7 @@ def inflation(window: Window, layout: Layout, solver: Solver, best: Refined, slo
         parts = is_taxel[..., np.newaxis] * solver.surprise(best.tables, best.waves)
         moved = ((solver.moves(best.tables, best.waves, parts) @ slope.T) ** 2).sum(axis=0)
         left = n_taxels - _SPENT_TAXELS
-        # A variance out of so few is itself unsure: as wide as makes two sigmas hold what they do of a normal.
+        # A variance out of so few is itself unsure: as wide as makes two sigmas hold as they do elsewhere.
         unsure = (stats.t.isf(_TAIL, left) / stats.norm.isf(_TAIL)) ** 2
         factor = np.maximum(factor, moved * n_taxels / left / stated * unsure)
     return factor

@@ -20,7 +20,7 @@ from tactiled.detect.wave_model import Layout, WaveMotion
 
 _STEPS = 3  # quadratic from a start within a quarter of a radian
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
-_FALSE_STRAY = 1e-3  # noise passes for strays of a kind so often
+_FALSE_STRAY = 1e-3  # noise passes for strays so often
 _RIDGE = 1e-12  # what no channel tells must have a finite sigma
 
 
@@ -148,10 +148,15 @@ class Solver:
         spent = 1.0 + 2.0 / max(tables.n_harmonics * self._geometry.is_kind.shape[1], 1)
         dof = np.maximum(self._geometry.is_kind.T @ seen - spent, 0.0)
         q, total = self._geometry.is_kind.T @ excess, self._geometry.is_kind.T @ known
-        usual = stats.chi2.isf(_FALSE_STRAY, np.maximum(dof, 1e-3))
+        if q.sum() <= stats.chi2.isf(_FALSE_STRAY, max(float(dof.sum()), 1e-3)):
+            return np.zeros_like(q)
         share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
-        found = (q > usual) & (dof > 0)
-        return np.where(found, (q - dof) / np.where(found, total * share, 1.0), 0.0)
+        found = (q > dof) & (dof > 0)
+        own = np.where(found, (q - dof) / np.where(found, total * share, 1.0), 0.0)
+        # A kind has few channels: what all kinds show is worth one more of them.
+        pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-300), 0.0)
+        # Harmonics of a channel stray together, and then all of them tell no more than one.
+        return np.asarray(tables.n_harmonics * (dof * own + pooled) / (dof + 1.0))
 
     def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
