@@ -15,6 +15,8 @@ is evidence of slip:
    follows its first curve doubled).
 3. Opposed. The rise is larger than what the pressure's rise over the same ramp can leak into it: `_COMMON`
    of it by unequal resistors, and the shear there already, which goes with the pressure.
+4. Shared. The taxels agree on it, and no few of many have it alone: a spike, a loose wire or a reading that
+   sticks is no slip of the contact.
 """
 
 import itertools
@@ -37,6 +39,11 @@ _LOOKS_A_SCAN = 4.0
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
 _COMMON = 0.25
+# A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
+_AGREE = 0.6
+# Of the taxels that are pressed by this part of the mean or more, a third must take part beyond the first:
+# what one shows alone, or two that share a spark, is a fault of their own.
+_LOADED, _TAKE_PART = 0.25, 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +120,9 @@ class Evidence:
         self, array: Array, rate_hz: float, false_alarms_per_hour: float, least_shear: float
     ) -> None:
         self._response = Response(array)
+        self._array = array
         self.shear_weights = array.shear_weights()
+        self._normal_weights = array.normal_weights()
         self._chance = false_alarms_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
         self._least = least_shear
         self._filters = Filters(rate_hz)
@@ -203,7 +212,29 @@ class Evidence:
         seen = stretch.seen[scan : scan + self.window]
         rise = moved(seen[-1] - self._filters.rise(best, seen), seen[-1])
         change = self._filters.rise(best, stretch.steps[scan : scan + self.window])
+        if not self._is_shared(rise, change, stretch.steps[scan + self.window - 1]):
+            return None
         return Growth(int(self._filters.lengths[best]), rise, change, float(statistic[best]))
+
+    def shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
+        """What each taxel (taxels,) adds to a change of the readings (channels,), along a vector (3,)."""
+        weights = along @ motion(self.weights.T).T
+        taxel = self._array.channel_taxel
+        return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
+
+    def _is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
+        """Whether the taxels agree, and not a few of many have it alone.
+
+        Shares that are equal on n taxels and nothing elsewhere have ``sum^2 / sum of squares = n``.
+        """
+        shares = self.shares(rise, change)
+        total = float(shares.sum())
+        if total < _AGREE * float(np.abs(shares).sum()):
+            return False
+        load = self._normal_weights @ steps
+        n_loaded = int((load > _LOADED * load[self.taxels].mean()).sum())
+        taking_part = total**2 / float(shares @ shares)
+        return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
     def learn(self, details: FloatArray, disturbed: bool) -> None:
         """Noise of a scan: its details (3, levels), and whether something happened."""

@@ -108,7 +108,7 @@ class Witness:
 
     def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
         """About a change of the readings (channels,) that is one along a unit vector (3,)."""
-        shares = self._shares(along, change)
+        shares = self._evidence.shares(along, change)
         agreement = max(0.0, float(shares.sum())) / max(float(np.abs(shares).sum()), 1.0)
         response = self._evidence.weights @ change
         opposed, common = float(np.sqrt((motion(response) ** 2).sum())), abs(float(response[PRESSURE]))
@@ -120,12 +120,6 @@ class Witness:
             agreement * opposed / max(opposed + common, 1.0),
             tuple(np.flatnonzero(part).tolist()),
         )
-
-    def _shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
-        """What each taxel (taxels,) adds to the change, in steps."""
-        weights = along @ motion(self._evidence.weights.T).T
-        taxel = self._array.channel_taxel
-        return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
     def _direction_deg(self, along: FloatArray, change: FloatArray) -> tuple[float, float]:
         """None where the skin turns on the spot rather than moves, or the array has no shear channels."""
