@@ -145,11 +145,14 @@ def hold_table(counted: Counted, per_hour: Mapping[str, Callable[[float], float]
         for noise_v in NOISES_V:
             alarms = counted[HELD, noise_v, name]
             said = alarms.false - alarms.on_press
-            cells.append(f"{said} of {asked(noise_v) * alarms.hours:.3g}")
+            pressing = f", {alarms.on_press} on the press" if alarms.on_press else ""
+            cells.append(f"{said} of {asked(noise_v) * alarms.hours:.3g}{pressing}")
         rows.append([name, *cells])
     hours = counted[HELD, NOISES_V[0], next(iter(per_hour))].hours
-    return f"In {hours:.2g} h of holds at each noise, false alarms said of expected.\n\n" + table(
-        ["detector", *(f"{1e3 * noise_v:g} mV" for noise_v in NOISES_V)], rows
+    return (
+        f"In {hours:.2g} h of holds at each noise, false alarms said of expected; after one on the press "
+        "that never ends, none is said any more.\n\n"
+        + table(["detector", *(f"{1e3 * noise_v:g} mV" for noise_v in NOISES_V)], rows)
     )
 
 

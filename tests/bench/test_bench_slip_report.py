@@ -92,7 +92,10 @@ def test_false_alarms_a_minute(counted: Counted) -> None:
     assert cells(text, "0.3 mV", "taps")[:2] == ["120.0 min", "0.050, 1 gross (+3 right)"]
     assert cells(text, "0.3 mV", "hold")[1] == "0.000; told 0.000 (+3 right)"
     holds = {(HELD, noise, NAMES[0]): ALARMS for noise in NOISES_V}
-    assert cells(slip_tables.hold_table(holds, {NAMES[0]: lambda _: 1.5}), NAMES[0]) == ["4 of 3"] * 4
+    assert (
+        cells(slip_tables.hold_table(holds, {NAMES[0]: lambda _: 1.5}), NAMES[0])
+        == ["4 of 3, 2 on the press"] * 4
+    )
     # Both families count alike, and untold where none can be told.
     assert slip_tables.per_hour(counted, 3e-3, NAMES[0]) == (1.5, 0.0)
 
