@@ -467,7 +467,7 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
 )  # fmt: skip
 @click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600))
-@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 36_000))
+@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 14_400))
 @click.option(
     "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
 )

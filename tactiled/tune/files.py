@@ -7,7 +7,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.recording.replay import Replay
 from tactiled.recording.table import read_table, to_blocks
-from tactiled.tune.hold import Recording, from_scans
+from tactiled.tune.hold import Collector, Recording
 
 _DEFAULT_ARRAY = "wang2019-3x3"
 
@@ -45,8 +45,12 @@ def read_recording(path: Path, array: str | None = None) -> Recording:
 def _from_mcap(path: Path) -> Recording:
     """Bytes through the pipeline that runs live, for the scans alone."""
     replay = Replay([path])
-    scans = [said.event for step in replay for said in step.now if isinstance(said.event, ScanEvent)]
+    scans = Collector(replay.header.source.array)
+    for step in replay:
+        for said in step.now:
+            if isinstance(said.event, ScanEvent):
+                scans.add(said.event)
     hello = replay.pipeline.hello
     if not scans or hello is None:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
-    return from_scans(path.name, replay.header.source.array, scans, hello.rate_hz, hello.channel_offset_s)
+    return scans.recording(path.name, hello.rate_hz, hello.channel_offset_s)

@@ -1,5 +1,6 @@
 """Recordings of a held object: what was lost of them, when there was contact, how noisy each channel is."""
 
+from array import array as buffer
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -56,33 +57,55 @@ class Recording:
         return sum(float(touching(b, self.array).sum()) / b.rate_hz for b in self.blocks)
 
 
-def from_scans(
-    name: str, array: Array, scans: Sequence[ScanEvent], rate_hz: float, offset_s: Sequence[float]
-) -> Recording:
-    """Recording of scans as they are published, in order."""
-    items: list[ScanBlock | Gap] = []
-    starts = [0, *(k for k in range(1, len(scans)) if scans[k].index != scans[k - 1].index + 1)]
-    for start, end in zip(starts, [*starts[1:], len(scans)], strict=True):
-        part = scans[start:end]
-        if not part:
-            break
-        if start:
-            missing = part[0].index - scans[start - 1].index - 1
-            cause: GapCause = "missing" if missing > 0 else "restart"
-            items.append(Gap(max(missing, 0), cause, part[0].index))
-        items.append(
-            ScanBlock(
-                volts=np.array([scan.volts for scan in part], dtype=np.float64),
-                time_s=np.array([scan.time_s for scan in part]),
-                time_sd_s=np.array([scan.time_sd_s for scan in part]),
-                index=np.array([scan.index for scan in part], dtype=np.int64),
-                valid=np.array([scan.valid for scan in part], dtype=np.bool_),
-                rate_hz=rate_hz,
-                channel_offset_s=np.array(offset_s, dtype=np.float64),
-                late=np.array([scan.late for scan in part], dtype=np.bool_),
+class Collector:
+    """Scans as they are published, in order, to a recording: hours of them fit into memory.
+
+    Parameters
+    ----------
+    array : Array
+    """
+
+    def __init__(self, array: Array) -> None:
+        self._array = array
+        self._numbers = buffer("d")  # time, its sigma, volts
+        self._flags = bytearray()  # late, valid
+        self._index = buffer("q")
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def add(self, scan: ScanEvent) -> None:
+        """The next scan."""
+        self._index.append(scan.index)
+        self._numbers.extend((scan.time_s, scan.time_sd_s, *scan.volts))
+        self._flags.extend((scan.late, *scan.valid))
+
+    def recording(self, name: str, rate_hz: float, channel_offset_s: Sequence[float]) -> Recording:
+        """All of them; where numbers leap there is a gap."""
+        n = len(self)
+        numbers = np.frombuffer(self._numbers.tobytes()).reshape(n, 2 + self._array.n_channels)
+        flags = np.frombuffer(bytes(self._flags), dtype=np.bool_).reshape(n, 1 + self._array.n_channels)
+        index = np.frombuffer(self._index.tobytes(), dtype=np.int64)
+        items: list[ScanBlock | Gap] = []
+        starts = [0, *(np.flatnonzero(np.diff(index) != 1) + 1).tolist()] if n else []
+        for start, end in zip(starts, [*starts[1:], n], strict=True):
+            if start:
+                missing = int(index[start] - index[start - 1]) - 1
+                cause: GapCause = "missing" if missing > 0 else "restart"
+                items.append(Gap(max(missing, 0), cause, int(index[start])))
+            items.append(
+                ScanBlock(
+                    volts=numbers[start:end, 2:],
+                    time_s=numbers[start:end, 0],
+                    time_sd_s=numbers[start:end, 1],
+                    index=index[start:end],
+                    valid=flags[start:end, 1:],
+                    rate_hz=rate_hz,
+                    channel_offset_s=np.array(channel_offset_s, dtype=np.float64),
+                    late=flags[start:end, 0],
+                )
             )
-        )
-    return Recording(name, array, tuple(items))
+        return Recording(name, self._array, tuple(items))
 
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from tactiled.client.subscriber import Subscription
 from tactiled.detect.contact import ContactParams
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
-from tactiled.tune.hold import LOADING_S, Recording, from_scans
+from tactiled.tune.hold import LOADING_S, Collector, Recording
 
 _BOARD_S = 5.0  # a daemon says once a second which board it reads
 _GRIP_S = 60.0  # to fetch an object
@@ -55,21 +55,22 @@ def record_live(
             tell(warning)
         worn = _array_of(info, array)
 
-        def recording(name: str, scans: list[ScanEvent]) -> Recording:
+        def record(name: str, seconds: float) -> Recording:
+            scans = feed.collect(worn, seconds)
             if not scans:
                 raise DataError(
                     f"{name}: no scans from {endpoint}; see what `tactiled listen -t status` says"
                 )
-            return from_scans(name, worn, scans, info["rate_hz"], info["channel_offset_s"])
+            return scans.recording(name, info["rate_hz"], info["channel_offset_s"])
 
         tell(f"Grip an object firmly and hold it still, for {quiet_s:g} s from the touch on.")
         feed.until_touch(worn)
-        quiet = recording("quiet hold", feed.collect(LOADING_S + quiet_s))
+        quiet = record("quiet hold", LOADING_S + quiet_s)
         tell(
             f"Now move arm and gripper as in work, without slip, for {motion_s:g} s, from {_READY_S:g} s on."
         )
-        feed.gather(_READY_S)
-        motion = recording("motion", feed.collect(motion_s))
+        feed.listen(_READY_S)
+        motion = record("motion", motion_s)
         tell("Done; you may let go.")
     return quiet, motion
 
@@ -94,7 +95,7 @@ class _Feed:
             "(tactiled doctor)?"
         )
 
-    def gather(self, seconds: float) -> list[ScanEvent]:
+    def listen(self, seconds: float) -> list[ScanEvent]:
         """Scans of the next seconds."""
         until_s = time.monotonic() + seconds
         scans = []
@@ -112,13 +113,14 @@ class _Feed:
                 break
         return scans
 
-    def collect(self, seconds: float) -> list[ScanEvent]:
+    def collect(self, array: Array, seconds: float) -> Collector:
         """The same, saying how long it takes yet."""
         until_s = time.monotonic() + seconds
-        scans: list[ScanEvent] = []
+        scans = Collector(array)
         while (left_s := until_s - time.monotonic()) > 0:
             self._tell(f"  {left_s:.0f} s")
-            scans += self.gather(min(_TOLD_S, left_s))
+            for scan in self.listen(min(_TOLD_S, left_s)):
+                scans.add(scan)
         return scans
 
     def until_touch(self, array: Array) -> None:
@@ -127,7 +129,7 @@ class _Feed:
         least_v = ContactParams().contact_volts
         weights = array.normal_weights()
         while time.monotonic() < until_s:
-            scans = self.gather(0.1)
+            scans = self.listen(0.1)
             if scans and (weights @ np.nan_to_num(np.array(scans[-1].volts))).max() > least_v:
                 return
         raise DataError(

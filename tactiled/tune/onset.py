@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.slip_coherent import CoherentParams, CoherentSlip
@@ -99,16 +100,21 @@ def latencies(recording: Recording, params: CoherentParams, onset: Onset) -> lis
 
 def _places(recording: Recording, onset: Onset) -> Iterator[tuple[ScanBlock, int]]:
     """Stretches in contact throughout and the scan of each at which an onset begins, spread evenly."""
-    choices: list[tuple[ScanBlock, int, int]] = []
-    for block in recording.blocks:
-        lead = round(_LEAD_S * block.rate_hz)
-        length = lead + round((onset.rise_s + _AFTER_S) * block.rate_hz)
-        off = np.concatenate([[0], np.cumsum(~touching(block, recording.array))])
-        starts = np.flatnonzero(off[length:] == off[: max(len(off) - length, 0)])
-        choices += [(block, int(start), int(start) + length) for start in starts]
-    for k in np.unique(np.linspace(0, len(choices) - 1, _TRIES).astype(int)) if choices else ():
-        block, start, end = choices[k]
-        yield block[start:end], round(_LEAD_S * block.rate_hz)
+    windows = [(block, *_windows(block, recording.array, onset)) for block in recording.blocks]
+    total = sum(len(starts) for _, starts, _ in windows)
+    for k in np.unique(np.linspace(0, total - 1, _TRIES).astype(int)) if total else ():
+        for block, starts, length in windows:
+            if k < len(starts):
+                yield block[starts[k] : starts[k] + length], round(_LEAD_S * block.rate_hz)
+                break
+            k -= len(starts)
+
+
+def _windows(block: ScanBlock, array: Array, onset: Onset) -> tuple[NDArray[np.int64], int]:
+    """First scans of all stretches of a length that are in contact throughout, and that length."""
+    length = round((_LEAD_S + onset.rise_s + _AFTER_S) * block.rate_hz)
+    off = np.concatenate([[0], np.cumsum(~touching(block, array))])
+    return np.flatnonzero(off[length:] == off[: max(len(off) - length, 0)]), length
 
 
 def _with_onset(

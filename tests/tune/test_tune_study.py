@@ -18,15 +18,21 @@ from tactiled.detect.slip_coherent import SETTINGS
 from tactiled.detect.slip_response import PRESSURE, Response, motion, responses
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.families import QUIET
-from tactiled.emulator.scene import Scene
+from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
+from tactiled.pipeline import Pipeline
+from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.writer import RecordingWriter
 from tactiled.samples.block import Gap, regular_block
-from tactiled.tune.hold import Recording, from_scans, noise_sd_v, quiet_part
+from tactiled.tune.files import read_recording
+from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
 from tactiled.tune.onset import Onset, latencies, slide
 from tactiled.tune.run import tune_files
 from tactiled.tune.study import SHEARS, WEAK_SHEAR, Study, study
 from tactiled.tune.words import as_toml, in_words
+from tactiled.wire.layout import load_layout
 
 ARRAY = load_array("wang2019-3x3")
 RATE_HZ = 100.0
@@ -197,19 +203,38 @@ def test_the_press_is_no_part_of_the_hold() -> None:
 
 
 def test_lost_and_late_scans_are_counted() -> None:
-    scans = [
-        ScanEvent(
-            time_s=k / 100, index=k, volts=(1.2,) * 36, valid=(True,) * 36, time_sd_s=0.0, age_s=0.0,
-            late=k in (5, 6),
+    scans = Collector(ARRAY)
+    for k in (*range(10), *range(13, 20), *range(3)):
+        volts, valid = tuple(k + c / 36 for c in range(36)), tuple(c != k for c in range(36))
+        scans.add(
+            ScanEvent(
+                time_s=k / 100, index=k, volts=volts, valid=valid, time_sd_s=1e-4, age_s=0.0, late=k in (5, 6)
+            )
         )
-        for k in (*range(10), *range(13, 20), *range(3))
-    ]  # fmt: skip
-    found = from_scans("it", ARRAY, scans, RATE_HZ, (0.0,) * 36)
+    found = scans.recording("it", RATE_HZ, (0.0,) * 36)
+    block = found.blocks[1]
+    assert (block.time_s[2], block.time_sd_s[2], block.index[2]) == (0.15, 1e-4, 15)
+    assert block.volts[2].tolist() == [15 + c / 36 for c in range(36)]
+    assert np.flatnonzero(~block.valid[2]).tolist() == [15]
     assert [(g.n_missing, g.cause) for g in found.items if isinstance(g, Gap)] == [
         (3, "missing"), (0, "restart"),
     ]  # fmt: skip
     assert (found.lost, found.late) == (3, 2)
     assert found.seconds == pytest.approx(0.2)
+
+
+def test_a_recording_of_ours_gives_the_scans_that_were_live(tmp_path: Path) -> None:
+    live = Pipeline(load_layout("board-v1"), ARRAY)
+    scans: list[ScanEvent] = []
+    with RecordingWriter(tmp_path / "demo.mcap", Header(load_source("board-v1", ARRAY.name))) as writer:
+        for now_s, data in Simulation(load_scene("flat-simulation"), live.layout, duration_s=1.0):
+            writer.read(Read(now_s, 1.7e9, data))
+            scans += [out for out in live.receive_data(data, now_s) if isinstance(out, ScanEvent)]
+    (block,) = read_recording(tmp_path / "demo.mcap").blocks
+    assert block.volts.tolist() == [list(scan.volts) for scan in scans]
+    assert block.time_s.tolist() == [scan.time_s for scan in scans]
+    assert live.hello is not None
+    assert block.channel_offset_s.tolist() == list(live.hello.channel_offset_s)
 
 
 def first_seconds(seed: int) -> Scene:
