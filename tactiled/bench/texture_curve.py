@@ -1,6 +1,6 @@
 """Error against time since the onset of slip, for each preset, with the bound of the time that it had.
 
-Slides over gratings of moderate period at 1.5 mm/s, the speed given and 20 dB a channel. The bound is that of
+Slides over gratings of moderate period at 1.5 mm/s and 20 dB a channel, the motion given. The bound is that of
 the window which the estimator has by then: from `settle_s` after the onset, of `max_window_s` at most.
 """
 
@@ -63,7 +63,7 @@ def slide(preset: Preset, seed: int) -> Slide:
     array = load_array("wang2019-3x3")
     rng = np.random.default_rng(seed)
     window = perfect(array, rng, TIMES_S[-1], SNR_DB)
-    params = JointParams(preset=preset)
+    params = JointParams(preset=preset, direction_deg=window.wave.direction_deg)
     said = answers(
         array,
         params,

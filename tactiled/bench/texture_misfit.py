@@ -60,7 +60,10 @@ def spoiled(name: str, is_speed_known: bool, seed: int) -> Spoiled:
     window = perfect(array, rng, WINDOW_S)
     (MISFITS | GROOVELESS)[name](window, rng)
     volts = window.volts(rng)
-    params = JointParams(max_window_s=WINDOW_S, hop_s=WINDOW_S, settle_s=0.0)
+    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
+    params = JointParams(
+        max_window_s=WINDOW_S, hop_s=WINDOW_S, settle_s=0.0, direction_deg=window.wave.direction_deg
+    )
     said = answers(
         array,
         params,
