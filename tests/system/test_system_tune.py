@@ -13,6 +13,14 @@ from tactiled.client import Commander
 
 pytestmark = pytest.mark.system
 PATIENCE_S = 50.0
+HELD = """
+name = "held"
+contact = "signal"
+phases = [
+    { kind = "press", duration_s = 0.5, force_n = 20.0 },
+    { kind = "hold", duration_s = 120.0 },
+]
+"""
 
 
 def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
@@ -35,7 +43,8 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
             capture_output=True, text=True, timeout=PATIENCE_S, check=False,
         )  # fmt: skip
 
-    board = start("emulate", "--scene", "persistent-contact-1", "--link", "board")
+    (tmp_path / "held.toml").write_text(HELD)
+    board = start("emulate", "--scene", "held.toml", "--link", "board")
     daemon = start("run", "--config", str(config))
     try:
         until_s = time.monotonic() + PATIENCE_S
@@ -63,3 +72,14 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
         assert found[phase]["lost"] == 0
         assert 4.5 <= found[phase]["contact_s"] <= 5.5
         assert found["settings"]["fast"][f"alarms_{phase}"]["count"] == 0
+
+
+def test_without_a_daemon_it_says_so(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tactiled", "tune", f"ipc://{tmp_path}/events.ipc"],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"tactiled: no board at ipc://{tmp_path}/events.ipc within 5 s")
+    assert "tactiled run" in done.stderr
+    assert done.stdout == ""
