@@ -1,7 +1,7 @@
 """Error against time since the onset of slip, for each preset, with the bound of the time that it had.
 
-Slides over gratings of moderate period at 1.5 mm/s and 20 dB a channel, the motion given. The bound is that of
-the window which the estimator has by then: from `settle_s` after the onset, of `max_window_s` at most.
+Slides over gratings of moderate period at 1.5 mm/s and 20 dB a channel, the motion given. The bound is that
+of the window which the estimator has by then: from `settle_s` after the onset, of `max_window_s` at most.
 """
 
 from collections.abc import Callable, Sequence
