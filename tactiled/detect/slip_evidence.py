@@ -7,7 +7,8 @@ is evidence of slip:
    chi-square variable with one degree of freedom an axis. Its threshold follows from the false alarms an hour
    that the user allows, counting `_LOOKS_A_SCAN` independent looks a scan. What the ramp's standard deviation
    is, the noise floor says (`slip_floor`), octave by octave.
-2. Size. The rise is `least_shear` of the pressure or more. A tenth of the contact slips when shear has
+2. Size. With the shear there already in its direction, the rise reaches `least_shear` of the pressure, and a
+   fifth of that by itself. A tenth of the contact slips when shear has
    reached 15 % of what friction bears (Mindlin's curve at x = 0.1), which on the 2019 array is a shear over
    pressure of 0.07 at friction 0.3 and of 0.25 at 0.9. Below, shear may grow and go with nothing slipping,
    and no feature of the signal tells friction beforehand: this is the setting's trade of early against
@@ -39,6 +40,8 @@ _LOOKS_A_SCAN = 4.0
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
 _COMMON = 0.25
+_UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there is none
+_NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
 # Of the taxels that are pressed by this part of the mean or more, a third must take part beyond the first:
@@ -181,10 +184,13 @@ class Evidence:
         pressure = np.maximum(now[:, AXES:], 1.0)
         start = now[:, :AXES, np.newaxis] - rise
         size, there = _size(rise), _size(start)
-        is_back = ((start * rise).sum(axis=1) < -0.5 * size * there) & (there > self._least * pressure)
+        along = (start * rise).sum(axis=1) / np.maximum(size * there, 1.0)  # cosine
+        is_back = (along < -0.5) & (there > self._least * pressure)
+        reached = size + np.where(along > 0.5, np.maximum(there - _UNEQUAL * pressure, 0.0), 0.0)
         leak = _COMMON + there / pressure
         return np.asarray(
-            (size >= self._least * pressure * np.where(is_back, 2.0, 1.0))
+            (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
+            & (size >= _NEWS * self._least * pressure)
             & (size >= leak * np.abs(rises[:, AXES]))
         )
 

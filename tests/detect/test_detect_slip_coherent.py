@@ -336,6 +336,19 @@ def test_neighbouring_channels_that_jump_are_no_slip(
     assert slips(detect(dataclasses.replace(block, volts=volts), "fast")) == []
 
 
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_creep_of_many_seconds_is_found_before_it_is_gross(setting: str) -> None:
+    """Though it grows by less in any window than what counts at once."""
+    t = np.arange(2000) / 100
+    shear = 0.45 * np.clip((t - 3) / 12, 0, 1)
+    volts = np.clip((t - 0.5) / 0.5, 0, 1)[:, np.newaxis] + shear[:, np.newaxis] * moves(30.0)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=volts.shape)
+    events = slips(detect(regular_block(volts + noise, 100.0), setting))
+    assert [(e.state, e.kind) for e in events] == WHOLE[:2]
+    assert events[0].detected_s < 11
+    assert events[1].onset_s == pytest.approx(15 - 0.032 * 12, abs=0.4)
+
+
 def test_late_scans_make_no_valid_event() -> None:
     block = dataclasses.replace(Touch().block(ARRAY), late=np.ones(1100, dtype=np.bool_))
     events = slips(detect(block))
