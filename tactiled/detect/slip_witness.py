@@ -14,6 +14,9 @@ _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may b
 
 # One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
 _ONE_TAXEL_SD = 0.05
+# Taxels share some of their error (a tilt of the load, a side that bottoms out), which no spread shows:
+# without this 59 to 63 % of directions of physical scenes lay within one sigma, not 68 %.
+_SHARED = 1.25
 _MODEL_SD = 0.004  # what the divider's bend makes of all taxels alike, at the small shear of an onset
 
 
@@ -144,4 +147,4 @@ class Witness:
             noise = self._evidence.noise(np.array([*towards, 0.0]))
             return float(np.hypot(_ONE_TAXEL_SD, np.sqrt(2) * noise / total))
         across = towards[0] * y - towards[1] * x
-        return float(np.hypot(_MODEL_SD, np.sqrt(n / (n - 1) * (across**2).sum()) / total))
+        return float(np.hypot(_MODEL_SD, _SHARED * np.sqrt(n / (n - 1) * (across**2).sum()) / total))
