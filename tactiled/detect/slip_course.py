@@ -62,13 +62,13 @@ class Verdict(NamedTuple):
         ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, it has
         ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
         direction. After it fell back: ``reversed``, it slips the other way; ``again``; ``rests``.
-    index : float
+    at_index : float
         Scan at which that began.
     sd_scans : float
     """
 
     fate: Fate
-    index: float
+    at_index: float
     sd_scans: float
 
 
@@ -146,7 +146,7 @@ class Course:
 
     def _risen(self, row: FloatArray) -> float:
         sides = row[:PRESSURE].tolist()
-        return sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True))
+        return float(sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True)))
 
     def step(self, index: int, seen: FloatArray, noise: float) -> Verdict | None:
         """Take in a scan.

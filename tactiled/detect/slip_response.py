@@ -113,4 +113,4 @@ def moved(before: FloatArray, now: FloatArray) -> FloatArray:
     both = change[0] - change[1]
     rising_only = lowest[1] < _BOTTOMED * lowest[0]
     falling_only = lowest[0] < _BOTTOMED * lowest[1]
-    return np.where(rising_only, 2 * change[0], np.where(falling_only, -2 * change[1], both))
+    return np.asarray(np.where(rising_only, 2 * change[0], np.where(falling_only, -2 * change[1], both)))

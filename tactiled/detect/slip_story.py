@@ -156,7 +156,7 @@ class Story:
         """Events of what became of the slip."""
         assert self._slip is not None
         along = self._slip.course.along
-        since = now.index - verdict.index
+        since = now.index - verdict.at_index
         at_s = now.time_s + now.skew_s(along) - since / self._rate_hz
         if verdict.fate == "gross":
             return [self._deepen(verdict, now, at_s)]
@@ -167,7 +167,7 @@ class Story:
             size = _NEWS * slip.course.excursion(now.seen[-1])
             self._came_and_went = (max(size, self._shaken(now.index)), now.index)
         events = [self._end(now, at_s)]
-        self._told = int(verdict.index)
+        self._told = int(verdict.at_index)
         if verdict.fate in ("again", "turned"):
             # Friction points along the motion: in a gross slip that goes on, all of the response does.
             goes_on = was_gross and verdict.fate == "turned"
@@ -179,14 +179,14 @@ class Story:
         """What became of a slip that fell back."""
         assert self._recoil is not None
         statistic, self._recoil = self._recoil.statistic, None
-        self._told = int(verdict.index)
+        self._told = int(verdict.at_index)
         if verdict.fate == "rests":
             return []
-        return self._resume(verdict, now, now.along(now.index - verdict.index), statistic)
+        return self._resume(verdict, now, now.along(now.index - verdict.at_index), statistic)
 
     def _resume(self, verdict: Verdict, now: Witness, along: FloatArray, statistic: float) -> list[SlipEvent]:
         """Onset of a slip that follows on another."""
-        since = now.index - verdict.index
+        since = now.index - verdict.at_index
         size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
         if not along.any() or size == 0:
             return []

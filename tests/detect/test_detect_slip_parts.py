@@ -214,7 +214,7 @@ def follow(shear: FloatArray, *, noise: float = 0.0, seed: int = 0) -> list[tupl
     fates: list[tuple[str, float, int]] = []
     for index in range(205, len(rows)):
         if verdict := course.step(index, rows[index - 155 : index + 1], noise * np.sqrt(2)):
-            fates.append((verdict.fate, verdict.index - 200, index - 200))
+            fates.append((verdict.fate, verdict.at_index - 200, index - 200))
             if verdict.fate != "gross" and not (verdict.fate == "back" and course.is_over):
                 break
     return fates
