@@ -35,7 +35,7 @@ from tactiled.detect.slip_floor import NoiseFloor
 from tactiled.detect.slip_response import AXES, PRESSURE, Response, motion, moved, responses
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
-# (tests/detect/test_detect_slip_noise.py).
+# (tests/detect/test_detect_slip_parts.py).
 _LOOKS_A_SCAN = 4.0
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
