@@ -466,8 +466,12 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
     type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
 )  # fmt: skip
-@click.option("--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600))
-@click.option("--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 14_400))
+@click.option(
+    "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Of the hold."
+)
+@click.option(
+    "--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 14_400), help="Of the motion."
+)
 @click.option(
     "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
 )

@@ -6,9 +6,9 @@ Nothing slips in either, so each alarm is a false one. Two knobs make them rare,
   alarms should come than were asked for.
 * `least_shear` is the shear that counts. The motion is run with larger and larger ones.
 
-The proposal is what the tails, continued, say for the wanted rate, and no less than kept the motion silent.
+The proposal is what the tails, continued, say for the wanted rate, no less than kept hold and motion silent.
 Where that is more shear than a weak slip has, no threshold tells this motion from slip: then it is what kept
-the motion silent, or the quietest named setting, and the study says that the wanted rate is out of reach.
+both silent, or the quietest named setting, and the study says that the wanted rate is out of reach.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -85,7 +85,8 @@ class Study:
     ----------
     wanted_per_hour : float
     quiet, motion : Recording
-        As judged: the hold without its press, the motion with the seconds of it in contact.
+    hold_s, motion_s : float
+        What of them was judged: the longest contact without its press; all contact.
     noise_sd_v : (channels,) float64
     noise_alarms, shear_alarms : tuple of int
         At `NOISE_PER_HOUR`, `SHEARS`.
@@ -96,7 +97,7 @@ class Study:
     least_shear : tuple of float
         For the wanted rate by the tail, and its 95 % interval; all the same where nothing alarmed.
     silent_shear : float or None
-        From which on this motion was silent.
+        From which on hold and motion were silent.
     out_of_reach : bool
         The wanted rate needs more shear than a weak slip has.
     settings : mapping of str to Setting
@@ -106,6 +107,8 @@ class Study:
     wanted_per_hour: float
     quiet: Recording
     motion: Recording
+    hold_s: float
+    motion_s: float
     noise_sd_v: FloatArray
     noise_alarms: tuple[int, ...]
     noise_tail: Tail | None
@@ -139,45 +142,41 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
     DataError
         There is too little contact in one of them.
     """
-    quiet = quiet_part(quiet)
+    hold, motion_s = quiet_part(quiet), motion.touching_s()
     check_motion(motion)
     tell("counting alarms in the hold")
     lowest = SHEARS[0]
     noise_alarms = _ladder(
-        quiet, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
+        hold, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
     )
     restless = noise_alarms[-1] > 0
     strictness = [-float(np.log(rate)) for rate in NOISE_PER_HOUR]
-    noise_tail = fit_tail(strictness, noise_alarms, quiet.seconds / 3600)
+    noise_tail = fit_tail(strictness, noise_alarms, hold.seconds / 3600)
     per_hour = wanted_per_hour
     if noise_tail is not None and not restless:
-        per_hour = min(wanted_per_hour, float(np.exp(-noise_tail.needed(wanted_per_hour)[0])))
-    per_hour = float(f"{per_hour:.2g}")
+        per_hour = min(wanted_per_hour, float(f"{np.exp(-noise_tail.needed(wanted_per_hour)[0]):.2g}"))
 
     tell("counting alarms in the motion")
-    shear_alarms = _ladder(
-        motion, [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
-    )
-    shear_tail = fit_tail(SHEARS, shear_alarms, motion.touching_s() / 3600)
-    silent = silent_from(SHEARS, shear_alarms)
+    shears = [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
+    shear_alarms = _ladder(motion, shears)
+    shear_tail = fit_tail(SHEARS, shear_alarms, motion_s / 3600)
+    in_hold = _ladder(hold, shears) if restless else (0,) * len(SHEARS)
+    silent = silent_from(SHEARS, [a + b for a, b in zip(shear_alarms, in_hold, strict=True)])
     needed = (lowest, lowest, lowest) if shear_tail is None else shear_tail.needed(wanted_per_hour)
-    silent_or_never = np.inf if silent is None else silent
-    least = max(needed[0], silent_or_never)
-    out_of_reach = least >= WEAK_SHEAR
-    if out_of_reach:
-        quietest = max(params.least_shear for params in SETTINGS.values())
-        least = silent_or_never if silent_or_never < WEAK_SHEAR else quietest
-    proposed = CoherentParams(false_alarms_per_hour=per_hour, least_shear=float(np.ceil(1000 * least) / 1000))
+    least, out_of_reach = _least_shear(needed[0], silent)
+    proposed = CoherentParams(false_alarms_per_hour=per_hour, least_shear=least)
 
     settings = {}
     for name, params in {**SETTINGS, "proposed": proposed}.items():
         tell(f"injecting onsets: {name}")
-        settings[name] = _judge(params, quiet, motion)
+        settings[name] = _judge(params, hold, motion)
     return Study(
         wanted_per_hour=wanted_per_hour,
         quiet=quiet,
         motion=motion,
-        noise_sd_v=noise_sd_v(quiet),
+        hold_s=hold.seconds,
+        motion_s=motion_s,
+        noise_sd_v=noise_sd_v(hold),
         noise_alarms=noise_alarms,
         noise_tail=noise_tail,
         restless=restless,
@@ -188,6 +187,17 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
         out_of_reach=out_of_reach,
         settings=settings,
     )
+
+
+def _least_shear(needed: float, silent: float | None) -> tuple[float, bool]:
+    """What to propose, and whether the wanted rate is out of its reach."""
+    silent = np.inf if silent is None else silent
+    least = max(needed, silent)
+    out_of_reach = least >= WEAK_SHEAR
+    if out_of_reach:
+        quietest = max(params.least_shear for params in SETTINGS.values())
+        least = silent if silent < WEAK_SHEAR else quietest
+    return float(np.ceil(1000 * least) / 1000), out_of_reach
 
 
 def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int, ...]:

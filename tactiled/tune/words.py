@@ -32,8 +32,8 @@ def as_map(found: Study) -> dict[str, Any]:
     return {
         "array": found.quiet.array.name,
         "false_alarms_per_hour": found.wanted_per_hour,
-        "quiet": _recording_map(found.quiet),
-        "motion": _recording_map(found.motion),
+        "quiet": _recording_map(found.quiet, found.hold_s),
+        "motion": _recording_map(found.motion, found.motion_s),
         "noise_sd_v": dict(zip(names, _numbers(found.noise_sd_v.tolist()), strict=True)),
         "noise_ladder": {
             "false_alarms_per_hour": list(NOISE_PER_HOUR),
@@ -60,9 +60,10 @@ def as_map(found: Study) -> dict[str, Any]:
 
 def _recordings(found: Study) -> str:
     lines = []
-    for what, recording in (("quiet hold", found.quiet), ("motion", found.motion)):
+    judged = (("quiet hold", found.quiet, found.hold_s), ("motion", found.motion, found.motion_s))
+    for what, recording, contact_s in judged:
         lines.append(
-            f"{what}: {recording.touching_s():.1f} s in contact ({recording.name}); "
+            f"{what}: {contact_s:.1f} s of contact in {recording.seconds:.1f} s ({recording.name}); "
             f"{recording.lost} scans lost, {recording.late} late"
         )
     if found.restless:
@@ -116,7 +117,7 @@ def _tails(found: Study) -> str:
     asked = ", ".join(
         f"{n} at {rate:g} an hour" for rate, n in zip(NOISE_PER_HOUR, found.noise_alarms, strict=True)
     )
-    expected = NOISE_PER_HOUR[0] * found.quiet.seconds / 3600
+    expected = NOISE_PER_HOUR[0] * found.hold_s / 3600
     steps = [f"{n} at {s:g}" for s, n in zip(SHEARS, found.shear_alarms, strict=True) if n]
     return (
         f"alarms in the hold by the rate asked for: {asked} (noise may raise {expected:.0f} at the first)\n"
@@ -125,7 +126,7 @@ def _tails(found: Study) -> str:
 
 
 def _proposal(found: Study) -> str:
-    seconds, wanted = found.motion.touching_s(), found.wanted_per_hour
+    seconds, wanted = found.motion_s, found.wanted_per_hour
     alarms = _proposed_alarms(found)
     _, high = rate_interval(alarms, _motion_hours(found))
     lines = [
@@ -162,7 +163,7 @@ def _proposal(found: Study) -> str:
 
 
 def _motion_hours(found: Study) -> float:
-    return found.motion.touching_s() / 3600
+    return found.motion_s / 3600
 
 
 def _proposed_alarms(found: Study) -> int:
@@ -199,11 +200,11 @@ def _ms(seconds: float) -> str:
     return f"{seconds * 1e3:.0f}" if np.isfinite(seconds) else "never"
 
 
-def _recording_map(recording: Recording) -> dict[str, Any]:
+def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
     return {
         "name": recording.name,
         "seconds": recording.seconds,
-        "contact_s": recording.touching_s(),
+        "contact_s": contact_s,
         "lost": recording.lost,
         "late": recording.late,
     }

@@ -173,6 +173,8 @@ def test_a_restless_hold_is_said() -> None:
     assert found.restless
     assert "the hold was not quiet" in in_words(found)
     assert found.proposed.params.false_alarms_per_hour == 1.0
+    assert found.settings["fast"].quiet.count > 0
+    assert found.proposed.quiet.count == 0
 
 
 def test_the_snippet_is_a_configuration(still: Study) -> None:
@@ -200,6 +202,14 @@ def test_the_press_is_no_part_of_the_hold() -> None:
     volts = np.concatenate([held(2, 3e-4) - 1.2, held(8, 3e-4), held(2, 3e-4) - 1.2])
     (block,) = quiet_part(recording(volts)).blocks
     assert (block.index[0], block.index[-1]) == (300, 999)
+
+
+def test_what_was_lost_of_the_hold_is_said() -> None:
+    whole, torn = regular_block(held(12, 3e-4), RATE_HZ), Gap(7, "missing", 507)
+    late = replace(whole[507:], late=np.arange(693) < 3)
+    found = quietly(Recording("it", ARRAY, (whole[:500], torn, late)), recording(held(6, 3e-4)))
+    assert found.hold_s == pytest.approx(5.93)  # the longer part, without the second after its touch
+    assert "quiet hold: 5.9 s of contact in 11.9 s (it); 7 scans lost, 3 late" in in_words(found)
 
 
 def test_lost_and_late_scans_are_counted() -> None:
