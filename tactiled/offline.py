@@ -138,4 +138,6 @@ def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams
 def _params(speed_mm_s: float | None, setting: str | None) -> DetectParams:
     texture = {} if speed_mm_s is None else {"speed_mm_s": speed_mm_s}
     named = {} if setting is None else {"setting": setting}
-    return parse({"wang2019": {"texture": texture}, **named}, DetectParams, "command line")
+    return parse(
+        {"texture": texture, "wang2019": {"texture": texture}, **named}, DetectParams, "command line"
+    )

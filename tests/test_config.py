@@ -14,14 +14,16 @@ from tactiled.errors import ConfigError
 SHIPPED = resources.shipped("config", "tactiled.toml")
 
 
-def options(model: type[BaseModel], place: tuple[str, ...] = ()) -> Iterator[tuple[str, str, object]]:
-    """Table, key and default of every option."""
+def options(
+    model: type[BaseModel], place: tuple[str, ...] = (), table: object = None
+) -> Iterator[tuple[str, str, object]]:
+    """Table, key and default of every option; a table that is a default has its own defaults."""
     for name, field in model.model_fields.items():
-        inner = field.annotation
+        inner, default = field.annotation, field.default if table is None else getattr(table, name)
         if isinstance(inner, type) and issubclass(inner, BaseModel):
-            yield from options(inner, (*place, name))
+            yield from options(inner, (*place, name), default if isinstance(default, inner) else None)
         else:
-            yield ".".join(place), name, field.default
+            yield ".".join(place), name, default
 
 
 def documented(text: str) -> dict[tuple[str, str], str]:

@@ -53,20 +53,32 @@ def write_csv(path: Path, time_s: Floats, volts: Floats) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "rate_hz", "has_direction"),
-    [("wang2019-3x3", 100.0, True), ("normal-4x4", 35.7, False), ("xyz-two-pads-4x4", 60.0, True)],
+    ("name", "rate_hz", "setting", "has_direction"),
+    [
+        ("wang2019-3x3", 100.0, "balanced", True),
+        ("normal-4x4", 35.7, "fast", False),
+        ("xyz-two-pads-4x4", 60.0, "balanced", True),
+        ("wang2019-3x3", 100.0, "wang2019", True),
+        ("normal-4x4", 35.7, "wang2019", False),
+        ("xyz-two-pads-4x4", 60.0, "wang2019", True),
+    ],
 )
 def test_a_log_of_any_array_gives_its_slip(
-    name: str, rate_hz: float, has_direction: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str,
+    rate_hz: float,
+    setting: str,
+    has_direction: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     time_s, volts = press_and_slide(load_array(name), rate_hz, direction_deg=130.0)
     write_csv(tmp_path / "log.csv", time_s, volts)
     picture = tmp_path / "log.png"
-    found = detect_file(tmp_path / "log.csv", array=name, plot=picture)
+    found = detect_file(tmp_path / "log.csv", array=name, setting=setting, plot=picture)
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert len(events) == found
     onsets = [e for e in events if e["topic"] == "slip" and e["state"] == "onset"]
-    assert len(onsets) == 1
+    assert len(onsets) == len({e["kind"] for e in onsets})  # incipient, and gross once it is
     assert onsets[0]["onset"] == pytest.approx(100.0 + ONSET_S, abs=max(3 * onsets[0]["onset_sd_s"], 0.05))
     if has_direction:
         assert onsets[0]["direction_deg"] == pytest.approx(130.0, abs=3.0)
@@ -98,7 +110,7 @@ y_mm = 1.0
     np.savez(tmp_path / "log.npz", time_s=time_s, volts=volts)
     detect_file(tmp_path / "log.npz", array=str(file))
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    (onset,) = [e for e in events if e["topic"] == "slip" and e["state"] == "onset"]
+    onset = next(e for e in events if e["topic"] == "slip" and e["state"] == "onset")
     assert onset["direction_deg"] == pytest.approx(-45.0, abs=3.0)
 
 
@@ -117,7 +129,7 @@ def test_a_recording_gives_the_events_that_were_live(
     detect_file(tmp_path / "demo.mcap")
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [e["onset"] for e in events if e["topic"] == "slip"] == slips
-    assert len(slips) == 1
+    assert len(slips) == 2  # incipient, then gross
 
 
 def test_nan_readings_never_leave(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.detect.suite import DetectParams
+from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.texture_paper import TextureParams
-from tactiled.detect.wang2019 import Wang2019Params
 from tactiled.emulator.faults import FaultAt, FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import Scene, load_scene
@@ -28,7 +27,7 @@ LAYOUT = load_layout("board-v1")
 ARRAY = load_array("wang2019-3x3")
 # Short windows: the laws do not depend on their length, and a test should not wait for ten seconds.
 TEXTURE = TextureParams(speed_mm_s=4.0, window_s=3.0, settle_s=0.5)
-PARAMS = PipelineParams(detect=DetectParams(wang2019=Wang2019Params(texture=TEXTURE)))
+PARAMS = PipelineParams(detect=DetectParams(setting="wang2019", wang2019=Wang2019Params(texture=TEXTURE)))
 
 
 @functools.cache

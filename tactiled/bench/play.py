@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
-from tactiled.detect.suite import DetectParams
+from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.texture_paper import TextureParams
-from tactiled.detect.wang2019 import Wang2019Params
 from tactiled.emulator.scene import Grooves, Scene, Slide
 from tactiled.emulator.simulate import Simulation
 from tactiled.emulator.truth import Truth
@@ -41,7 +40,8 @@ def play(scene: Scene, seed: int) -> Run:
         scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})
     slides = [phase for phase in scene.phases if isinstance(phase, Slide)]
     texture = TextureParams(speed_mm_s=slides[0].speed_mm_s)
-    params = PipelineParams(detect=DetectParams(wang2019=Wang2019Params(texture=texture)))
+    detect = DetectParams(setting="wang2019", wang2019=Wang2019Params(texture=texture))
+    params = PipelineParams(detect=detect)
     layout = load_layout("board-v1")
     pipeline = Pipeline(layout, load_array(scene.array), params)
     simulation = Simulation(scene.with_changes(seed=seed + 1), layout)

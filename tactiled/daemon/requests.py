@@ -92,11 +92,11 @@ class ExpectLoadChange(Command):
 
 
 class Thresholds(Command):
-    """Parameters of the detectors, by the names of the configuration under ``[detect.SETTING]``."""
+    """Parameters of the detectors, by the names of the configuration under ``[detect]``."""
 
     do: Literal["thresholds"]
     values: dict[Annotated[str, Field(min_length=1, max_length=64)], float] = Field(
-        min_length=1, max_length=32, description="such as slip.threshold_volts = 0.003"
+        min_length=1, max_length=32, description="such as slip.false_alarms_per_hour = 0.5"
     )
 
 

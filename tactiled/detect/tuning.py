@@ -147,10 +147,12 @@ class TunedSuite:
         self._load_changes.announce(now_s, duration_s)
 
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
-        """Change parameters of the detectors by dotted name, as in ``slip.threshold_volts``."""
+        """Change parameters of the detectors by dotted name, as in ``slip.least_shear``."""
         document = self.params.model_dump(exclude_none=True)
         for name, value in values.items():
-            place = document[self.params.setting]
+            place = document["wang2019"] if self.params.setting == "wang2019" else document
+            if name.split(".")[0] not in ("slip", "texture"):
+                return f"{name}: names begin with slip or texture", []
             *tables, key = name.split(".")
             for table in tables:
                 place = place.setdefault(table, {})
@@ -160,8 +162,7 @@ class TunedSuite:
         try:
             params = tomlfile.parse(document, DetectParams, "")
         except ConfigError as error:
-            prefix = f"{self.params.setting}."
-            return "; ".join(fault.removeprefix(prefix) for fault in error.faults), []
+            return "; ".join(fault.removeprefix(self.params.in_use) for fault in error.faults), []
         if params == self.params:
             return "", []
         events = self._part()

@@ -41,7 +41,8 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
 
 
 def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
-    publish, texture = setup.config.publish, setup.config.detect.wang2019.texture
+    publish, detect = setup.config.publish, setup.config.detect
+    texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
     findings = check_port(setup.config.port.url)
     may_open = not any(finding.verdict == "fail" for finding in findings)
     rate_hz = setup.config.session.rate_hz or 0.0

@@ -1,4 +1,5 @@
-"""What an array can tell apart by its geometry, before any board is plugged in.
+"""What an array can tell apart by its geometry, before any board is plugged in; here for the published
+procedure, in `waves` for the joint fit.
 
 Phase delays between taxels are known modulo the ripple's period. Over a lever l (the difference of two gaps
 of a column, or its one gap where all are equal; `detect.grooves`) and for motion along x, grooves of period
@@ -15,7 +16,9 @@ import numpy as np
 
 from tactiled.array import Array
 from tactiled.detect.grooves import GrooveParams
+from tactiled.detect.texture_joint import JointParams
 from tactiled.doctor.finding import Finding
+from tactiled.doctor.waves import check_waves
 
 _EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
 
@@ -41,13 +44,17 @@ def widest_angle_deg(lever: float, period_mm: float) -> float:
     return float(np.degrees(np.arcsin(period_mm / (2 * lever))))
 
 
-def check_array(array: Array, params: GrooveParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
+def check_array(
+    array: Array, params: GrooveParams | JointParams, rate_hz: float, speed_mm_s: float
+) -> list[Finding]:
     """What the array resolves at this rate; a speed of 0 is not known."""
     shear = (
         Finding("direction", "ok", f"{array.name} feels shear: the direction of slip can be told")
         if array.has_shear
         else Finding("direction", "warn", f"{array.name} has no shear channels: direction cannot be told")
     )
+    if isinstance(params, JointParams):
+        return [shear, *check_waves(array, params, rate_hz, speed_mm_s)]
     return [shear, _angles(array, params), _sampling(params, rate_hz, speed_mm_s)]
 
 

@@ -120,7 +120,9 @@ def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]
                 f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
             )
         if "valid" in archive:  # an export of ours: what is not valid is no reading
-            volts = np.where(np.broadcast_to(archive["valid"], volts.shape), volts, np.nan)
+            if archive["valid"].shape != volts.shape:
+                raise DataError(f"{path}: valid {archive['valid'].shape} is not as volts {volts.shape}")
+            volts = np.where(archive["valid"], volts, np.nan)
     return time_s, volts
 
 

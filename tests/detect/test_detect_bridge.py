@@ -44,7 +44,7 @@ def with_holes(lost: set[int]) -> list[ScanBlock | Gap]:
 
 
 def events(items: list[ScanBlock | Gap]) -> list[Event]:
-    suite = build_suite(ARRAY, DetectParams())
+    suite = build_suite(ARRAY, DetectParams(setting="wang2019"))
     return [event for item in items for event in suite.process(item)]
 
 
@@ -97,7 +97,7 @@ def test_a_contact_that_began_unseen_is_not_called_a_hold(start: int) -> None:
 def test_bridging_does_not_depend_on_chunks_and_reset_equals_new() -> None:
     items = with_holes({300, 301, 605, 1102})
     whole = events(items)
-    suite = build_suite(ARRAY, DetectParams())
+    suite = build_suite(ARRAY, DetectParams(setting="wang2019"))
     for _ in range(2):
         singles = [
             event

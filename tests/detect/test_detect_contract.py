@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import Touch, pieces, run, splits
+from touches import Touch, pieces, published, run, splits
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.contact import ContactGate
 from tactiled.detect.slip_coherent import CoherentSlip
 from tactiled.detect.slip_wavelet import WaveletSlip
+from tactiled.detect.suite import Wang2019Params
 from tactiled.detect.texture_paper import TextureParams
-from tactiled.detect.wang2019 import Wang2019, Wang2019Params
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
@@ -25,7 +25,7 @@ DETECTORS: dict[str, Callable[[Array], Detector]] = {
     "contact": ContactGate,
     "slip": WaveletSlip,
     "coherent": CoherentSlip,
-    "wang2019": lambda array: Wang2019(array, Wang2019Params(texture=TEXTURE)),
+    "wang2019": lambda array: published(array, Wang2019Params(texture=TEXTURE)),
 }
 ONE_TAXEL = build(
     ArrayFile(

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from touches import contact_states, onsets, pieces, run, slips, splits, textures
+from touches import contact_states, onsets, pieces, published, run, slips, splits, textures
 
 from tactiled.array import Array, load_array
 from tactiled.detect.slip_wavelet import WaveletSlip
+from tactiled.detect.suite import Wang2019Params
 from tactiled.detect.texture_paper import TextureParams
-from tactiled.detect.wang2019 import Wang2019, Wang2019Params
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.sensor import Sensor
 from tactiled.events.types import Event, SlipEvent
@@ -185,7 +185,7 @@ def test_a_turn_restarts_the_texture_window_in_its_direction(second_deg: float, 
     texture = Wang2019Params(texture=TextureParams(speed_mm_s=1.0, agreement_mm=0.1))
     phases = [PRESS, HOLD, slide(3.0, 1.0, 0.0), slide(24.0, 1.0, second_deg)]
     surface = {"kind": "grooves", "period_mm": 1.2, "angle_deg": angle_deg}
-    events = Wang2019(WANG, texture).process(felt(phases, seed=11, surface=surface))
+    events = published(WANG, texture).process(felt(phases, seed=11, surface=surface))
     (turn,) = turns(events)
     cut_short, *found = textures(events)
     assert (cut_short.status, cut_short.time_s) == ("no-slip", turn.detected_s)

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from touches import Touch, pieces, run, slips, textures
+from touches import Touch, pieces, published, run, slips, textures
 
 from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
+from tactiled.detect.suite import Wang2019Params
 from tactiled.detect.texture_paper import PaperTexture, TextureParams, window_spectrum
-from tactiled.detect.wang2019 import Wang2019, Wang2019Params
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -18,7 +18,7 @@ SLIDE = Touch(grooves=(1.2, 20.0), stop_s=40.0, lift_s=42.0, end_s=43.0)
 
 
 def detect(touch: Touch, texture: TextureParams = KNOWN_SPEED, array: Array = WANG) -> list[TextureEvent]:
-    return textures(Wang2019(array, Wang2019Params(texture=texture)).process(touch.block(array)))
+    return textures(published(array, Wang2019Params(texture=texture)).process(touch.block(array)))
 
 
 def slip_at(block: ScanBlock, scan: int, state: str = "onset") -> SlipEvent:
@@ -44,7 +44,7 @@ def slip_at(block: ScanBlock, scan: int, state: str = "onset") -> SlipEvent:
 
 def test_answers_every_ten_seconds_while_slip_lasts() -> None:
     block = SLIDE.block(WANG)
-    events = Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block)
+    events = published(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block)
     onset = slips(events)[0]
     found = textures(events)
     first = onset.detected_s + 1.0 + 10.0
@@ -73,7 +73,7 @@ def test_scan_skew_of_the_channels_is_taken_off() -> None:
     offsets_s = 250e-6 * np.arange(36.0)  # 3 ms from row to row
     block = touch.block(WANG, 1000.0, offsets_s)
     params = TextureParams(speed_mm_s=10.0, agreement_mm=0.05)
-    events = textures(Wang2019(WANG, Wang2019Params(texture=params)).process(block))
+    events = textures(published(WANG, Wang2019Params(texture=params)).process(block))
     assert events[0].status == "ok"
     assert abs(events[0].angle_deg - 10.0) <= 3 * events[0].angle_sd_deg
 
@@ -103,7 +103,7 @@ def test_without_a_speed_it_cannot_answer() -> None:
 def test_a_speed_set_later_starts_a_window_at_its_scan() -> None:
     block = SLIDE.block(WANG)
     for step in (len(block), 1, 700):
-        detector = Wang2019(WANG)
+        detector = published(WANG)
         detector.set_speed(1.0, from_index=int(block.index[2000]))
         found = textures(run(detector, pieces(block, range(step, len(block), step))))
         assert [event.time_s for event in found if event.speed_source == "given"] == pytest.approx(
@@ -118,12 +118,12 @@ def test_a_window_that_ends_with_a_late_scan_is_stale_and_no_other() -> None:
     def statuses(late_scan: int) -> list[bool]:
         late = np.zeros(len(block), dtype=np.bool_)
         late[late_scan] = True
-        detector = Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED))
+        detector = published(WANG, Wang2019Params(texture=KNOWN_SPEED))
         return [
             e.status == "stale" for e in textures(detector.process(dataclasses.replace(block, late=late)))
         ]
 
-    ends = textures(Wang2019(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block))
+    ends = textures(published(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block))
     last = int(np.searchsorted(block.time_s, ends[0].time_s))
     assert statuses(last) == [True, False, False]
     assert statuses(last - 500) == [False, False, False]

@@ -69,7 +69,7 @@ def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
     _, got = read_table(tmp_path / "v.npz")
     assert np.isnan(got).tolist() == (~valid).tolist()
     np.savez(tmp_path / "w.npz", time_s=np.arange(3.0), volts=volts, valid=valid[:, :1].repeat(5, axis=1))
-    with pytest.raises(DataError, match=r"w\.npz: cannot be read as npz"):
+    with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) is not as volts \(3, 2\)"):
         read_table(tmp_path / "w.npz")
 
 

@@ -20,7 +20,7 @@ from tactiled.recording.writer import RecordingWriter
 
 @pytest.fixture(scope="module")
 def reads() -> list[Read]:
-    return simulated_reads(1.5)
+    return simulated_reads(1.2)
 
 
 def test_bytes_arrivals_and_events_come_back_exactly(tmp_path: Path, reads: list[Read]) -> None:

@@ -96,7 +96,7 @@ def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: lis
         50: ("adapter", {"handover_s": 0.016}),
         100: ("tare", {"force": True}),
         300: ("speed", {"speed_mm_s": 7.0}),
-        500: ("thresholds", {"values": {"slip.threshold_volts": 0.003}}),
+        500: ("thresholds", {"values": {"slip.false_alarms_per_hour": 0.5}}),
         600: ("inhibit", {"duration_s": 0.3}),
         650: ("adapter", {"handover_s": None}),
     }

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, Queue
 from typing import IO, Any
@@ -22,17 +21,12 @@ import numpy as np
 from tactiled.array import load_array
 from tactiled.bench.pictures import Truth, draw_log
 from tactiled.bench.report import table
+from tactiled.demo.verdict import HEAD, Seen, compare
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 
-SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml: the published procedure must be told
-# The published errors on simulated contact at their largest (Wang 2019, table 2): period 9.2 %, angle 23.3 %.
-# Onset and direction it does not give: a tenth of a second is about the span of the filter at level 3.
-MAX_PERIOD_ERROR = 0.092
-MAX_ANGLE_ERROR = 0.233
-MAX_ONSET_ERROR_S = 0.1  # from the instant at which a tenth of the contact slips
-MAX_DIRECTION_ERROR_DEG = 10.0
+SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell
 START_WITHIN_S = 15.0  # Python starting three times on a small loaded machine
 CONFIG = """\
 [port]
@@ -41,38 +35,13 @@ url = "{link}"
 array = "wang2019-3x3"
 [publish]
 endpoints = ["{endpoint}"]
-[detect.wang2019.texture]
+[detect.texture]
 speed_mm_s = {speed}
 """
 
 
 class DemoError(TactiledError):
     """One of the three processes did not do its part."""
-
-
-@dataclass
-class Seen:
-    """What the subscriber received and what the emulator knows, on the host's monotonic clock."""
-
-    scene: dict[str, Any] = field(default_factory=dict)
-    slips: dict[int, dict[str, Any]] = field(default_factory=dict)
-    time_s: list[float] = field(default_factory=list)
-    volts: list[list[float]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    channel_offset_s: list[float] | None = None
-
-    @property
-    def slides(self) -> list[dict[str, Any]]:
-        """True slips in which the skin moved on; a lift slips too, but goes nowhere."""
-        return [s for s in self.slips.values() if s["gross_s"] and s["direction_deg"] is not None]
-
-    @property
-    def done(self) -> bool:
-        """The grooves were named, or the scene is over."""
-        if not self.scene:
-            return False
-        named = any(isinstance(e, TextureEvent) and e.status == "ok" for e in self.events)
-        return named or time.monotonic() > self.scene["t0_s"] + self.scene["duration_s"] + 1.0
 
 
 def run_demo(picture: Path) -> bool:
@@ -122,60 +91,12 @@ def run_demo(picture: Path) -> bool:
                 start_s, words = phases.pop(0)
                 _say(f"{start_s - seen.scene['t0_s']:6.2f} s  true:", words)
     rows, good = compare(seen)
-    click.echo("\n" + table(["quantity", "truth", "estimate", "error", "allowed", ""], rows))
+    click.echo("\n" + table(HEAD, rows))
     _draw(picture, seen)
     click.echo(f"\npicture: {picture}")
     if not good:
         click.echo("an estimate is wrong", err=True)
     return good
-
-
-def compare(seen: Seen) -> tuple[list[list[str]], bool]:
-    """Rows of truth against estimate, and whether all is right."""
-    t0_s = seen.scene["t0_s"]
-    onsets = [e for e in seen.events if isinstance(e, SlipEvent) and e.state == "onset"]
-    textures = [e for e in seen.events if isinstance(e, TextureEvent) and e.status == "ok"]
-    rows: list[list[str]] = []
-    verdicts: list[bool] = []
-
-    def row(what: str, truth: str, estimate: str, error: float, allowed: float, unit: str) -> None:
-        good = abs(error) <= allowed
-        verdicts.append(good)
-        shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
-        rows.append([what, truth, estimate, shown, f"{allowed:.3g} {unit}", "good" if good else "WRONG"])
-
-    for number, slip in enumerate(seen.slides, 1):
-        surface = slip["surface"]
-        name = f"slip {number}, {surface['kind']}"
-        begins_s = slip["incipient_s"]
-        near = [e for e in onsets if abs(e.onset_s - begins_s) < 1.0]
-        onset_s, direction_deg = (near[0].onset_s, near[0].direction_deg) if near else (math.inf, math.inf)
-        row(
-            f"{name}: onset", f"{begins_s - t0_s:.3f} s", f"{onset_s - t0_s:.3f} s",
-            onset_s - begins_s, MAX_ONSET_ERROR_S, "s",
-        )  # fmt: skip
-        row(
-            f"{name}: direction", f"{slip['direction_deg']:.1f} deg", f"{direction_deg:.1f} deg",
-            _turn_deg(direction_deg - slip["direction_deg"]), MAX_DIRECTION_ERROR_DEG, "deg",
-        )  # fmt: skip
-        if surface["kind"] == "grooves":
-            period, angle = surface["period_mm"], surface["angle_deg"]
-            period_mm, angle_deg = (
-                (textures[0].period_mm, textures[0].angle_deg) if textures else (math.inf, math.inf)
-            )
-            row(
-                f"{name}: period", f"{period:.3f} mm", f"{period_mm:.3f} mm",
-                period_mm - period, MAX_PERIOD_ERROR * period, "mm",
-            )  # fmt: skip
-            row(
-                f"{name}: angle", f"{angle:.1f} deg", f"{angle_deg:.1f} deg",
-                angle_deg - angle, MAX_ANGLE_ERROR * abs(angle), "deg",
-            )  # fmt: skip
-    row(
-        "slips said", str(len(seen.slides)), str(len(onsets)),
-        len(onsets) - len(seen.slides), 0, "",
-    )  # fmt: skip
-    return rows, all(verdicts)
 
 
 def _receive(message: dict[str, Any], unix_offset_s: float, seen: Seen) -> None:
@@ -318,11 +239,6 @@ def _phase_words(phase: dict[str, Any]) -> str:
         else " on a flat plate"
     )
     return str(phase["kind"]) + (over if phase["kind"] == "slide" else "")
-
-
-def _turn_deg(angle_deg: float) -> float:
-    """Difference of two directions, within -180..180; infinity stays."""
-    return (angle_deg + 180) % 360 - 180 if math.isfinite(angle_deg) else angle_deg
 
 
 def _say(*words: str) -> None:
