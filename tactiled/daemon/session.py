@@ -111,6 +111,7 @@ class Session:
     def configure(self, params: SessionParams) -> None:
         """Take new parameters; the board is asked again who it is, and what follows from that is done."""
         self.params = self._checked(params)
+        self._refused, self._quiet_until_s = "", 0.0  # what was refused is not what is asked now
         if self._confirms:
             self._known = False
 

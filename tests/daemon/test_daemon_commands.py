@@ -191,6 +191,29 @@ def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> Non
     play(setup, story)
 
 
+def test_a_rate_that_was_refused_does_not_answer_for_the_next(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        await setup.until(lambda: "status" in setup.heard, "a status")
+        assert (await daemon.send("rate", rate_hz=5000.0)).ok  # nobody there to know better
+        sim = SimBoard()
+        sim.refuses = {"set_rate": "bad_argument"}
+        with PtyBoard(setup.link, sim):
+            await setup.until(lambda: "refused set_rate to 5000" in str(setup.status["reason"]), "a refusal")
+            sim.refuses = {}
+            assert (await daemon.send("rate", rate_hz=50.0)).ok
+            await setup.until_running()
+            assert sim.rate_hz == 50.0
+            sim.refuses = {"set_rate": "bad_argument"}
+            assert not (await daemon.send("rate", rate_hz=9000.0)).ok
+            sim.refuses = {}
+            assert (await daemon.send("rate", rate_hz=100.0)).ok
+            assert sim.rate_hz == 100.0
+
+    play(setup, story)
+
+
 def test_a_rate_without_a_board_is_kept_for_when_one_comes(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
