@@ -84,7 +84,7 @@ def bench_contact(say: Callable[[str], None], *, quick: bool, picture: Path | No
         mesh: {plate: reference_ripple(mesh, plate) for plate in plates if plate in reference_names(mesh)}
         for mesh in ("coarse", "medium")
     }
-    text = [_rung_table(scored), _boards(), _ripple_table(scored, reference)]
+    text = [_rung_table(scored), _boards(), _ripple_table(scored, reference), _aims(scored)]
     text.append(findings(say))
     text.append(replayed_paper(say, seeds=1 if quick else 3))
     if picture is not None:
@@ -104,6 +104,42 @@ def cost_ms(build: Callable[..., Rung], step_s: float, is_grooved: bool) -> floa
     began = time.process_time()
     play(rung, "force", load, place + way + way[-1], step_s)
     return 1e3 * (time.process_time() - began)
+
+
+def _aims(scored: list[Scored]) -> str:
+    """What the ladder set out to reach, and whether it did."""
+    by_name = {s.name: s for s in scored}
+    flat, parent, steady = by_name["bristle"], by_name["compliance"], by_name["periodic"]
+    ratios = np.array([steady.ripples[p].wave_n / parent.ripples[p].wave_n for p in parent.ripples])
+    correlation = np.array([parent.ripples[p].sliding_correlation for p in parent.ripples])
+    whole = np.array([parent.ripples[p].correlation for p in parent.ripples])
+    amplitude, phase_deg = np.abs(np.abs(ratios) - 1).max(), np.abs(np.angle(ratios, deg=True)).max()
+    aims = [
+        ("lumped: ms a simulated second", by_name["lumped"].cost_ms, 5.0, ".1f"),
+        ("bristle: ms a simulated second", flat.cost_ms, 100.0, ".1f"),
+        ("bristle: left, right on flat plates (%)", 100 * flat.errors["left-right"], 5.0, ".1f"),
+        ("periodic: ms a simulated second", steady.cost_ms, 10.0, ".1f"),
+        ("periodic: ripple against its parent (%)", 100 * amplitude, 10.0, ".1f"),
+        ("periodic: phase against its parent (deg)", phase_deg, 5.0, ".1f"),
+        ("compliance: ms a simulated second", parent.cost_ms, 2000.0, ".0f"),
+        ("compliance: load curve (%)", 100 * parent.errors["absolute-force"], 5.0, ".1f"),
+        ("compliance: steps not converged", sum(r.unsolved for r in parent.ripples.values()), 0.0, ".0f"),
+    ]
+    rows = [
+        [name, f"at most {aim:g}", f"{got:{form}}", "met" if got <= aim else "MISSED"]
+        for name, got, aim, form in aims
+    ]
+    for name, values in (("whole run", whole), ("one wave of sliding", correlation)):
+        least = values.min()
+        rows.append(
+            [
+                f"compliance: correlation over grooves, {name}",
+                "above 0.95",
+                f"{least:.3f} ({np.count_nonzero(values > 0.95)} of {values.size})",
+                "met" if least > 0.95 else "MISSED",
+            ]
+        )
+    return "Aims, worst case of all plates:\n\n" + table(["aim", "limit", "measured", ""], rows)
 
 
 def _boards() -> str:

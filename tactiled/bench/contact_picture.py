@@ -32,8 +32,14 @@ def draw_contact(
     plates : sequence of str
         Groove runs of the coarse mesh.
     """
-    figure = Figure(figsize=(10, 4 + 2.2 * len(plates)), layout="constrained")
-    rows = figure.subplots(1 + len(plates), 1, height_ratios=[1.6, *[1.0] * len(plates)], squeeze=False)[:, 0]
+    lines = -(-len(plates) // 2)
+    figure = Figure(figsize=(11, 4 + 2.2 * lines), layout="constrained")
+    parts = figure.subfigures(
+        1 + bool(plates), 1, height_ratios=[4, 2.2 * lines][: 1 + bool(plates)], squeeze=False
+    )[:, 0]
+    rows = [parts[0].subplots()]
+    if plates:
+        rows += list(parts[1].subplots(lines, 2, squeeze=False).ravel())
     axes = rows[0]
     for number, (need, mark) in enumerate(_MARKS.items()):
         cost = [cost_ms for cost_ms, _ in scored.values()]
@@ -48,8 +54,8 @@ def draw_contact(
     )
     axes.set(ylabel="error, %", title="Rungs against finite elements, flat plates")
     axes.margins(x=0.12)
-    axes.legend(loc="upper center")
-    for axes, plate in zip(rows[1:], plates, strict=True):
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    for axes, plate in zip(rows[1:], plates, strict=False):
         reference = load_reference("coarse", plate)
         travel_mm, sides = reference.columns["travel_x_mm"], reference.sides(AREA)
         own = {"compliance": replay(Compliance, reference), "periodic": replay(Periodic, reference)}
@@ -63,6 +69,9 @@ def draw_contact(
             )
         period, angle = plate.split("-")[1:]
         axes.set(xlabel="travel, mm", ylabel="N", title=f"Grooves {period} mm, {angle} degrees")
+    for spare in rows[1 + len(plates) :]:
+        spare.set_axis_off()
     if plates:
-        rows[1].legend(ncols=2, fontsize="small")
+        handles = rows[1].get_legend_handles_labels()
+        rows[-1].legend(*handles, loc="center", ncols=2) if len(plates) % 2 else rows[1].legend(*handles)
     figure.savefig(path, dpi=110)

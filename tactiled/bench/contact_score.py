@@ -1,12 +1,12 @@
 """Rungs of the contact ladder scored against shipped finite-element runs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import Rung
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, Rung
 from tactiled.emulator.mechanics.fem.reference import ReferenceRun, load_reference
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +27,7 @@ class Ripple:
     wave_n: NDArray[np.complex128]  # (2,)
     correlation: FloatArray  # (2,)
     sliding_correlation: FloatArray  # (2,)
+    unsolved: int = 0  # steps in which the solver did not converge
 
     def beside(self, reference: "Ripple", side: int) -> str:
         """Amplitude in percent of the reference's and phase in degrees against it."""
@@ -90,7 +91,9 @@ def reference_ripple(mesh: str, run: str) -> Ripple:
 def rung_ripple(build: Callable[..., Rung], run: str) -> Ripple:
     """Of a rung on the coarse mesh's run."""
     reference = load_reference("coarse", run)
-    return _ripple(reference, replay(build, reference)["side_n"])
+    felt = replay(build, reference)
+    unsolved = int(np.count_nonzero(felt["warnings"] & NOT_CONVERGED))
+    return replace(_ripple(reference, felt["side_n"]), unsolved=unsolved)
 
 
 def _ripple(reference: ReferenceRun, side_n: FloatArray) -> Ripple:
