@@ -110,6 +110,8 @@ def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_pa
         ("strain,stress_mpa\n-0.1,nan\n", "line 2: .* must be finite"),
         ("strain,stress_mpa\n-1,-5\n", "line 2: strain -1 squeezes"),
         ("stretch,stress_mpa\n0,-5\n", "line 2: stretch 0 squeezes"),
+        ("stretch,stress_mpa\n1e200,5\n", "line 2: .* is no rubber"),
+        ("stretch,stress_mpa\n0.9,-1e308\n", "line 2: .* is no rubber"),
         ("strain,stress_mpa\n-0.1,-0.3\n-0.2,-0.6\n-0.3,-1\n", "3 points"),
         ("strain,stress_mpa\n" + "-0.1,-0.3\n" * 9, "wider range"),
         ("strain,stress_mpa\n" + "0,0\n" * 9, "wider range"),

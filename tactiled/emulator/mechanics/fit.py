@@ -20,6 +20,8 @@ from tactiled.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
+_SHORTEST = 1e-6  # powers down to the fourth stay finite
+_LONGEST, _LARGEST_MPA = 100.0, 1e5  # rubber tears at a stretch of 10 and some 30 MPa
 _STRESS, _STRAIN, _STRETCH = "stress_mpa", "strain", "stretch"
 _HEADER = f"'{_STRAIN},{_STRESS}' or '{_STRETCH},{_STRESS}'"
 # Columns scaled to 1; beyond this the constants hang on the last digits of the file.
@@ -188,9 +190,14 @@ def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
             raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be numbers") from None
         if not (math.isfinite(along) and math.isfinite(stress)):
             raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be finite")
-        if along + offset <= 0:
+        if along + offset <= _SHORTEST:
             raise DataError(
                 f"{path}: line {rows.line_num}: {column} {along:g} squeezes the sample to nothing"
+            )
+        if along + offset > _LONGEST or abs(stress) > _LARGEST_MPA:
+            raise DataError(
+                f"{path}: line {rows.line_num}: {column} {along:g} at {stress:g} MPa is no rubber; "
+                "strain is 0.1 for 10 %, and stress is in MPa"
             )
         curve.append((along + offset, stress))
     table = np.array(curve, dtype=np.float64).reshape(-1, 2)

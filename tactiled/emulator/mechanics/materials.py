@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SOURCE = "Wang, Chen, Mei, Micromachines 2019, 10(9), 579, table 1 (least squares on compression curves)"
+_EXTREME = 1e6  # stretch, and its inverse: the fourth powers in the stress stay finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +145,10 @@ class Linear:
 
 
 def positive(stretch: ArrayLike) -> FloatArray:
-    """Stretch as an array; `ContractError` unless all are finite and above 0."""
+    """Stretch as an array; `ContractError` unless all are numbers whose powers stay finite."""
     length = np.asarray(stretch, dtype=np.float64)
-    if not np.all(np.isfinite(length) & (length > 0)):
-        raise ContractError("stretch must be finite and above 0 (it is 1 + strain)")
+    if not np.all((length >= 1 / _EXTREME) & (length <= _EXTREME)):
+        raise ContractError(f"stretch must be from {1 / _EXTREME:g} to {_EXTREME:g} (it is 1 + strain)")
     return length
 
 
