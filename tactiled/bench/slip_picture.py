@@ -83,8 +83,7 @@ def _draw_quiet(axes: Axes, cases: Sequence[Case], counted: Counted, names: Sequ
         x = 1e3 * median(slip_tables.first_s(some, name))
         colour = f"C{number}"
         axes.plot([x], [false], mark, color=colour, ms=9, clip_on=False, label=name)
-        if told is not None:
-            axes.plot([x], [told], mark, color=colour, ms=9, clip_on=False, mfc="none")
+        axes.plot([x], [told], mark, color=colour, ms=9, clip_on=False, mfc="none")
     axes.set(
         xscale="log", xlim=(3, _LONGEST_MS), yscale="symlog", title=f"What is no slip, {1e3 * noise_v:g} mV"
     )

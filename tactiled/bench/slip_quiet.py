@@ -2,32 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from tactiled.array import load_array
 from tactiled.bench.slip_faults import FAULTS, Stream
 from tactiled.bench.slip_rivals import Knobs, rivals
-from tactiled.bench.slip_scenes import NOISES_V, RATE_HZ, Announced, Announcement, Played, play
+from tactiled.bench.slip_scenes import NOISES_V, RATE_HZ, Announcement, Played, play
 from tactiled.bench.slip_score import tally
 from tactiled.detect.base import Detector
 from tactiled.detect.bridge import Bridge
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
 from tactiled.emulator.families import QUIET
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock
 
 QUIET_NOISES_V = (0.3e-3, 3e-3)
 HELD = "persistent-contact"  # what line faults are done to
-
-
-@runtime_checkable
-class Announces(Protocol):
-    """A detector that can be told of motion that is not slip."""
-
-    def announce(self, kind: Announced, from_index: int, duration_s: float) -> None:
-        """From a scan on, for so long."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -40,8 +32,8 @@ class Alarms:
         Of board time.
     false, gross, on_press, partial : int
         As in `slip_score.Tally`.
-    announced_false : int or None
-        False alarms when told of what the controller itself did; None where the detector cannot be told.
+    told_false : int
+        False alarms that are left when the daemon is told of what the controller itself does.
     """
 
     hours: float
@@ -49,17 +41,16 @@ class Alarms:
     gross: int
     on_press: int
     partial: int
-    announced_false: int | None
+    told_false: int
 
     def __add__(self, other: "Alarms") -> "Alarms":
-        told = (self.announced_false, other.announced_false)
         return Alarms(
             self.hours + other.hours,
             self.false + other.false,
             self.gross + other.gross,
             self.on_press + other.on_press,
             self.partial + other.partial,
-            None if told[0] is None or told[1] is None else told[0] + told[1],
+            self.told_false + other.told_false,
         )
 
 
@@ -91,35 +82,58 @@ def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]
 
 
 def _alarms(detector: Detector, stream: Stream, played: Played) -> Alarms:
-    untold, told = tally(run(detector, stream, ()), played), None
-    if isinstance(detector, Announces):
-        told = untold.false
-        if played.announcements:
-            detector.reset()
-            told = tally(run(detector, stream, played.announcements), played).false
+    untold, told = run(detector, stream, played.announcements)
     hours = sum(len(item) for item in stream if isinstance(item, ScanBlock)) / RATE_HZ / 3600
-    return Alarms(hours, *untold, told)
+    return Alarms(hours, *tally(untold, played), tally(told, played).false)
 
 
-def run(detector: Detector, stream: Stream, announcements: Sequence[Announcement]) -> list[Event]:
-    """Events of a stream, short gaps bridged as in a pipeline, each announcement made as it begins."""
-    bridged = Bridge(detector)
-    events: list[Event] = []
+class _Alone(Bridge):
+    """A slip detector as a suite: without texture, speed is nothing to it.
+
+    Attributes
+    ----------
+    said : list of Event
+        Before anybody judged them.
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        super().__init__(detector)
+        self.said: list[Event] = []
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        events = super().process(item)
+        self.said += events
+        return events
+
+    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
+        """Takes no notice."""
+
+
+def run(
+    detector: Detector, stream: Stream, announcements: Sequence[Announcement]
+) -> tuple[list[Event], list[Event]]:
+    """Events of a stream, short gaps bridged as in a pipeline.
+
+    Returns
+    -------
+    (untold, told)
+        As the detector says them; and as the daemon does that is told of each announcement as it begins.
+    """
+    alone = _Alone(detector)
+    suite = TunedSuite(load_array("wang2019-3x3"), DetectParams(), lambda *_: alone)
+    tell = {"inhibit": suite.inhibit, "load-change": suite.expect_load_change}
+    told: list[Event] = []
     coming = sorted(announcements, key=lambda a: a.start_s)
     for item in stream:
-        if isinstance(item, Gap):
-            events += bridged.process(item)
-            continue
         rest = item
-        while coming and isinstance(detector, Announces):
-            index = int(coming[0].start_s * RATE_HZ)
-            ahead = index - int(rest.index[0])
+        while coming and isinstance(rest, ScanBlock):
+            ahead = int(coming[0].start_s * RATE_HZ) - int(rest.index[0])
             if ahead >= len(rest):
                 break
             if ahead > 0:
-                events += bridged.process(rest[:ahead])
+                told += suite.process(rest[:ahead])
                 rest = rest[ahead:]
-            detector.announce(coming[0].kind, index, coming[0].duration_s)
-            coming.pop(0)
-        events += bridged.process(rest)
-    return events
+            said = coming.pop(0)
+            tell[said.kind](said.start_s, said.duration_s)
+        told += suite.process(rest)
+    return alone.said, told

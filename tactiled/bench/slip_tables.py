@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 
 ORACLE = "oracle"
 FAMILY_NOISE_V = 1e-3  # of the table by family: between the board's own 0.3 mV and a noisy cable's 3 mV
+# Pulled by somebody else: no controller can tell of it beforehand.
+OUTSIDE = ("cable-tug",)
 # Slips that take this long to become gross are those that an event can come before.
 _SLOW_S = 0.05
 _NONE = "-"
@@ -123,17 +125,21 @@ def estimate_table(cases: Sequence[Case], names: Sequence[str]) -> str:
 
 
 def quiet_table(counted: Counted, names: Sequence[str]) -> str:
-    """False alarms a minute by family, told and not told; all of a noise in the last rows."""
+    """False alarms a minute by family, told and not told; the mean of a noise last."""
     families = list(dict.fromkeys(family for family, _, _ in counted))
     rows = []
     for noise_v in QUIET_NOISES_V:
         for family in families:
             some = [counted[family, noise_v, name] for name in names]
-            rows.append([f"{1e3 * noise_v:g} mV", family, f"{60 * some[0].hours:.1f} min", *_alarms(some)])
-        minutes = 60 * sum(counted[family, noise_v, names[0]].hours for family in families)
+            whose = f"{family} (nobody's to tell)" if family in OUTSIDE else family
+            rows.append([f"{1e3 * noise_v:g} mV", whose, f"{60 * some[0].hours:.1f} min", *_alarms(some)])
+        mine = [family for family in families if family not in OUTSIDE]
+        minutes = 60 * sum(counted[family, noise_v, names[0]].hours for family in mine)
         means = [per_hour(counted, noise_v, name) for name in names]
-        cells = [_rate(false / 60, told and told / 60) for false, told in means]
-        rows.append([f"{1e3 * noise_v:g} mV", "mean of families", f"{minutes:.1f} min", *cells])
+        cells = [_rate(false / 60, told / 60) for false, told in means]
+        rows.append(
+            [f"{1e3 * noise_v:g} mV", f"mean of all but {', '.join(OUTSIDE)}", f"{minutes:.1f} min", *cells]
+        )
     return table(["noise", "family", "of", *names], rows)
 
 
@@ -156,11 +162,14 @@ def hold_table(counted: Counted, per_hour: Mapping[str, Callable[[float], float]
     )
 
 
-def per_hour(counted: Counted, noise_v: float, name: str) -> tuple[float, float | None]:
-    """False alarms an hour, untold and told, where every family lasts as long as every other."""
-    mine = [alarms for (_, noise, who), alarms in counted.items() if (noise, who) == (noise_v, name)]
-    told = [a.announced_false / a.hours for a in mine if a.announced_false is not None]
-    return float(np.mean([a.false / a.hours for a in mine])), float(np.mean(told)) if told else None
+def per_hour(counted: Counted, noise_v: float, name: str) -> tuple[float, float]:
+    """False alarms an hour, untold and told: mean of the families but `OUTSIDE`, all of one weight."""
+    mine = [
+        alarms
+        for (family, noise, who), alarms in counted.items()
+        if (noise, who) == (noise_v, name) and family not in OUTSIDE
+    ]
+    return tuple(np.mean([(a.false / a.hours, a.told_false / a.hours) for a in mine], axis=0).tolist())
 
 
 def worst_table(cases: Sequence[Case], names: Sequence[str], most: int = 5) -> str:
@@ -202,15 +211,14 @@ def _alarms(some: Sequence[Alarms]) -> list[str]:
     cells = []
     for one in some:
         minutes = 60 * one.hours
-        told = None if one.announced_false is None else one.announced_false / minutes
         gross = f", {one.gross} gross" if 0 < one.gross < one.false else ""
         partial = f" (+{one.partial} right)" if one.partial else ""
-        cells.append(f"{_rate(one.false / minutes, told)}{gross}{partial}")
+        cells.append(f"{_rate(one.false / minutes, one.told_false / minutes)}{gross}{partial}")
     return cells
 
 
-def _rate(false: float, told: float | None) -> str:
-    return f"{false:.3f}" + ("" if told is None else f"; told {told:.3f}")
+def _rate(false: float, told: float) -> str:
+    return f"{false:.3f}" + (f"; told {told:.3f}" if told < false else "")
 
 
 def _middle(error: FloatArray) -> float:

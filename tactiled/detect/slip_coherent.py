@@ -13,14 +13,9 @@ taxels; they tell no direction. One such taxel alone sees nothing.
 
 `confidence` is the opposed part of opposed plus common rise, times the taxels' agreement on it, halved where
 the contact's beginning was not seen; it is no probability.
-
-A controller that knows better says so with `announce`. What falls into its time is reported, not valid.
 """
 
-import dataclasses
-from collections import deque
 from collections.abc import Mapping
-from typing import Literal, NamedTuple
 
 from pydantic import Field
 
@@ -36,12 +31,11 @@ from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slip_evidence import Evidence
 from tactiled.detect.slip_story import Story
 from tactiled.detect.slip_witness import Witness
-from tactiled.events.types import ContactState, Event, SlipEvent
+from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
-_KEPT_ANNOUNCED = 8
 
 
 class CoherentParams(Params):
@@ -69,14 +63,6 @@ SETTINGS: Mapping[str, CoherentParams] = {
 }
 """``fast`` takes all growing shear for slip, ``quiet`` waits until a tenth slips on any likely friction."""
 
-Announcement = Literal["inhibit", "load-change"]
-
-
-class _Announced(NamedTuple):
-    kind: Announcement
-    from_index: int
-    duration_s: float
-
 
 class CoherentSlip:
     """Contact and slip events; a `Detector`.
@@ -93,11 +79,7 @@ class CoherentSlip:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen and announced; keep the parameters."""
-        self._announced: deque[_Announced] = deque(maxlen=_KEPT_ANNOUNCED)
-        self._forget_signal()
-
-    def _forget_signal(self) -> None:
+        """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
 
@@ -110,32 +92,17 @@ class CoherentSlip:
         )
         self._n_seen = 0
         self._story = Story(self._evidence, rate_hz, self._params.least_shear, self._params.gross_shear)
-        self._is_trusted = True
 
     @property
     def contact_state(self) -> ContactState:
         """State of the contact after the last scan."""
         return self._tracker.state if self._rate_hz else "none"
 
-    def announce(self, kind: Announcement, from_index: int, duration_s: float) -> None:
-        """Something that its maker knows of: what slips meanwhile is reported as not valid.
-
-        Parameters
-        ----------
-        kind : {"inhibit", "load-change"}
-            The hand itself moves: nothing is valid. Or a load is taken up or set down: shear grows for a
-            reason, so incipient slip is not valid; gross slip is.
-        from_index : int
-            First scan that it holds for, in the count of the blocks.
-        duration_s : float
-        """
-        self._announced.append(_Announced(kind, from_index, duration_s))
-
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Events that the item completes.
 
         A gap, or a new scan rate, ends a slip and a contact with events that are not valid: nobody saw
-        them end. The detector then is as new, but for what is announced.
+        them end. The detector then is as new.
         """
         if isinstance(item, Gap):
             return self._forget()
@@ -151,7 +118,7 @@ class CoherentSlip:
         events: list[Event] = [*self._story.cut_off(self._last_time_s)] if self._rate_hz else []
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
-        self._forget_signal()
+        self.reset()
         return events
 
     def _process_piece(self, block: ScanBlock) -> list[Event]:
@@ -171,7 +138,7 @@ class CoherentSlip:
                 else:
                     slips = self._story.look(now, stretch, row, is_sure=state != "unknown")
                 self._evidence.learn(stretch.details[row], self._story.happens)
-                events += self._judge(slips, now.block_index)
+                events += slips
                 if change := self._follow():
                     events.append(contact_event(block, scan, pressure, change))
                 self._n_seen += 1
@@ -183,18 +150,3 @@ class CoherentSlip:
         if is_gross and state not in ("sliding", "none"):
             return self._tracker.begin_sliding()
         return self._tracker.end_sliding() if state == "sliding" and not is_gross else None
-
-    def _judge(self, events: list[SlipEvent], index: int) -> list[SlipEvent]:
-        """Events of a scan, with those not valid that somebody announced; an end is as valid as its onset."""
-        out: list[SlipEvent] = []
-        for event in events:
-            if event.state == "onset":
-                self._is_trusted = not any(self._covers(a, event, index) for a in self._announced)
-            out.append(event if self._is_trusted else dataclasses.replace(event, valid=False))
-        return out
-
-    def _covers(self, announced: _Announced, event: SlipEvent, index: int) -> bool:
-        onset_index = index - (event.detected_s - event.onset_s) * self._rate_hz
-        until_index = announced.from_index + announced.duration_s * self._rate_hz
-        concerns = announced.kind == "inhibit" or event.kind == "incipient"
-        return concerns and index >= announced.from_index and onset_index <= until_index

@@ -82,11 +82,6 @@ class Witness:
         return float(self._block.time_sd_s[self.scan])
 
     @property
-    def block_index(self) -> int:
-        """In the count of the blocks."""
-        return int(self._block.index[self.scan])
-
-    @property
     def is_late(self) -> bool:
         return bool(self._block.late[self.scan])
 

@@ -18,7 +18,7 @@ from tactiled.bench.slip_rules import (
     traces,
     window_coefficients,
 )
-from tactiled.bench.slip_scenes import NOISES_V, Announced, Announcement, Played, at_speed, block_of, play
+from tactiled.bench.slip_scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
 from tactiled.detect.base import Detector
 from tactiled.detect.wavelet import BankParams, SwtBank
 from tactiled.errors import ContractError
@@ -115,30 +115,42 @@ def test_faults_leave_consecutive_blocks(name: str, slide: Played) -> None:
     assert sum(len(block) for block in ends) <= len(slide.volts)
 
 
-class _Told:
-    """Notes what it is told, and when."""
-
-    def __init__(self) -> None:
-        self.heard: list[tuple[str, int, float, int]] = []
-        self.scans = 0
+class _Says:
+    """An incipient slip at every hundredth scan."""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        self.scans += len(item) if isinstance(item, ScanBlock) else 0
-        return []
+        if isinstance(item, Gap):
+            return []
+        return [_slip(float(t)) for t, n in zip(item.time_s, item.index, strict=True) if n % 100 == 0]
 
-    def announce(self, kind: Announced, from_index: int, duration_s: float) -> None:
-        self.heard.append((kind, from_index, duration_s, self.scans))
-
-    def reset(self) -> None:
-        self.heard.clear()
+    def reset(self) -> None: ...
 
 
-def test_announcements_come_when_the_motion_begins(slide: Played) -> None:
-    told = _Told()
+def _slip(time_s: float) -> SlipEvent:
+    return SlipEvent(
+        time_s=time_s,
+        state="onset",
+        kind="incipient",
+        onset_s=time_s,
+        onset_sd_s=0.01,
+        direction_deg=0.0,
+        direction_sd_deg=1.0,
+        confidence=1.0,
+        taxels=(0,),
+        detector="says",
+        statistic=1.0,
+        threshold=1.0,
+        valid=True,
+        detected_s=time_s,
+    )
+
+
+def test_what_is_announced_is_not_valid_from_the_motion_s_beginning(slide: Played) -> None:
     said = (Announcement("inhibit", 2.0, 0.5), Announcement("load-change", 0.0, 1.0))
-    run(told, [slide.read(1e-3, 1)], said)
-    assert told.heard == [("load-change", 0, 1.0, 0), ("inhibit", 200, 0.5, 200)]
-    assert told.scans == len(slide.volts)
+    untold, told = run(_Says(), [slide.read(1e-3, 1)], said)
+    assert [e.time_s for e in told] == [e.time_s for e in untold] == list(range(len(untold)))
+    assert all(e.valid for e in untold if isinstance(e, SlipEvent))
+    assert [e.time_s for e in told if isinstance(e, SlipEvent) and not e.valid] == [0, 1, 2]
 
 
 def test_every_rival_is_a_detector_and_says_its_rate() -> None:

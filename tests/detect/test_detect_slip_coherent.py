@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import LSB, Touch, pieces, run
+from touches import LSB, Touch
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
 from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
@@ -129,50 +129,6 @@ def test_a_grip_that_changes_is_nothing() -> None:
     block, _ = seen(scene, 1e-3)
     taken_up_s = sum(phase.duration_s for phase in scene.phases[:3])
     assert [e for e in slips(detect(block)) if e.state == "onset" and e.onset_s > taken_up_s] == []
-
-
-# --- what somebody announces
-
-
-@pytest.mark.parametrize("kind", ["inhibit", "load-change"])
-def test_what_is_announced_is_told_as_not_valid(kind: str) -> None:
-    block = Touch().block(ARRAY)
-    detector = CoherentSlip(ARRAY)
-    at = int(block.index[390])
-    if kind == "inhibit":
-        detector.announce("inhibit", at, 0.5)
-    else:
-        detector.announce("load-change", at, 0.5)
-    events = slips(detector.process(block))
-    assert told([*events]) == WHOLE
-    incipient, gross, end = (e.valid for e in events)
-    assert not incipient
-    assert gross == end == (kind == "load-change")
-
-
-@given(st.lists(st.integers(1, 1099), max_size=8, unique=True).map(sorted))
-@settings(max_examples=10, deadline=None)
-def test_what_is_announced_holds_from_its_scan_on_however_scans_come(cuts: list[int]) -> None:
-    block = Touch().block(ARRAY)
-
-    def announced() -> CoherentSlip:
-        detector = CoherentSlip(ARRAY)
-        detector.announce("inhibit", int(block.index[403]), 0.001)
-        return detector
-
-    assert run(announced(), pieces(block, cuts)) == announced().process(block)
-
-
-def test_an_announcement_that_is_over_holds_no_more_and_reset_forgets_it() -> None:
-    block = Touch().block(ARRAY)
-    detector = CoherentSlip(ARRAY)
-    detector.announce("inhibit", int(block.index[0]), 3.0)
-    assert all(e.valid for e in slips(detector.process(block)))
-    detector.announce("inhibit", int(block.index[0]), 30.0)
-    detector.process(Gap(0, "command", 0))
-    assert not any(e.valid for e in slips(detector.process(block)))
-    detector.reset()
-    assert all(e.valid for e in slips(detector.process(block)))
 
 
 # --- extremes
