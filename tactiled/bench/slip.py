@@ -159,9 +159,9 @@ def _text(
             "Direction, onset (against the beginning of shear) and gross instant, with the share inside one "
             "stated sigma.",
             slip_tables.estimate_table(cases, names),
-            "False alarms a minute; told, where that helps: of the gripper's and arm's own motion, through the daemon's commands; gross: so many said that "
-            "all slips; right: so many said that a part slips, when it did. A false slip that does not end "
-            "hides all after it.",
+            "False alarms a minute; told: where the daemon knows of the gripper's and arm's own motion, if "
+            "that helps; gross: so many said that all slips; right: so many said that a part slips, when it "
+            "did. A false slip that does not end hides all after it.",
             slip_tables.quiet_table(counted, names),
             slip_tables.hold_table(counted, {name: rival.per_hour for name, rival in rivals(knobs).items()}),
             "Cost, 36 channels.",

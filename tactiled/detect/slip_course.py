@@ -24,6 +24,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion
 
 _FLAT = 0.3
@@ -39,6 +40,9 @@ _FELL_PART = 0.15  # of the rise: more than creep and unequal taxels make of a l
 _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
 _COMMON = 4.0
+# Pressure that grew with the shear by more than this of it is a load that came at a slant: slip itself moves
+# the pressure by an eighth, jolts by up to 0.65, slanted loads on the physical families by 1.1 to 1.7.
+_PRESSED = 0.8
 _NOISE_SDS = 6.0  # a fall within the noise is none
 # An extreme lasts until the response has left it by more than ripple and noise.
 _NEAR_PART, _NEAR_SDS = 0.03, 3.0
@@ -100,6 +104,7 @@ class Course:
     rate_hz : float
     least, gross : float
         Shear over pressure of a change that counts, and of gross slip.
+    limit : Limit
     """
 
     def __init__(
@@ -113,6 +118,7 @@ class Course:
         rate_hz: float,
         least: float,
         gross: float,
+        limit: Limit,
     ) -> None:
         self.along = along
         self.is_gross = self.is_over = self._was_gross = False
@@ -125,6 +131,8 @@ class Course:
         self._steepest = slope
         self._rate_hz = rate_hz
         self._least, self._gross = least, gross
+        self._limit = limit
+        self._start_shear, self._start_pressure = float(along @ motion(start)), float(start[PRESSURE])
         self._least_line = max(4, round(_LINE_S * rate_hz))
         self._top = _Level(-math.inf, index)
         self._top_pressure = 0.0
@@ -148,7 +156,7 @@ class Course:
         sides = row[:PRESSURE].tolist()
         return float(sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True)))
 
-    def step(self, index: int, seen: FloatArray, noise: float) -> Verdict | None:
+    def step(self, index: int, seen: FloatArray, steps: FloatArray, noise: float) -> Verdict | None:
         """Take in a scan.
 
         Parameters
@@ -156,6 +164,8 @@ class Course:
         index : int
         seen : (window, 7) float64
             Responses, newest last.
+        steps : (window, channels) float64
+            The readings that they are of.
         noise : float
             Standard deviation of the response along the slip.
         """
@@ -170,10 +180,10 @@ class Course:
                 return self._step_back(index, shear / pressure, level, noise / pressure)
             slope = self._risen(self._trend(seen, self._least_line))
             return self._step_gross(index, (x, y, turn), level, slope, noise / pressure)
-        return self._step_incipient(index, seen, shear, pressure, noise)
+        return self._step_incipient(index, seen, steps, shear, pressure, noise)
 
     def _step_incipient(
-        self, index: int, seen: FloatArray, shear: float, pressure: float, noise: float
+        self, index: int, seen: FloatArray, steps: FloatArray, shear: float, pressure: float, noise: float
     ) -> Verdict | None:
         noise *= math.sqrt(2)  # one side of two, twice
         n = self._line_scans(noise, len(seen))
@@ -209,13 +219,22 @@ class Course:
             index - self._n_flat - 0.35 * n + 0.5
         )  # a line is flat by so much when most of it is past the knee
         still_there = self._top.index == index  # a load that goes again, if slowly, does not stay at its top
-        if self._n_flat > n // 2 and still_there and shear >= self._gross * pressure:
+        is_flat = self._n_flat > n // 2 and still_there
+        if not self._n_flat:
+            self._limit.take(shear - self._start_shear, index - self._begun, steps[-n:])
+        if is_flat and shear >= self._gross * pressure and not self._load_stops(knee, shear, pressure, steps):
             return self._go_gross(index, *self._reached(index, seen), 0)
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
         if self._n_turned > max(n, _TURNED_S * self._rate_hz):
             return Verdict("turned", index - self._n_turned, n / 2)
         return None
+
+    def _load_stops(self, knee: float, shear: float, pressure: float, steps: FloatArray) -> bool:
+        """Whether the load came to rest where the shear did, and friction need not have."""
+        risen = shear - self._start_shear
+        pressed = pressure - self._start_pressure > _PRESSED * risen
+        return pressed or self._limit.holds(risen, knee - self._begun, steps[-self._n_flat :])
 
     def _trend(self, seen: FloatArray, n: int) -> FloatArray:
         """Slopes (7,) of a line through the newest n scans: sums of whole numbers, exact in any order."""

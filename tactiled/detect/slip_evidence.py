@@ -32,6 +32,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held
 from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
 from tactiled.detect.slip_floor import NoiseFloor
+from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import AXES, PRESSURE, Response, motion, moved, responses
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
@@ -227,6 +228,12 @@ class Evidence:
         weights = along @ motion(self.weights.T).T
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
+
+    def limit(self, along: FloatArray, start: FloatArray) -> Limit:
+        """Of a slip along a unit vector (3,) that began at readings (channels,)."""
+        weights = along @ motion(self.weights.T).T
+        each = np.eye(self._array.n_taxels)[:, self._array.channel_taxel] * weights
+        return Limit(each[self.taxels], self._normal_weights[self.taxels], start)
 
     def _is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.

@@ -81,7 +81,9 @@ class Story:
     def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
         """A scan in contact; `is_sure` where the contact's beginning was seen."""
         if (slip := self._slip or self._recoil) is not None:
-            verdict = slip.course.step(now.index, now.seen, self._evidence.noise(slip.course.along))
+            verdict = slip.course.step(
+                now.index, now.seen, now.steps, self._evidence.noise(slip.course.along)
+            )
             if verdict is None:
                 return []
             return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
@@ -148,6 +150,7 @@ class Story:
             self._rate_hz,
             least=self._least_shear,
             gross=self._gross_shear,
+            limit=now.limit(along, kink.delay_scans),
         )
         self._slip = _Slip(event, course, statistic)
         return event

@@ -6,10 +6,12 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.slip_evidence import Evidence, Stretch
+from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion, moved
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
+_REST_SCANS = 8  # averaged before a shear that grows
 _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may be leak
 
 # One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
@@ -56,6 +58,8 @@ class Witness:
     ----------
     seen : (window, 7) float64
         Responses, newest last.
+    steps : (window, channels) float64
+        The readings that they are of.
     """
 
     def __init__(
@@ -71,7 +75,7 @@ class Witness:
         self.index = index
         self.scan = stretch.scans.start + row
         self.seen = stretch.seen[row : row + evidence.window]
-        self._steps = stretch.steps[row : row + evidence.window]
+        self.steps = stretch.steps[row : row + evidence.window]
 
     @property
     def time_s(self) -> float:
@@ -102,7 +106,13 @@ class Witness:
 
     def changed(self, scans: float) -> FloatArray:
         """Change (channels,) of the readings since so long ago."""
-        return np.asarray(self._steps[-1] - self._steps[self.ago(scans)])
+        return np.asarray(self.steps[-1] - self.steps[self.ago(scans)])
+
+    def limit(self, along: FloatArray, scans: float) -> Limit:
+        """Of a shear that began to grow so long ago along a unit vector (3,)."""
+        began = len(self.steps) + self.ago(scans)
+        start = self.steps[max(0, began - _REST_SCANS) : began + 1].mean(axis=0)
+        return self._evidence.limit(along, start)
 
     def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
         """About a change of the readings (channels,) that is one along a unit vector (3,)."""
