@@ -33,7 +33,7 @@ def cli() -> None:
 @cli.command()
 @click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture to write.")
 def demo(out: Path) -> None:
-    """Run the whole path on an emulated board: three processes, 40 s, a table and a picture.
+    """Run the whole path on an emulated board: three processes, half a minute, a table and a picture.
 
     Example: tactiled demo --out /tmp/demo.png
     """

@@ -84,6 +84,9 @@ def run_demo(picture: Path) -> bool:
                     seen.scene = message
                     phases = [(p["start_s"], _phase_words(p)) for p in message["phases"]]
                 elif name == "board" and message.get("what") == "slip":
+                    if message["number"] not in seen.slips and message["direction_deg"] is None:
+                        lets_go_s = message["incipient_s"] - seen.scene["t0_s"]
+                        _say(f"{lets_go_s:6.2f} s  true: slip on the spot: the shear that is left is let go")
                     seen.slips[message["number"]] = message
                 elif name == "subscriber":
                     _receive(message, unix_offset_s, seen)
@@ -141,7 +144,7 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
 
 
 def _draw(picture: Path, seen: Seen) -> None:
-    truth = Truth(onsets_s=tuple(s["incipient_s"] for s in seen.slides))
+    truth = Truth(onsets_s=tuple(s["incipient_s"] for s in seen.slips.values()))
     for slip in seen.slides:
         surface = slip["surface"]
         if surface["kind"] == "grooves":
