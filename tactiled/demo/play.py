@@ -123,7 +123,10 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: Seen) -> None:
     elif isinstance(event, TextureEvent):
         seen.events.append(event)
         words = (
-            f"D = {event.period_mm:.3f} mm, angle {event.angle_deg:.1f} deg" if event.status == "ok" else ""
+            f"D = {event.period_mm:.4f} ± {event.period_sd_mm:.4f} mm, "
+            f"angle {event.angle_deg:.2f} ± {event.angle_sd_deg:.2f} deg"
+            if event.status == "ok"
+            else ""
         )
         _say(f"{time_s - t0_s:6.2f} s  said: texture {event.status}", words)
 
