@@ -2,9 +2,8 @@
 
 Each plate of the experiment protocol is played by the `periodic` rung through firmware, line, decoder and
 clock fit. The joint fit sees the very windows of the procedure (10 s each, from 1 s after the slip was
-detected), and windows of 2 s of the same slide; both are told the speed, as the procedure must be. In 2 s
-there are 0.8 to 2.2 periods: there the fit is allowed its fewest, with drift a straight line. Online it
-follows the slip detector, and answers when its preset lets it.
+detected), and windows of 2 s of the same slide, 0.8 to 2.2 periods; both are told the speed, as the procedure
+must be. Online it follows the slip detector, and answers when its preset lets it.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,17 +22,13 @@ from tactiled.bench.texture_online import answers
 from tactiled.bench.texture_signal import RATE_HZ
 from tactiled.detect.grooves import Motion
 from tactiled.detect.texture_joint import PRESETS, JointParams, Preset
-from tactiled.detect.wave_model import WaveParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import paper_scenes
 from tactiled.events.types import TextureEvent
 
 Plate = tuple[float, int]
 PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
-WINDOWS: tuple[tuple[float, WaveParams], ...] = (
-    (10.0, WaveParams()),
-    (2.0, WaveParams(min_periods=1.5, trend_order=1)),
-)
+WINDOWS_S = (10.0, 2.0)
 SPEED_MM_S = 1.0  # of the protocol
 _SETTLE_S = 1.0  # as the procedure has it
 _LONGEST_S = 12.0  # after the onset, in which an answer must come
@@ -110,8 +105,8 @@ class _Played:
         textures = [e for e in textures if e.status != "no-slip"]
         agreed = [(e.period_mm, e.angle_deg) for e in textures if e.status == "ok"]
         found = [Answered(plate, "procedure", len(textures), agreed)]
-        for window_s, params in WINDOWS:
-            windows = [answer for run in runs for answer in _joint(run, window_s, params)]
+        for window_s in WINDOWS_S:
+            windows = [answer for run in runs for answer in _joint(run, window_s)]
             said = [answer for answer in windows if answer is not None]
             found.append(Answered(plate, f"joint, {window_s:g} s", len(windows), said))
         firsts = [
@@ -120,7 +115,7 @@ class _Played:
         return found, firsts
 
 
-def _joint(run: Run, window_s: float, params: WaveParams) -> list[tuple[float, float] | None]:
+def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
     """Period and angle of window after window of a slide; None where the fit refuses."""
     onset, end_s = run.slips("onset")[0], run.truth.slips[0].end_s
     begin = int(np.searchsorted(run.time_s, onset.detected_s + _SETTLE_S))
@@ -130,7 +125,7 @@ def _joint(run: Run, window_s: float, params: WaveParams) -> list[tuple[float, f
     motion = Motion(SPEED_MM_S, 0.0, onset.direction_deg, onset.direction_sd_deg)
     said: list[tuple[float, float] | None] = []
     for first in range(begin, end - n + 1, n):
-        fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, _offsets_s(array), motion, params)
+        fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, _offsets_s(array), motion)
         said.append((fit.period_mm, fit.angle_deg) if fit.status == "ok" else None)
     return said
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
+_STRAIGHT = 1  # order of the least trend: level and slope
+
 
 @dataclass(frozen=True, eq=False)
 class Window:
@@ -31,8 +33,6 @@ class Window:
         By how much more way each channel has travelled than `way` says.
     half_way : float
     duration_s : float
-    bent : (channels,) float64
-        Sum of squares of the slow part beyond a straight line, volts^2.
     trend : (n, terms) float64
         Orthonormal polynomials.
     """
@@ -42,7 +42,6 @@ class Window:
     lag: FloatArray
     half_way: float
     duration_s: float
-    bent: FloatArray
     trend: FloatArray
 
     @property
@@ -52,7 +51,14 @@ class Window:
     def without(self, turn: float, n_harmonics: int) -> "Window":
         """The same with a line and its harmonics taken to be part of the trend."""
         angle = np.outer(self.way.mean(axis=0), turn * np.arange(1, n_harmonics + 1))
-        trend = np.linalg.qr(np.concatenate([self.trend, np.cos(angle), np.sin(angle)], axis=1))[0]
+        return self._without(np.concatenate([np.cos(angle), np.sin(angle)], axis=1))
+
+    def curved(self, order: int) -> "Window":
+        """The same with polynomials of up to `order` taken to be part of the trend."""
+        return self._without(trend_basis(self.n, order)[:, _STRAIGHT + 1 :])
+
+    def _without(self, functions: FloatArray) -> "Window":
+        trend = np.linalg.qr(np.concatenate([self.trend, functions], axis=1))[0]
         volts = self.volts - (self.volts @ trend) @ trend.T
         return replace(self, volts=volts, trend=np.asarray(trend))
 
@@ -73,24 +79,23 @@ def trend_basis(n: int, order: int) -> FloatArray:
 
 
 def make_window(
-    volts: FloatArray, time_s: FloatArray, way_rate: FloatArray, channel_offset_s: FloatArray, order: int
+    volts: FloatArray, time_s: FloatArray, way_rate: FloatArray, channel_offset_s: FloatArray
 ) -> Window:
-    """Window from readings (n, channels) at scans that begin at `time_s`, and way a second after each."""
+    """Window from readings (n, channels) at scans that begin at `time_s`, and way a second after each.
+
+    Its trend is a straight line.
+    """
     duration_s = float(time_s[-1] - time_s[0])
     way = np.concatenate([[0.0], np.cumsum(way_rate[:-1] * np.diff(time_s))])
-    trend = trend_basis(len(volts), order)
-    slow = volts.T @ trend
-    readings = volts.T - slow @ trend.T
-    bent = (slow[:, 2:] ** 2).sum(axis=1)
+    trend = trend_basis(len(volts), _STRAIGHT)
+    readings = volts.T - (volts.T @ trend) @ trend.T
     half_way = float(np.ptp(way)) / 2 or 1.0
     way = (way - (way.min() + way.max()) / 2) / half_way
     rate = way_rate / half_way
     if np.ptp(rate) <= 1e-9 * abs(rate).max():
-        return Window(
-            readings, way[np.newaxis], channel_offset_s * rate[0], half_way, duration_s, bent, trend
-        )
+        return Window(readings, way[np.newaxis], channel_offset_s * rate[0], half_way, duration_s, trend)
     each = way + np.outer(channel_offset_s, rate)
-    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, duration_s, bent, trend)
+    return Window(readings, each, np.zeros(len(channel_offset_s)), half_way, duration_s, trend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +119,17 @@ class Tables:
         """Least-squares cosine and sine parts of each channel by itself: (channels, 2 harmonics)."""
         m = 2 * self.n_harmonics
         return np.asarray(np.linalg.solve(self.gram[:, :m, :m], self.product[:, :m, np.newaxis])[..., 0])
+
+    def turn_sd(self, variance: FloatArray) -> float:
+        """Sigma of the turn (radians) where channels agree on nothing else: Cramer-Rao, fundamental alone."""
+        m = 2 * self.n_harmonics
+        late = np.zeros_like(self.product)  # what a change of the turn adds, as parts of the functions
+        parts = self.phasors()
+        late[:, m], late[:, m + 1] = parts[:, 1], -parts[:, 0]
+        seen = (self.gram @ late[..., np.newaxis])[..., 0]
+        own = np.linalg.solve(self.gram[:, :m, :m], seen[:, :m, np.newaxis])[..., 0]
+        information = (late * seen).sum(axis=1) - (own * seen[:, :m]).sum(axis=1)
+        return float(1 / np.sqrt(max(float((information / variance).sum()), 1e-12)))
 
     def explained(self) -> FloatArray:
         """Sum of squares that `phasors` explain in each channel, volts^2: (channels,)."""

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, make_window, tabulate
-from tactiled.detect.wave_lines import find_lines
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import inflation
-from tactiled.detect.wave_refine import Refined, centred, fundamental, refine
+from tactiled.detect.wave_refine import Refined, refine
+from tactiled.detect.wave_ripple import strongest
 from tactiled.detect.wave_search import search, together
 from tactiled.detect.wave_solve import Solver
 from tactiled.detect.wave_weigh import has_lever, reading, weighed
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
+_MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
 _WAVES = ("ok", "ambiguous")
@@ -55,7 +56,8 @@ def fit_wave(
     speeds_mm_s : (n,) float64, optional
         Speed from each scan to the next, where it is known and not steady; `motion` then has the mean.
     """
-    usable = np.isfinite(volts) if usable is None else usable & np.isfinite(volts)
+    sane = np.abs(volts) <= _MOST_VOLTS
+    usable = sane if usable is None else usable & sane
     chosen = np.flatnonzero(usable.mean(axis=0) >= 1 - _MOST_BAD_PART)
     n = len(volts)
     if n <= params.trend_order + 4 * params.max_harmonics + 1:
@@ -69,7 +71,7 @@ def fit_wave(
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
-    window = make_window(readings, time_s, rate, channel_offset_s[chosen], params.trend_order)
+    window = make_window(readings, time_s, rate, channel_offset_s[chosen])
     return _fit(window, here, motion, params)
 
 
@@ -102,22 +104,16 @@ def _strongest_wave(
 ) -> tuple[WaveFit, Line | None]:
     """Fit of the strongest line that is a wave; lines that are none are taken out first."""
     for _ in range(_MOST_LINES):
-        lines = find_lines(window)
-        peaks = lines.peaks()
-        if not peaks:
+        readings = strongest(window, params)
+        if not readings:
             return WaveFit("low-snr"), None
-        turn = np.pi * float(lines.cycles[peaks[0]]) * (window.n - 1) / window.n
-        turn = fundamental(window, centred(window, turn, lines.variance), params)
-        periods = turn / np.pi
-        bent = ((window.bent - tabulate(window, turn, 1).explained()) / lines.variance).sum() > 0
-        # It may be a harmonic of grooves of which the slow polynomial has taken what the window has.
-        is_harmonic = bent and periods < params.max_harmonics * params.min_periods
-        if periods < params.min_periods or is_harmonic:
-            return WaveFit("too-few-periods", window.frequency_hz(turn)), None
-        found = _wave(window, layout, motion, params, turn, lines.variance)
-        if found is not None:
-            return found
-        window = window.without(turn, 1)
+        for line in readings:
+            if line.periods < params.min_periods:
+                return WaveFit("too-few-periods", window.frequency_hz(line.turn)), None
+            found = _wave(line.window, layout, motion, params, line.turn, line.variance)
+            if found is not None:
+                return found
+        window = window.without(readings[0].turn, 1)
     return WaveFit("low-snr"), None
 
 

@@ -10,7 +10,7 @@ from tactiled.detect.wave_basis import Window
 
 _PADDING = 4  # bins a period of the window: the largest is then within 1/8 of a bin of the peak
 _NEIGHBOURS = 40  # bins to either side in which noise is taken to be of one density
-_LEAST_CYCLES = 1.0  # slower ones are what the polynomial leaves of a drift
+LEAST_CYCLES = 0.5  # slower ones are a straight trend
 _SLOW_CYCLES = 8  # below, a line and its image at the negative frequency are one hump under a Hann window
 _NEAR = 3  # of them, belong to the line itself: a Hann window's main lobe and a little
 # White noise passes for a line once in so many windows.
@@ -44,7 +44,7 @@ class Lines:
         """Bins of lines, the strongest first."""
         inner = self.power[1:-1]
         is_peak = (inner > self.power[:-2]) & (inner >= self.power[2:]) & (inner > self.needed[1:-1])
-        bins = np.flatnonzero(is_peak & (self.cycles[1:-1] >= _LEAST_CYCLES)) + 1
+        bins = np.flatnonzero(is_peak & (self.cycles[1:-1] >= LEAST_CYCLES)) + 1
         return [int(b) for b in bins[np.argsort(-self.power[bins], kind="stable")]]
 
 

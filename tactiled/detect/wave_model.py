@@ -39,8 +39,13 @@ class WaveParams(Params):
         description="between groove normal and motion; beyond, the skin slides along the grooves",
     )
     max_harmonics: int = Field(default=3, ge=1, le=6, description="of the ripple, where they are seen")
-    trend_order: int = Field(default=3, ge=0, le=8, description="of the polynomial that drift and creep are")
-    min_periods: float = Field(default=1.75, ge=1.5, le=50, description="fewer in a window are not enough")
+    trend_order: int = Field(
+        default=3,
+        ge=1,
+        le=8,
+        description="of the polynomial that drift and creep are; a line where ripples are few",
+    )
+    min_periods: float = Field(default=0.8, ge=0.7, le=50, description="fewer in a window are not enough")
     error_probability: float = Field(
         default=1e-3, gt=0, lt=0.5, description="of a wrong answer among all that the phases allow"
     )

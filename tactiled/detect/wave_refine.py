@@ -1,4 +1,4 @@
-"""One line of a window: which harmonic it is, and the best wave near a start, with all its harmonics."""
+"""The best wave near a start, with all its harmonics, and what noise and strays are then left."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,6 @@ from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
 from tactiled.detect.wave_solve import Solver
 
 _FALSE_LINE = 1e-6  # noise passes for one more line so often
-# A fundamental has at least this part of its harmonics' power; less may be what the model does not describe.
-_LEAST_FUNDAMENTAL = 0.03
 _HIGHEST = 0.45  # of the scan rate: a harmonic above may fall on another
 _REFINEMENTS = 4  # noise and strays are known from the one before
 _CONVERGED = 1e-5  # radians, and radians a millimetre
@@ -34,6 +32,7 @@ class Refined:
     variance : (channels,) float64
         Of each channel's noise, volts^2.
     stray : (kinds, harmonics) float64
+        Variance of phases within a kind, so wide that all harmonics tell no more than one, radians^2.
     is_wave : bool
         Whether phases of one wave suit the channels at all.
     n_scans : int
@@ -47,39 +46,15 @@ class Refined:
     n_scans: int
 
     @property
+    def stray_alone(self) -> FloatArray:
+        """Variance of the fundamental's phases, for fits of it alone: (kinds, 1), radians^2."""
+        return self.stray[:, :1] / self.tables.n_harmonics
+
+    @property
     def snr_db(self) -> float:
         """Power of the ripple over that of the noise, mean of the channels."""
         snr = float((self.tables.explained() / self.variance).mean()) / self.n_scans
         return 10 * float(np.log10(max(snr, 1e-10)))
-
-
-def fundamental(window: Window, turn: float, params: WaveParams) -> float:
-    """The line's own turn, or that of the line that it is a harmonic of."""
-    alone = tabulate(window, turn, 1).explained()
-    for part in range(params.max_harmonics, 1, -1):
-        if turn / part < np.pi * params.min_periods:
-            continue
-        tables = tabulate(window, turn / part, part)
-        variance = _variance(window, tables)
-        more = float(((tables.explained() - alone) / variance).sum())
-        level = stats.chi2.isf(_FALSE_LINE, 2 * (part - 1) * len(variance))
-        if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
-            return turn / part
-    return turn
-
-
-def centred(window: Window, turn: float, variance: FloatArray) -> float:
-    """Turn of the largest explained power near a bin."""
-    step = np.pi / 8
-    for _ in range(3):
-        powers = [
-            float((tabulate(window, turn + d, 1).explained() / variance).sum()) for d in (-step, 0, step)
-        ]
-        bend = powers[0] - 2 * powers[1] + powers[2]
-        if bend < 0:
-            turn += float(np.clip(0.5 * (powers[0] - powers[2]) / bend, -1, 1)) * step
-        step /= 4
-    return turn
 
 
 def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
@@ -88,7 +63,7 @@ def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
     if highest < 2:
         return 1
     tables = tabulate(window, turn, highest)
-    variance = _variance(window, tables)
+    variance = noise_variance(window, tables)
     information = np.linalg.inv(tables.gram[:, : 2 * highest, : 2 * highest])
     parts = tables.phasors()
     level = stats.chi2.isf(_FALSE_LINE, 2 * len(parts))
@@ -107,7 +82,7 @@ def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParam
     stray = np.zeros((len(np.unique(layout.kind)), n_harmonics))
     for _ in range(_REFINEMENTS):
         tables = tabulate(window, float(best.turn[0]), n_harmonics)
-        variance = _variance(window, tables)
+        variance = noise_variance(window, tables)
         solver = Solver(window, layout, motion, variance, stray)
         before, best = best, solver.solve(tables, best.k, best.turn, steps=2)
         strayed, stray = stray, solver.stray_of(tables, best)
@@ -120,7 +95,7 @@ def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParam
     return Refined(best, tables, variance, stray, is_wave, window.n)
 
 
-def _variance(window: Window, tables: Tables) -> FloatArray:
+def noise_variance(window: Window, tables: Tables) -> FloatArray:
     """Of what the tables' own phasors leave of each channel."""
     rest = (window.volts**2).sum(axis=1) - tables.explained()
     n_free = max(window.n - window.trend.shape[1] - 2 * tables.n_harmonics, 1)

@@ -37,7 +37,7 @@ def search(
         The best must explain more than this (`together`).
     """
     heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
-    along, across = _grid(window, tables.turn, layout, motion, params)
+    along, across = _grid(window, tables, layout, motion, params, variance)
     if not len(along) or not len(across):
         return _none()
     scores = _scores(tables, window, layout, heading, along, across, variance)
@@ -73,7 +73,12 @@ def together(window: Window, tables: Tables, layout: Layout, variance: FloatArra
 
 
 def _grid(
-    window: Window, turn: float, layout: Layout, motion: WaveMotion, params: WaveParams
+    window: Window,
+    tables: Tables,
+    layout: Layout,
+    motion: WaveMotion,
+    params: WaveParams,
+    variance: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Components of the wave vector along the motion and across it."""
     rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
@@ -84,12 +89,14 @@ def _grid(
     if not motion.has_speed:
         along = across[across > 0] if motion.has_direction else across
         return np.asarray(along), np.asarray(across)
-    exact = turn / window.half_way
-    relative = motion.speed_sd_mm_s / motion.speed_mm_s
-    slack = float(np.hypot(exact * relative, np.abs(across).max() * np.radians(motion.direction_sd_deg)))
-    n_along = int(np.ceil(_SLACK_SIGMAS * slack / step)) if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0
-    along = exact + np.arange(-n_along, n_along + 1) * step
-    return np.asarray(along[along > 0]), np.asarray(across)
+    exact = tables.turn / window.half_way
+    by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
+    by_direction = largest * np.radians(motion.direction_sd_deg)
+    slack = float(np.linalg.norm([by_speed, by_direction, tables.turn_sd(variance) / window.half_way]))
+    reach = _SLACK_SIGMAS * slack if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0.0
+    first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
+    along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
+    return np.asarray(along), np.asarray(across)
 
 
 def _scores(

@@ -21,6 +21,7 @@ from tactiled.detect.wave_model import Layout, WaveMotion
 _STEPS = 3  # quadratic from a start within a quarter of a radian
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
 _FALSE_STRAY = 1e-3  # noise passes for strays so often
+_ANY_PHASE = np.pi**2 / 3  # variance of phases that are anything
 _RIDGE = 1e-12  # what no channel tells must have a finite sigma
 
 
@@ -156,7 +157,8 @@ class Solver:
         # A kind has few channels: what all kinds show is worth one more of them.
         pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-300), 0.0)
         # Harmonics of a channel stray together, and then all of them tell no more than one.
-        return np.asarray(tables.n_harmonics * (dof * own + pooled) / (dof + 1.0))
+        stray = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
+        return np.asarray(tables.n_harmonics * stray)
 
     def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""

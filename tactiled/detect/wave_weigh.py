@@ -30,7 +30,7 @@ def weighed(
 ) -> WaveFit:
     """The fit with the probability that another reading is true; "ambiguous" where that is too large."""
     # All of them anew, with what is known by now of noise and strays; `best` is the refined first.
-    solver = Solver(window, layout, motion, best.variance, best.stray[:, :1])
+    solver = Solver(window, layout, motion, best.variance, best.stray_alone)
     found = solver.solve(tabulate(window, float(best.waves.turn[0]), 1), found.k, found.turn, steps=2)
     # Channels of one taxel may stray together, and then count for one.
     shared = len(layout.x_mm) / _n_places(layout) if best.stray.any() else 1.0
@@ -60,7 +60,7 @@ def _belies(
     if not len(others.k):
         return False
     other = refine(window, layout, free, params, others[0])
-    stray = other.stray[:, :1]
+    stray = other.stray_alone
     tied = Solver(window, layout, motion, other.variance, stray).solve(tables, found.k, found.turn, steps=2)
     loose = Solver(window, layout, free, other.variance, stray).solve(
         tables, other.waves.k, other.waves.turn, 2
