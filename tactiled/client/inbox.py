@@ -16,6 +16,8 @@ from tactiled.client.catchup import CatchUp
 from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
 from tactiled.client.parse import message_of, parse_map
 
+_CLOCKS_PART = 5e-4  # by which crystals of two hosts may differ: five times a bad one's 100 ppm
+
 
 class Inbox:
     """Raw frames and the passing of time to items.
@@ -49,6 +51,7 @@ class Inbox:
         self.catch_up = CatchUp(catch_up, now_s)
         self._status_s = now_s
         self._state: Literal["unknown", "fresh", "stale"] = "unknown"
+        self._lead: tuple[object, float, float] = (None, 0.0, now_s)  # run, least lead, when
 
     def is_fresh(self, now_s: float) -> bool:
         """Whether touch may be acted on: said so by a status that is young even now."""
@@ -133,7 +136,7 @@ class Inbox:
 
     def _watch_age(self, status: Message, now_s: float, unix_s: float) -> list[Item]:
         self._status_s = now_s
-        age_s = unix_s - status.timestamp
+        age_s = max(unix_s - status.timestamp, self._behind_s(status.data, now_s))
         if age_s > self._stale_after_s:
             return self._stale(f"reading {age_s:.1f} s behind: messages wait, or the clocks differ", age_s)
         if status.data.get("valid") is not True:
@@ -144,6 +147,19 @@ class Inbox:
             return []
         self._state = "fresh"
         return [Fresh()]
+
+    def _behind_s(self, status: dict[str, Any], now_s: float) -> float:
+        """How long a status waited for us by steady clocks, the daemon's and ours, which nobody sets."""
+        uptime_s, run = status.get("uptime_s"), status.get("run")
+        if not isinstance(uptime_s, float):
+            return 0.0
+        lead_s = now_s - uptime_s  # our clock over its own, and how long this one waited
+        known_run, least_s, at_s = self._lead
+        allowed_s = least_s + _CLOCKS_PART * (now_s - at_s)
+        if run != known_run or lead_s < allowed_s:
+            self._lead = (run, lead_s, now_s)
+            return 0.0
+        return lead_s - allowed_s
 
     def _stale(self, reason: str, silent_s: float) -> list[Item]:
         if self._state == "stale":

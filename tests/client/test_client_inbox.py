@@ -194,6 +194,32 @@ def test_a_step_of_the_wall_clock_is_no_restart() -> None:
     assert daemon.fresh
 
 
+def test_a_backlog_is_stale_although_the_wall_clock_was_set_back_meanwhile() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.status()
+    queued = []
+    for _ in range(160):
+        daemon.now_s += 0.1
+        queued += [daemon.make_status(), daemon.make("slip", state="onset")]
+    back_s = 60.0
+    items = []
+    for parts in queued:
+        items += daemon.inbox.receive(parts, daemon.now_s, daemon.now_s + UNIX_S - back_s)
+        old = [i for i in items[-1:] if isinstance(i, Message) and i.data.get("state") == "onset"]
+        if old and daemon.now_s + UNIX_S - old[0].timestamp > 0.6:
+            assert not daemon.fresh
+    assert kinds(items)[0] == "Stale"
+
+
+@given(st.floats(-200e-6, 200e-6), st.lists(st.floats(0.0, 0.2), min_size=2, max_size=300))
+def test_crystals_that_differ_are_no_backlog(part: float, delays_s: list[float]) -> None:
+    inbox = Inbox(("slip",), None, 0.5, 0.0)
+    for hour, delay_s in enumerate(delays_s):
+        status = {"run": 1, "uptime_s": hour * 3600.0 * (1 + part)}
+        assert inbox._behind_s(status, hour * 3600.0 + delay_s) <= 0.2
+    assert inbox._behind_s(status, hour * 3600.0 + 16.0) > 15.0
+
+
 def test_boards_and_topics_are_chosen() -> None:
     daemon = Daemon(topics=("slip",), board="TS0001")
     assert kinds(daemon.read(daemon.make("slip"))) == ["Message"]
