@@ -35,6 +35,13 @@ from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
+# On the 2019 array shear over pressure is 1.9 times friction over load; 0.3 is the least friction of dry
+# skins. Pairs of resistors around an electrode all work so; shear channels have any scale, and pads that feel
+# shear as a load that moves have the scale of their thickness: there no size tells gross slip.
+_GROSS_OF_PAIRS = 0.45
+# Friction moves the load of a pad without shear channels by its height over the taxels' distance from the
+# middle, 1.3 mm over some 4 mm: that is 0.3 times friction over load, a sixth of what pairs show.
+_LOAD_MOVES = 1 / 6
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
@@ -47,10 +54,11 @@ class CoherentParams(Params):
     least_shear: float = Field(
         default=0.1, gt=0, le=1, description="growth of shear over pressure, both in volts, that counts"
     )
-    # On the 2019 array shear over pressure is 1.9 times friction over load; 0.3 is the least friction of
-    # dry skins.
-    gross_shear: float = Field(
-        default=0.45, gt=0, le=5, description="shear over pressure below which nothing is gross"
+    gross_shear: float | None = Field(
+        default=None,
+        gt=0,
+        le=5,
+        description="shear over pressure below which nothing is gross; left out: as the array's kind has it",
     )
     # Half of the paper's "clear enough": the mean of four resistors is clear enough at 10 mV of noise each.
     contact: ContactParams = ContactParams(contact_volts=0.25, release_volts=0.15)
@@ -76,6 +84,9 @@ class CoherentSlip:
     def __init__(self, array: Array, params: CoherentParams | None = None) -> None:
         self._array = array
         self._params = params or CoherentParams()
+        self._least_shear = self._params.least_shear * (1.0 if array.has_shear else _LOAD_MOVES)
+        of_kind = _GROSS_OF_PAIRS if "side" in array.channel_kind else 0.0
+        self._gross_shear = of_kind if self._params.gross_shear is None else self._params.gross_shear
         self.reset()
 
     def reset(self) -> None:
@@ -87,11 +98,9 @@ class CoherentSlip:
         self._rate_hz = rate_hz
         self._quantiser = Quantiser(self._array)
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
-        self._evidence = Evidence(
-            self._array, rate_hz, self._params.false_alarms_per_hour, self._params.least_shear
-        )
+        self._evidence = Evidence(self._array, rate_hz, self._params.false_alarms_per_hour, self._least_shear)
         self._n_seen = 0
-        self._story = Story(self._evidence, rate_hz, self._params.least_shear, self._params.gross_shear)
+        self._story = Story(self._evidence, rate_hz, self._least_shear, self._gross_shear)
 
     @property
     def contact_state(self) -> ContactState:

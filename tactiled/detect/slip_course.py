@@ -285,7 +285,11 @@ class Course:
         return None
 
     def _step_back(self, index: int, shear: float, level: float, noise: float) -> Verdict | None:
-        turned_round = level < _LEFT_PART * self._high.value if self._was_gross else shear < -self._gross
+        turned_round = (
+            level < _LEFT_PART * self._high.value
+            if self._was_gross
+            else shear < -max(self._gross, self._least)
+        )
         if turned_round:
             return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
         if level < self._low.value - max(_NEAR_PART * self._high.value, _NEAR_SDS * noise):

@@ -229,11 +229,14 @@ class Evidence:
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
-    def limit(self, along: FloatArray, start: FloatArray) -> Limit:
-        """Of a slip along a unit vector (3,) that began at readings (channels,)."""
+    def limit(self, along: FloatArray, start: FloatArray, late: FloatArray) -> Limit:
+        """Of a slip along a unit vector (3,) that began at readings (channels,), each so late in a scan."""
         weights = along @ motion(self.weights.T).T
         each = np.eye(self._array.n_taxels)[:, self._array.channel_taxel] * weights
-        return Limit(each[self.taxels], self._normal_weights[self.taxels], start)
+        felt = self.taxels & self._array.has_shear
+        size = np.abs(each[felt])
+        mean_late = size @ late / np.maximum(size.sum(axis=1), 1e-9)
+        return Limit(each[felt], self._normal_weights[felt], start, mean_late)
 
     def _is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.

@@ -28,7 +28,7 @@ _SLIPS = 0.3
 # A skin that is dragged evenly has risen to 0.4 in 0.72 of the time that a straight rise takes to it: what
 # bends like that is no load that grew evenly and stopped.
 _STRAIGHT = 0.86
-_SDS, _MOST_SD = 1.5, 0.3  # how sure it must be that a load only stays
+_SDS, _MOST_SD = 1.0, 0.3  # how sure it must be that a load only stays
 _MARK_STEP = 1.2  # a mark each time the rise has grown by this
 _LEAST_TAXELS = 4  # a line through fewer has no residuals to speak of
 _LOADED = 0.3  # of the mean load: taxels with less have shares that are mostly noise
@@ -51,21 +51,28 @@ class Limit:
         Readings to each taxel's load.
     start : (channels,) float64
         Readings before the shear grew.
+    late : (taxels,) float64
+        When in a scan each is read, in scans.
     """
 
-    def __init__(self, along: FloatArray, load: FloatArray, start: FloatArray) -> None:
-        self._along, self._load = along, load
+    def __init__(self, along: FloatArray, load: FloatArray, start: FloatArray, late: FloatArray) -> None:
+        self._along, self._load, self._late = along, load, late
         self._start = along @ start
         self._marks: list[_Mark] = []
 
     def take(self, risen: float, scans: float, steps: FloatArray) -> None:
         """Newest readings (n, channels), and how far the array's shear has risen in how many scans."""
         if risen > (_MARK_STEP * self._marks[-1].risen if self._marks else 0.0):
-            self._marks.append(_Mark(risen, scans, self._along @ steps.mean(axis=0) - self._start))
+            shears = self._along @ steps.T - self._start[:, np.newaxis]
+            whole, now = shears.sum(axis=0), shears.mean(axis=1)
+            # What grows has grown on by the time that a later taxel is read.
+            growth = (whole[-1] - whole[0]) / max(len(whole) - 1, 1)
+            ahead = growth * self._late * now / now.sum() if now.sum() > 0 else 0.0
+            self._marks.append(_Mark(risen, scans, now - ahead))
 
     def holds(self, risen: float, scans: float, steps: FloatArray) -> bool:
         """Whether it is sure that the contact still holds where a rise stopped, of readings since then."""
-        if not self._marks:
+        if not self._marks or len(self._along) < _LEAST_TAXELS:
             return False
         mark = min(self._marks, key=lambda mark: abs(mark.risen - _FIRST_PART * risen))
         if mark.scans < _STRAIGHT * scans * mark.risen / risen:

@@ -112,7 +112,7 @@ class Witness:
         """Of a shear that began to grow so long ago along a unit vector (3,)."""
         began = len(self.steps) + self.ago(scans)
         start = self.steps[max(0, began - _REST_SCANS) : began + 1].mean(axis=0)
-        return self._evidence.limit(along, start)
+        return self._evidence.limit(along, start, self._block.channel_offset_s * self._block.rate_hz)
 
     def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
         """About a change of the readings (channels,) that is one along a unit vector (3,)."""

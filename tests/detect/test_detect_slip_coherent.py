@@ -266,6 +266,40 @@ def test_pads_without_shear_channels_tell_slip_without_direction() -> None:
     assert all(e.direction_sd_deg == UNKNOWN_SD_DEG for e in events)
 
 
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("name", ["normal-4x4", "xyz-two-pads-4x4"])
+def test_a_slide_is_gross_on_arrays_of_any_scale(name: str, setting: str) -> None:
+    """Shear over pressure of a third, which on the 2019 array slips nowhere."""
+    array = load_array(name)
+    events = detect(Touch(shear=0.4).block(array), setting, array)
+    assert told(events)[:3] == WHOLE  # fast may say the recoil too
+    assert [e.state for e in events if isinstance(e, ContactEvent)][:3] == ["loading", "holding", "sliding"]
+
+
+def test_a_size_that_is_given_holds_on_any_array() -> None:
+    array = load_array("xyz-two-pads-4x4")
+    params = CoherentParams(gross_shear=0.5)
+    events = CoherentSlip(array, params).process(Touch(shear=0.4).block(array))
+    assert "gross" not in {kind for _, kind in told(events)}
+
+
+@pytest.mark.parametrize("family", ["inclined-load", "arm-acceleration"])
+@pytest.mark.parametrize("seed", [201, 202])
+def test_a_load_that_comes_to_rest_is_not_gross(family: str, seed: int) -> None:
+    """Though its shear is as large as what slips elsewhere."""
+    block, truth = seen(FAMILIES[family](seed), 0.3e-3)
+    assert truth.slips == []
+    assert all(e.kind == "incipient" for e in slips(detect(block)))
+
+
+def test_a_slow_pull_beyond_friction_is_gross() -> None:
+    block, truth = seen(FAMILIES["creep-into-slip"](201), 0.3e-3)
+    (slip,) = truth.slips
+    gross = next(e for e in slips(detect(block)) if e.kind == "gross")
+    assert slip.gross_s is not None
+    assert gross.onset_s == pytest.approx(slip.gross_s, abs=0.15)
+
+
 @pytest.mark.parametrize(("before", "after"), [(0.1e-3, 10e-3), (10e-3, 0.1e-3)])
 def test_noise_that_changes_a_hundredfold_is_no_slip_and_hides_none(before: float, after: float) -> None:
     touch = Touch(slide_s=14.0, stop_s=18.0, lift_s=20.0, end_s=21.0, noise=0.0)
