@@ -176,8 +176,8 @@ def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion:
         slope[2, :2] = -speed_mm_s * motion.heading / along
         slope[2, 2] = speed_mm_s / turn
     solver = Solver(window, layout, motion, best.variance, best.stray)
-    colour = inflation(window, layout, solver, best, slope)
-    scale = np.sqrt(colour)
+    colour, strayed = inflation(window, layout, solver, best, slope)
+    scale = np.sqrt(np.maximum(colour, strayed))
     covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
     if motion.has_speed:
         covariance[2, 2] = motion.speed_sd_mm_s**2

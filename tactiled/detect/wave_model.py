@@ -124,7 +124,7 @@ class WaveFit:
     is_tied : bool
         Whether the speed is what was given; it is not where the phases belie that.
     colour : float
-        By which the largest variance is wider than on white noise and a perfect plane wave.
+        By which noise near the line makes the largest variance wider than white noise would.
     error_probability : float
         That another reading of the phases is the true one.
     second : WaveFit or None

@@ -27,8 +27,10 @@ _TAIL = 0.025
 _SPENT_TAXELS = 3  # by wave vector and phase: what is left of a few taxels' parts is too small by that
 
 
-def inflation(window: Window, layout: Layout, solver: Solver, best: Refined, slope: FloatArray) -> FloatArray:
-    """Factors (answers,) for the variances of ``slope @ (kx, ky, turn)``; none is below 1.
+def inflation(
+    window: Window, layout: Layout, solver: Solver, best: Refined, slope: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Factors for the variances of ``slope @ (kx, ky, turn)``, none below 1: by noise, and by strays.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ def inflation(window: Window, layout: Layout, solver: Solver, best: Refined, slo
     slope : (answers, 3) float64
     """
     stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-300)
-    factor = np.ones(len(slope))
+    factor, strayed = np.ones(len(slope)), np.ones(len(slope))
     noise = _beside(window, best)
     if len(noise):
         m = 2 * best.tables.n_harmonics
@@ -53,10 +55,34 @@ def inflation(window: Window, layout: Layout, solver: Solver, best: Refined, slo
         parts = is_taxel[..., np.newaxis] * solver.surprise(best.tables, best.waves)
         moved = ((solver.moves(best.tables, best.waves, parts) @ slope.T) ** 2).sum(axis=0)
         left = n_taxels - _SPENT_TAXELS
-        # A variance out of so few is itself unsure: as wide as makes two sigmas hold as they do elsewhere.
-        unsure = (stats.t.isf(_TAIL, left) / stats.norm.isf(_TAIL)) ** 2
-        factor = np.maximum(factor, moved * n_taxels / left / stated * unsure)
-    return factor
+        effect, dof = design_effect(solver.strays(best.tables, best.waves), layout)
+        strayed = np.maximum(moved * n_taxels / left / stated * _unsure(left), effect * _unsure(dof))
+    return factor, strayed
+
+
+def _unsure(dof: float) -> float:
+    """A variance out of so few is itself unsure: as wide as makes two sigmas hold as they do elsewhere."""
+    return float(stats.t.isf(_TAIL, dof) / stats.norm.isf(_TAIL)) ** 2
+
+
+def design_effect(strays: FloatArray, layout: Layout) -> tuple[float, float]:
+    """By how many channels are too many where those of one taxel stray together; degrees of freedom left.
+
+    Variance of the taxels' sums over that of as many strangers (Kish 1965).
+
+    Parameters
+    ----------
+    strays : (channels,) float64
+        In sigmas.
+    """
+    places, taxel = np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1, return_inverse=True)
+    n_taxels, n_channels = places.shape[1], len(strays)
+    sums, sizes = np.bincount(taxel.reshape(-1), strays), np.bincount(taxel.reshape(-1))
+    left = max(n_taxels - _SPENT_TAXELS, 1)
+    left_channels = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
+    effect = (sums**2 / sizes).sum() / left / max((strays**2).sum() / left_channels, 1e-300)
+    effect = float(np.clip(effect, 1.0, n_channels / n_taxels))
+    return effect, max(left_channels / effect, 1.0)
 
 
 def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:

@@ -160,6 +160,13 @@ class Solver:
         stray = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
         return np.asarray(tables.n_harmonics * stray)
 
+    def strays(self, tables: Tables, waves: Waves) -> FloatArray:
+        """How far each channel's fundamental is from its kind's, in sigmas of what it may: (channels,)."""
+        near = linearise(self._geometry, tables, waves, self._slack(waves.k))
+        known = near.information[0, :, 3, 3]
+        allowed = 0.0 if self._stray is None else self._stray[:, 0]
+        return np.asarray(near.push[0, :, 3] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
+
     def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
         parts = tables.phasors()

@@ -9,6 +9,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, tabulate
 from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
+from tactiled.detect.wave_noise import design_effect
 from tactiled.detect.wave_refine import Refined, refine
 from tactiled.detect.wave_search import search
 from tactiled.detect.wave_solve import Solver
@@ -31,10 +32,10 @@ def weighed(
     """The fit with the probability that another reading is true; "ambiguous" where that is too large."""
     # All of them anew, with what is known by now of noise and strays; `best` is the refined first.
     solver = Solver(window, layout, motion, best.variance, best.stray_alone)
-    found = solver.solve(tabulate(window, float(best.waves.turn[0]), 1), found.k, found.turn, steps=2)
-    # Channels of one taxel may stray together, and then count for one.
-    shared = len(layout.x_mm) / _n_places(layout) if best.stray.any() else 1.0
-    odds = np.exp((found.gain - found.gain.max()) / 2 / max(shared, fit.colour))
+    tables = tabulate(window, float(best.waves.turn[0]), 1)
+    found = solver.solve(tables, found.k, found.turn, steps=2)
+    effect = design_effect(solver.strays(tables, found[0]), layout)[0] if best.stray.any() else 1.0
+    odds = np.exp((found.gain - found.gain.max()) / 2 / max(effect, fit.colour))
     weights = odds / odds.sum()
     error = float(1 - weights[0])
     if error <= params.error_probability and not _belies(best, found, window, layout, motion, params):

@@ -87,7 +87,7 @@ def test_reset_equals_new_and_a_gap_forgets() -> None:
 def test_a_slip_too_short_to_answer_ends_with_the_reason() -> None:
     short = dataclasses.replace(TOUCH, stop_s=TOUCH.slide_s + 0.6)
     events = answers(JointParams(speed_mm_s=SPEED_MM_S), short.block(ARRAY, 100.0, SKEW_S))
-    assert [e.status for e in events] in (["too-few-periods"], ["no-slip"])
+    assert [e.status for e in events] in (["too-few-periods"], ["no-slip"], ["ambiguous"])
 
 
 def test_a_flat_plate_is_refused_once_a_window() -> None:

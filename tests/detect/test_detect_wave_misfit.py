@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from gratings import (
     ARRAY,
     Grating,
@@ -20,6 +21,7 @@ from scipy import signal
 
 from tactiled.detect.wave_fit import fit_wave
 from tactiled.detect.wave_model import WaveMotion, WaveParams, layout_of
+from tactiled.detect.wave_noise import design_effect
 
 
 @motions
@@ -139,3 +141,26 @@ def test_noise_and_random_textures_are_no_grooves(motion_of: MotionOf) -> None:
             "ambiguous",
             "aliased",
         )
+
+
+def test_channels_that_stray_as_one_count_as_one() -> None:
+    rng, layout = np.random.default_rng(3), layout_of(ARRAY)
+    effect, dof = design_effect(rng.normal(size=36), layout)
+    assert 1.0 <= effect < 2.0
+    assert dof == pytest.approx(30 / effect)
+    together, few = design_effect(rng.normal(size=9)[ARRAY.channel_taxel], layout)
+    assert (together, few) == (4.0, 7.5)
+
+
+def test_strays_of_a_tenth_of_a_radian_are_answered_and_held() -> None:
+    grating, held = Grating(1.4, 25.0), []
+    for seed in range(20):
+        slide = Slide((grating,), duration_s=3.0, seed=seed)
+        late_s = 0.1 * np.random.default_rng(seed).normal(size=36) / (2 * np.pi * 2.0 / 1.4)
+        volts = slide.volts(ARRAY, np.linspace(0, 0.007, 36) + late_s)
+        found = fit(slide, known(slide), volts=volts)
+        if found.status == "ok":
+            by_mm, by_deg = off(found, grating)
+            held.append((abs(by_mm) < 2 * found.period_sd_mm, abs(by_deg) < 2 * found.angle_sd_deg))
+    assert len(held) >= 17
+    assert np.mean(held) > 0.85
