@@ -152,7 +152,9 @@ def _text(
             "so many that said it. gross: median distance from 90 %. early, on the press: false alarms "
             "before the shear.",
             slip_tables.latency_table(cases, names),
-            f"The same by family, median / p95, at {1e3 * slip_tables.FAMILY_NOISE_V:g} mV.",
+            "First event of steady slides by speed and noise, median / p95.",
+            slip_tables.speed_table(cases, names),
+            f"First event by family, median / p95, at {1e3 * slip_tables.FAMILY_NOISE_V:g} mV.",
             slip_tables.family_table(cases, names),
             "The worst of each.",
             slip_tables.worst_table(cases, names),

@@ -156,9 +156,14 @@ def at_speed(speed_mm_s: float) -> Family:
     return steady
 
 
+def speed_name(speed_mm_s: float) -> str:
+    """Of the family of steady slides at a speed."""
+    return f"{speed_mm_s:g} mm/s"
+
+
 def slipping_families() -> dict[str, Family]:
     """The physical families, and steady slides at each of `SPEEDS_MM_S`."""
-    speeds = {f"{speed:g} mm/s": at_speed(speed) for speed in SPEEDS_MM_S}
+    speeds = {speed_name(speed): at_speed(speed) for speed in SPEEDS_MM_S}
     return {name: f for name, f in families.SLIPPING.items() if name != "steady-slide"} | speeds
 
 

@@ -10,7 +10,7 @@ from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case
 from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted
 from tactiled.bench.slip_rivals import PER_HOUR
-from tactiled.bench.slip_scenes import NOISES_V
+from tactiled.bench.slip_scenes import NOISES_V, SPEEDS_MM_S, speed_name
 from tactiled.bench.slip_score import coverage, median, quantile
 
 FloatArray = NDArray[np.float64]
@@ -85,6 +85,17 @@ def family_table(cases: Sequence[Case], names: Sequence[str]) -> str:
         cells = [_spread(first_s(mine, name)) for name in (ORACLE, *names)]
         rows.append([family, f"{len(mine)}", becoming, *cells])
     return table(["family", "slips", "shear to gross", ORACLE, *names], rows)
+
+
+def speed_table(cases: Sequence[Case], names: Sequence[str]) -> str:
+    """Median and p95 of steady slides by speed and noise."""
+    rows = []
+    for speed in map(speed_name, SPEEDS_MM_S):
+        for noise_v in NOISES_V:
+            mine = [case for case in cases if (case.family, case.noise_v) == (speed, noise_v)]
+            cells = [_spread(first_s(mine, name)) for name in (ORACLE, *names)]
+            rows.append([speed, f"{1e3 * noise_v:g} mV", *cells])
+    return table(["speed", "noise", ORACLE, *names], rows)
 
 
 def estimate_table(cases: Sequence[Case], names: Sequence[str]) -> str:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip_course import Course, Verdict
+from tactiled.detect.slip_after import Verdict
+from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
 from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_kink import Kink, find_kink

@@ -17,7 +17,7 @@ from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted, count
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import LEVELS, RULES
-from tactiled.bench.slip_scenes import NOISES_V, Announcement, announcements, play
+from tactiled.bench.slip_scenes import NOISES_V, SPEEDS_MM_S, Announcement, announcements, play, speed_name
 from tactiled.bench.slip_score import Found
 from tactiled.cli import cli
 from tactiled.emulator.families import QUIET
@@ -71,6 +71,13 @@ def test_latency_table(cases: list[Case]) -> None:
     row = cells(text, "1 mV", NAMES[0])
     assert row[:4] == ["40 ms", "-", "1 of 3", "4.0"]  # of three, one missed: p95 is a miss
     assert row[5:] == ["33 %", "-10 ms / -10 ms (2)", "30 ms", "2", "2"]
+
+
+def test_speeds_have_rows_of_their_own(cases: list[Case]) -> None:
+    steady = [replace(one, family=speed_name(speed)) for speed in SPEEDS_MM_S for one in cases]
+    text = slip_tables.speed_table(steady, NAMES)
+    assert cells(text, "20 mm/s", "3 mV")[:2] == ["10 ms / 10 ms", "40 ms / -, 1 missed"]
+    assert len(text.splitlines()) == 2 + len(SPEEDS_MM_S) * len(NOISES_V)
 
 
 def test_a_missed_slip_comes_first_among_the_worst(cases: list[Case]) -> None:

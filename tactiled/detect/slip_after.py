@@ -1,0 +1,156 @@
+"""A slip after it has become gross, or fallen back: does it end, turn, stick again?
+
+While all slips, shear goes with pressure, so their ratio is followed, once it has come to rest at its
+limit. It drops when the motion ends with a recoil, turns back, or breaks away again; it grows when the skin
+sticks again under a growing load. What drops has ended, be it by recoil or by turning back: that is known
+when little of the shear is left.
+
+A skin that just stops keeps its shear: friction bears at rest what it bore in motion. No reading of a smooth
+plate changes (in the demo's scene none by 0.01 mV, and the rubber creeps on at 0.1 mV/s as before), so the
+slip is said to go on until the shear relaxes, moves again or lifts.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+_RISES = 0.05  # of the steepest: a response that grows slower has come to its limit
+FELL_PART = 0.15  # of the rise: more than creep and unequal taxels make of a load that stays
+NOISE_SDS = 6.0  # a fall within the noise is none
+# An extreme lasts until the response has left it by more than ripple and noise.
+NEAR_PART, NEAR_SDS = 0.03, 3.0
+_LEFT_PART = 0.3  # of gross slip's shear: skins and rubber that just stop keep more
+_RESTED_S = 0.1
+_TURN_DEG = 30.0
+TURNED_S = 0.2  # as `heading`: a tap that shoves the skin aside is over sooner
+
+Fate = Literal["gross", "stalled", "back", "again", "turned", "reversed", "rests"]
+
+
+class Verdict(NamedTuple):
+    """What became of a slip.
+
+    Attributes
+    ----------
+    fate : str
+        ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, it has
+        ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
+        direction. After it fell back: ``reversed``, it slips the other way; ``again``; ``rests``.
+    at_index : float
+        Scan at which that began.
+    sd_scans : float
+    """
+
+    fate: Fate
+    at_index: float
+    sd_scans: float
+
+
+@dataclass
+class Extreme:
+    """An extreme, and when the response was last at it."""
+
+    value: float
+    index: int
+
+
+class Recoil:
+    """Shear that fell back, until it rests or has turned into another slip.
+
+    Parameters
+    ----------
+    low, high : Extreme
+        Of the level, shear over pressure.
+    rate_hz : float
+    least : float
+        Shear over pressure of a change that counts.
+    reversed_below : float or None
+        Shear over pressure of a slip the other way; None after gross slip, where little that is left says so.
+    """
+
+    def __init__(
+        self, low: Extreme, high: Extreme, rate_hz: float, least: float, reversed_below: float | None
+    ) -> None:
+        self._low, self._high = low, high
+        self._rate_hz, self._least = rate_hz, least
+        self._reversed_below = reversed_below
+
+    def step(self, index: int, shear: float, level: float, noise: float) -> Verdict | None:
+        """A scan: shear and its rising side's level over pressure, and the noise of both."""
+        reversed_below = self._reversed_below
+        left = level < _LEFT_PART * self._high.value if reversed_below is None else shear < reversed_below
+        if left:
+            return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
+        if level < self._low.value - max(NEAR_PART * self._high.value, NEAR_SDS * noise):
+            self._low = Extreme(level, index)
+        if reversed_below is None and level - self._low.value > max(self._least, NOISE_SDS * noise):
+            return Verdict("again", self._low.index, (index - self._low.index) / 2)
+        if index - self._low.index > _RESTED_S * self._rate_hz:
+            return Verdict("rests", self._low.index, 0.0)
+        return None
+
+
+class Gross:
+    """All slips.
+
+    Parameters
+    ----------
+    along : list of float
+        Unit vector (3,) of the response's growth.
+    steepest : float
+        Slope of that, steps a scan.
+    rate_hz : float
+    least : float
+        Shear over pressure of a change that counts.
+    settled : int
+        Scan after which the level is one.
+    """
+
+    def __init__(
+        self, along: list[float], steepest: float, rate_hz: float, least: float, settled: int
+    ) -> None:
+        self._along = along
+        self._steepest = steepest
+        self._rate_hz, self._least = rate_hz, least
+        self._settled = settled
+        self._settles = True
+        self._n_turned = 0
+        self._low, self._high = Extreme(0.0, settled), Extreme(0.0, settled)
+
+    def step(
+        self, index: int, sides: tuple[float, float, float], level: float, slope: float, noise: float
+    ) -> Verdict | None:
+        """A scan: its motion (x, y, turn), the level, its slope in steps a scan, and the level's noise."""
+        still_rises = self._settles and slope > _RISES * self._steepest
+        if index <= self._settled or still_rises:
+            self._low, self._high = Extreme(level, index), Extreme(level, index)
+            return None
+        self._settles = False
+        if turned := self._has_turned(index, sides):
+            return turned
+        near = max(NEAR_PART * self._high.value, NEAR_SDS * noise)
+        self._low.value, self._high.value = min(self._low.value, level), max(self._high.value, level)
+        if level <= self._low.value + near:
+            self._low.index = index
+        if level >= self._high.value - near:
+            self._high.index = index
+        least = max(self._least, NOISE_SDS * noise)
+        if self._high.value - level > max(least, FELL_PART * self._high.value):
+            return Verdict("back", self._high.index, (index - self._high.index) / 2)
+        if level - self._low.value > max(least, FELL_PART * self._low.value):
+            return Verdict("again", self._low.index, (index - self._low.index) / 2)
+        return None
+
+    def recoil(self, index: int, level: float) -> Recoil:
+        """What follows where shear fell back at a scan."""
+        return Recoil(Extreme(level, index), self._high, self._rate_hz, self._least, None)
+
+    def _has_turned(self, index: int, sides: tuple[float, float, float]) -> Verdict | None:
+        """Friction points along the motion: the response turns with it."""
+        size = math.sqrt(sum(s * s for s in sides))
+        along = sum(a * s for a, s in zip(self._along, sides, strict=True))
+        is_off = along < math.cos(math.radians(_TURN_DEG)) * size
+        self._n_turned = self._n_turned + 1 if is_off else 0
+        if self._n_turned <= TURNED_S * self._rate_hz:
+            return None
+        return Verdict("turned", index - self._n_turned, self._n_turned / 2)
