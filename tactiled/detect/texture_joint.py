@@ -4,9 +4,9 @@
 
 * A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides along. It
   is fitted anew every `hop_s`, counted in scans: the arithmetic is the same however scans were chunked.
-* The first answer comes when both sigmas are what was asked for, or when the window has its full length; then
-  one at every hop. A refusal comes when an answer is lost, when the window is full and at every full length
-  after that, and at the end of a slip that had no answer.
+* The first answer comes when periods and both sigmas are what was asked for, or when the window has its full
+  length; then one at every hop. A refusal comes when an answer is lost, when the window is full and at every
+  full length after that, and at the end of a slip that had no answer.
 * A speed that is given ties frequency to wave vector, and windows are measured in way travelled, so that a
   speed that changes does not smear. Without one (0) it is found from the fit. Where it turns round, or
   begins or ceases to be known, a new window begins.
@@ -16,7 +16,7 @@
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -31,11 +31,24 @@ from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "joint"
 Preset = Literal["quick", "balanced", "fine"]
-# Sigma of the period (mm), sigma of the angle (degrees), longest window (s).
-PRESETS: dict[Preset, tuple[float, float, float]] = {
-    "quick": (0.02, 1.0, 3.0),
-    "balanced": (0.005, 0.25, 8.0),
-    "fine": (0.001, 0.05, 20.0),
+
+
+class Asked(NamedTuple):
+    """What an answer must have."""
+
+    period_sd_mm: float
+    angle_sd_deg: float
+    max_window_s: float
+    answer_periods: float
+
+
+# At 20 dB and 1.5 mm/s, sigmas are 1 um and 0.04 degrees as soon as there is an answer (`tactiled bench
+# texture`): periods decide when it comes, and sigmas where the signal is weak. "quick" takes the least; from
+# 1.25 on sigmas are at the bound; from 2.5 on drift may be a curve.
+PRESETS: dict[Preset, Asked] = {
+    "quick": Asked(0.02, 1.0, 3.0, 0.8),
+    "balanced": Asked(0.005, 0.25, 8.0, 1.25),
+    "fine": Asked(0.001, 0.05, 20.0, 2.5),
 }
 
 # Grooves turn friction aside, and with it the direction that slip says: up to 5 degrees on physical scenes.
@@ -45,10 +58,13 @@ _GROOVES_TURN_DEG = 3.0
 class JointParams(WaveParams):
     """The joint fit, online."""
 
-    preset: Preset = Field(default="balanced", description="what the next three are where left out")
+    preset: Preset = Field(default="balanced", description="what the next four are where left out")
     period_sd_mm: float | None = Field(default=None, gt=0, description="answer at this sigma")
     angle_sd_deg: float | None = Field(default=None, gt=0, description="and this one")
     max_window_s: float | None = Field(default=None, gt=0, le=120, description="answer after this anyway")
+    answer_periods: float | None = Field(
+        default=None, gt=0, le=50, description="of the ripple in the window, for an answer before that"
+    )
     hop_s: float = Field(default=0.2, ge=0.02, le=10, description="from one fit to the next")
     settle_s: float = Field(default=0.3, ge=0, le=60, description="from detected slip to the window")
     speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: not known, to be found")
@@ -61,14 +77,10 @@ class JointParams(WaveParams):
     )
 
     @property
-    def asked(self) -> tuple[float, float, float]:
-        """Sigma of the period (mm), sigma of the angle (degrees), longest window (s)."""
-        period_sd_mm, angle_sd_deg, max_window_s = PRESETS[self.preset]
-        return (
-            self.period_sd_mm or period_sd_mm,
-            self.angle_sd_deg or angle_sd_deg,
-            self.max_window_s or max_window_s,
-        )
+    def asked(self) -> Asked:
+        """What is given, and what the preset says of the rest."""
+        given = {name: getattr(self, name) for name in Asked._fields}
+        return PRESETS[self.preset]._replace(**{name: x for name, x in given.items() if x is not None})
 
 
 class JointTexture:
@@ -166,7 +178,9 @@ class JointTexture:
                 self._clear()
             if not self._n_seen:
                 self._slip_sign = self._slip_sign or float(sign)
-                self._held = Held(max(1, round(self._params.asked[2] * block.rate_hz)), self._n_channels)
+                self._held = Held(
+                    max(1, round(self._params.asked.max_window_s * block.rate_hz)), self._n_channels
+                )
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - self._n_seen % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
@@ -192,10 +206,14 @@ class JointTexture:
 
     def _hop(self, newest: ScanBlock) -> list[Event]:
         """Fit the window; what that has to say."""
-        period_sd_mm, angle_sd_deg, _ = self._params.asked
-        held = self._held
+        asked, held = self._params.asked, self._held
         fit = self._fit(newest)
-        is_good = fit.status == "ok" and fit.period_sd_mm <= period_sd_mm and fit.angle_sd_deg <= angle_sd_deg
+        is_good = (
+            fit.status == "ok"
+            and fit.period_sd_mm <= asked.period_sd_mm
+            and fit.angle_sd_deg <= asked.angle_sd_deg
+            and fit.frequency_hz * len(held) / newest.rate_hz >= asked.answer_periods
+        )
         is_full = self._n_seen >= held.size
         if fit.status == "ok":
             is_said = is_good or is_full or self._has_answer

@@ -11,7 +11,7 @@ from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.slip_wavelet import WaveletSlip
-from tactiled.detect.texture_joint import JointParams, JointTexture
+from tactiled.detect.texture_joint import PRESETS, JointParams, JointTexture
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
@@ -160,6 +160,20 @@ def right(event: TextureEvent, grating: Grating) -> bool:
     by_mm = event.period_mm - grating.period_mm
     by_deg = (event.angle_deg - grating.angle_deg + 90) % 180 - 90
     return abs(by_mm) < 5 * event.period_sd_mm and abs(by_deg) < 5 * event.angle_sd_deg
+
+
+def test_presets_trade_time_for_sigma() -> None:
+    ride = Ride(np.full(500, 1.0), Grating(1.2, 30.0))
+    firsts = []
+    for preset in PRESETS:
+        texture = JointTexture(ARRAY, JointParams(preset=preset, speed_mm_s=1.0, direction_deg=0.0))
+        events = textures(texture.process(ride.block(), [ride.slip()]))
+        firsts.append(next(e for e in events if e.status == "ok"))
+    assert all(right(e, ride.grating) for e in firsts)
+    assert [e.time_s for e in firsts] == sorted({e.time_s for e in firsts})
+    assert firsts[0].angle_sd_deg > firsts[1].angle_sd_deg > firsts[2].angle_sd_deg
+    told = JointParams(preset="fine", max_window_s=3.0).asked
+    assert told == PRESETS["fine"]._replace(max_window_s=3.0)
 
 
 def test_a_streamed_speed_profile_does_not_smear() -> None:
