@@ -55,8 +55,7 @@ def search(
     normal = np.array([-heading[1], heading[0]])
     k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
     solver = Solver(window, layout, motion, variance)
-    turn = solver.turn_of(k) if motion.has_speed else np.full(len(k), tables.turn)
-    found = solver.solve(tables, k, turn)
+    found = solver.solve(tables, k, solver.likely_turn(k, tables.turn, _SLACK_SIGMAS))
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
     here, there = found.k[:1] @ heading, found.k[:1] @ normal
     best = _scores(tables, window, layout, heading, here, there, variance)

@@ -22,6 +22,7 @@ _STEPS = 3  # quadratic from a start within a quarter of a radian
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
 _FALSE_STRAY = 1e-3  # noise passes for strays so often
 _ANY_PHASE = np.pi**2 / 3  # variance of phases that are anything
+_SECOND_ORDER = np.sqrt(3) / 2  # root mean square of half the square of what has unit variance
 _RIDGE = 1e-12  # what no channel tells must have a finite sigma
 
 
@@ -57,17 +58,27 @@ class Solver:
         self._stray = None if stray is None else is_kind @ stray
         self._motion = motion
 
-    def turn_of(self, k: FloatArray) -> FloatArray:
+    def _turn_of(self, k: FloatArray) -> FloatArray:
         """Turn that a known motion makes of wave vectors (starts, 2)."""
         return np.asarray(k @ self._geometry.tie)
+
+    def likely_turn(self, k: FloatArray, line: float, sigmas: float) -> FloatArray:
+        """The turn next to a line's among those that the motion lets wave vectors have: (starts,)."""
+        if not self._motion.has_speed:
+            return np.full(len(k), line)
+        tied, reach = self._turn_of(k), sigmas * self._slack(k)
+        return np.asarray(np.clip(line, tied - reach, tied + reach))
 
     def _slack(self, k: FloatArray) -> FloatArray:
         """Sigma by which the turn may differ from the tie; 1 where there is none."""
         if not self._motion.has_speed:
             return np.ones(len(k))
         across = self._geometry.tie[0] * k[:, 1] - self._geometry.tie[1] * k[:, 0]
-        by_speed = self.turn_of(k) * (self._motion.speed_sd_mm_s / self._motion.speed_mm_s)
-        return np.asarray(np.hypot(by_speed, across * np.radians(self._motion.direction_sd_deg)))
+        along = self._turn_of(k)
+        by_speed = along * (self._motion.speed_sd_mm_s / self._motion.speed_mm_s)
+        # Of cos(tilt + error), first order and second: the first is nothing where normal and motion are one.
+        sd = np.radians(self._motion.direction_sd_deg)
+        return np.asarray(np.linalg.norm([by_speed, across * sd, along * _SECOND_ORDER * sd**2], axis=0))
 
     def solve(self, tables: Tables, k: FloatArray, turn: FloatArray, steps: int = _STEPS) -> Waves:
         """Nearest maxima of the likelihood.
@@ -82,7 +93,7 @@ class Solver:
         phase = self._first_phase(tables, k, turn)
         for step in range(steps + 1):
             slack = self._slack(k)
-            off = (turn - self.turn_of(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
+            off = (turn - self._turn_of(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
             waves = Waves(k, turn, np.zeros(len(k)), np.zeros((len(k), 3, 3)), phase)
             normal, gradient, gain = self._linearised(tables, waves, slack)
             if self._motion.has_speed:
@@ -96,7 +107,7 @@ class Solver:
             size = np.abs(move[:, :2]).max(axis=1) * self._rim_mm
             move *= (_LARGEST_STEP_RAD / np.maximum(size, _LARGEST_STEP_RAD))[:, np.newaxis]
             k = k + move[:, :2]
-            turn = self.turn_of(k) + slack * (off + move[:, 2])
+            turn = self._turn_of(k) + slack * (off + move[:, 2])
             phase = phase + move[:, 3:].reshape(phase.shape)
         to_turn = self._to_turn(slack)
         covariance = to_turn @ inverse[:, :3, :3] @ to_turn.transpose(0, 2, 1)

@@ -92,6 +92,18 @@ def test_a_direction_of_stated_sigma_may_be_wrong_by_it() -> None:
     assert_right(fit(slide, WaveMotion(2.0, 0.0, 3.0, 2.0)), slide.gratings[0])
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 18.0, -50.0])
+@pytest.mark.parametrize("off_deg", [-5.0, 4.8])
+def test_a_direction_off_by_its_sigma_is_allowed_for_in_windows_of_many_periods(
+    tilt_deg: float, off_deg: float
+) -> None:
+    """Along the normal too, where the frequency answers to a turn in second order only."""
+    slide = Slide((Grating(1.0, tilt_deg),), speed_mm_s=9.0)
+    found = fit(slide, WaveMotion(9.0, 0.0, off_deg, 3.0))
+    assert_right(found, slide.gratings[0])
+    assert found.is_tied
+
+
 def test_way_travelled_undoes_acceleration() -> None:
     slide = Slide(speed_mm_s=1.0, acceleration_mm_s2=1.5)
     offsets_s = np.linspace(0, 0.007, 36)
