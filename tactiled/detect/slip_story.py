@@ -22,9 +22,10 @@ from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "coherent"
-# Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing.
-_NEWS = 1.2
-_FORGET_S = 1.0
+# Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing. A
+# slip that follows on a swing of nine tenths of what friction bears still outgrows it by so much.
+_NEWS = 1.1
+_FORGET_S = 4.0  # half of it: a tug or a start of the arm is followed by its like within some seconds
 _BEGUN = 0.004  # shear over pressure at which a load has begun to grow: friction of 0.2 % of the load
 
 

@@ -220,17 +220,20 @@ def test_taxels_that_keep_their_shares_hold(travel: float, seed: int) -> None:
     assert is_only_a_load(travel, seed=seed)
 
 
-@given(st.floats(1.2, 3.0), st.integers(0, 99), st.floats(0.0, 0.1), st.integers(1, 16))
+@given(st.floats(1.2, 3.0), st.integers(0, 99), st.integers(9, 16))
 @settings(max_examples=40)
-def test_taxels_at_friction_s_limit_never_seem_to_hold(
-    travel: float, seed: int, noise: float, taxels: int
-) -> None:
-    """With little noise their shares say so; with much, nothing is sure."""
-    assert not is_only_a_load(travel, noise=noise, seed=seed, taxels=taxels)
+def test_taxels_at_friction_s_limit_do_not(travel: float, seed: int, taxels: int) -> None:
+    assert not is_only_a_load(travel, seed=seed, taxels=taxels)
+
+
+@pytest.mark.parametrize("noise", [3e-3, 1e-2, 3e-2])
+def test_noise_makes_it_unsure_not_wrong(noise: float) -> None:
+    """Of the mean taxel's limit; 0 to 1 % were measured on 150 seeds."""
+    assert np.mean([is_only_a_load(1.2, noise=noise, seed=seed) for seed in range(50)]) <= 0.04
 
 
 def test_few_taxels_or_equal_loads_tell_nothing() -> None:
-    assert not is_only_a_load(0.3, taxels=3)
+    assert not is_only_a_load(0.3, taxels=6)
     eye, none = np.eye(9), np.zeros((9, 9))
     even = Limit(np.hstack([eye, none]), np.hstack([none, eye]), np.zeros(18), np.zeros(9))
     even.take(1.0, 40.0, np.ones((1, 18)))
