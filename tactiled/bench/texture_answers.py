@@ -62,7 +62,6 @@ def joint_fit(
     rate_hz: float,
     offset_s: FloatArray,
     motion: Motion,
-    params: WaveParams | None = None,
 ) -> WaveFit:
     """The core of the joint estimator on one window (n, channels)."""
     return fit_wave(
@@ -71,5 +70,5 @@ def joint_fit(
         offset_s,
         layout_of(array),
         WaveMotion(motion.speed_mm_s, motion.speed_sd_mm_s, motion.direction_deg, motion.direction_sd_deg),
-        params or WaveParams(),
+        WaveParams(),
     )
