@@ -100,6 +100,14 @@ class Motion:
             phase=table["phase"][i],
         )
 
+    def velocity_mm_s(self, time_s: FloatArray) -> FloatArray:
+        """Rate of travel of the skin over the surface, of phases and disturbances: (..., 2)."""
+        state = self.at(time_s)
+        angle = np.deg2rad(state.direction_deg)
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        extra = self._disturbances.velocity_mm_s(time_s)
+        return np.asarray(state.speed_mm_s[..., None] * direction + extra)
+
     def surface_share(self, number: int, time_s: FloatArray) -> FloatArray:
         """How far the skin is on plate `number`: 1 on it, between while it slides from one to another.
 

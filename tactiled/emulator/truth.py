@@ -159,10 +159,12 @@ class Truth:
         return out
 
     def speed_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Speed of the skin over the surface."""
+        """Speed of the skin over the surface, moved by phases or disturbances."""
         if self.scene.held_object is not None:
-            return np.asarray(np.linalg.norm(self.state(time_s).velocity_mm_s, axis=-1))
-        return self.motion.at(time_s - self.t0_s).speed_mm_s
+            velocity = self.state(time_s).velocity_mm_s
+        else:
+            velocity = self.motion.velocity_mm_s(time_s - self.t0_s)
+        return np.asarray(np.linalg.norm(velocity, axis=-1))
 
     def travel_mm(self, time_s: FloatArray) -> FloatArray:
         """Way of the skin since the scene began: ``(..., 2)``, x and y."""
