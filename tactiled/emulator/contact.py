@@ -93,9 +93,17 @@ def choose_rung(scene: Scene) -> Choice:
 
 
 def explain(scene: Scene) -> str:
-    """For people: which rung plays the scene, why, and what it does not model."""
+    """For people: which rung plays the scene, why, and what it does not model.
+
+    Raises
+    ------
+    ConfigError
+        None does, or not the one that the scene names: what playing it would say.
+    """
     if scene.contact == "auto":
         return choose_rung(scene).explain()
+    if scene.contact != "signal" and (reason := _refusal(scene, scene.contact)):
+        raise ConfigError(f"scene {scene.name}", [reason])
     return f"contact: {scene.contact}\n  the scene says so\n  not modelled: {NOT_MODELLED[scene.contact]}"
 
 
