@@ -317,7 +317,7 @@ def replay(
 ) -> None:
     """Run recordings through the pipeline again and print the events, bit for bit those that were live.
 
-    Parts of a rotated recording belong together: give them in order. With --link the bytes appear on a
+    Parts of a rotated recording belong together: give all of them. With --link the bytes appear on a
     pseudo-terminal instead, with their own timing (or --speed), as soon as a driver opens it.
 
     Example: tactiled replay slide.mcap --topic slip
@@ -343,7 +343,7 @@ def replay(
 @click.argument("file", type=FILE)
 @click.option("--out", type=FILE, help="The finished file; default: the name without .active.")
 def recover(file: Path, out: Path | None) -> None:
-    """Make a recording that was cut whole, up to its last synced chunk; the original is only read.
+    """Make a recording of all that is whole in one that was cut or damaged; the original is only read.
 
     Example: tactiled recover slide.mcap.active
     """

@@ -98,6 +98,8 @@ def _run_recording(path: Path, log: Log, params: DetectParams) -> Iterator[Event
     for item in read_items(path):
         if isinstance(item, Input) and item.name == "disconnected":
             pipeline.disconnected()
+        elif isinstance(item, Input) and item.name in ("damaged", "dropped"):
+            pipeline.interrupted()
         elif isinstance(item, Input) and item.name == "adapter":
             pipeline.command(item.name, item.values(), item.time_s)
         if not isinstance(item, Read):

@@ -129,13 +129,17 @@ class Pipeline:
 
     def disconnected(self) -> None:
         """The port was lost: half a frame is none, and a Gap comes before the next scan."""
+        self.interrupted()
+        self.hello = None if self.layout.has("hello") else self.hello
+
+    def interrupted(self) -> None:
+        """Bytes are missing here, of the same board: as `disconnected`, and the board stays known."""
         sums = (self._decoder.bytes_in, self._decoder.bytes_framed, self._decoder.bytes_discarded)
         pending = self._decoder.bytes_pending
         before = [old + new for old, new in zip(self._bytes_before, sums, strict=True)]
         self._bytes_before = (before[0], before[1], before[2] + pending)
         self._decoder.reset()
         self._assembler.interrupt("disconnect")
-        self.hello = None if self.layout.has("hello") else self.hello
 
     def health(self) -> Health:
         """Counters and state as they are now."""

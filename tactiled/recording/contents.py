@@ -13,6 +13,7 @@ Raw and input in file order are all that ever went into the pipeline, so running
 pipeline's events bit by bit. A rotated recording is a chain of such files with one `run` and growing `part`.
 """
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from tactiled.wire.schema import LayoutFile
 
 METADATA = "tactiled"
 BOARD_METADATA = "tactiled/board"
+_CHECK = "sha256"
 Origin = Literal["pipeline", "daemon"]
 
 
@@ -89,7 +91,8 @@ class Header:
     sync_s: float = 0.0
 
     def to_metadata(self) -> dict[str, str]:
-        return {
+        """As MCAP keeps it, with a checksum: MCAP has none for metadata."""
+        metadata = {
             "version": __version__,
             "layout": self.source.layout_file.model_dump_json(),
             "array": self.source.array_file.model_dump_json(),
@@ -103,10 +106,13 @@ class Header:
             "hello": self.hello.hex(),
             "sync_s": repr(self.sync_s),
         }
+        return metadata | {_CHECK: _digest(metadata)}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
         """Raises KeyError or ValueError where it does not fit."""
+        if metadata.get(_CHECK, digest := _digest(metadata)) != digest:
+            raise ValueError("the description is damaged")
         return cls(
             source=Source(
                 LayoutFile.model_validate_json(metadata["layout"]),
@@ -120,6 +126,11 @@ class Header:
             hello=bytes.fromhex(metadata["hello"]),
             sync_s=float(metadata["sync_s"]),
         )
+
+
+def _digest(metadata: Mapping[str, str]) -> str:
+    described = sorted(entry for entry in metadata.items() if entry[0] != _CHECK)
+    return hashlib.sha256(json.dumps(described).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -136,8 +147,8 @@ class Input:
     """Something else that the pipeline was told, or should have been.
 
     `name` is "disconnected" (the port was lost), "dropped" (reads that the disk was too slow for: what
-    comes behind cannot be computed again bit by bit), or a command of `Pipeline.command`. `arguments` is a
-    JSON object.
+    comes behind cannot be computed again bit by bit), "damaged" (the file cannot be read there: neither can
+    it), or a command of `Pipeline.command`. `arguments` is a JSON object.
     """
 
     time_s: float
@@ -149,6 +160,11 @@ class Input:
         """The arguments by name."""
         loaded: dict[str, Any] = json.loads(self.arguments)
         return loaded
+
+
+def damage_mark(first_unix_s: float, n_bytes: int, duration_s: float) -> Input:
+    """What stands where a file cannot be read; its instant is epoch time, for what else it was is lost."""
+    return Input(first_unix_s, 0.0, "damaged", json.dumps({"bytes": n_bytes, "duration_s": duration_s}))
 
 
 @dataclass(frozen=True)

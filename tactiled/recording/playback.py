@@ -18,7 +18,7 @@ from pathlib import Path
 
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.recording.contents import Read
-from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.reader import in_order, read_items
 from tactiled.recording.replay import Pace
 
 _POLL_S = 0.02
@@ -41,6 +41,7 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
     Parameters
     ----------
     paths : sequence of Path
+        Parts of a recording in any order.
     link : Path
         Name under which the pseudo-terminal appears meanwhile.
     speed : float
@@ -55,8 +56,7 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
     OperatorError
         The driver closed the port before the end.
     """
-    for path in paths:
-        read_header(path)
+    paths = [path for path, _ in in_order(paths)]
     pace = Pace(speed)
     n_bytes, latest_s = 0, 0.0
     with _terminal(link) as (master, device):

@@ -1,97 +1,24 @@
-"""Recordings read back: whole, cut anywhere, or damaged; what is whole and proves its checksum counts.
+"""Recordings read back, item by item; what cannot be read is said here, whoever reads.
 
-MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks: so a file
-that ends early, or whose end is garbage after a power cut, is good up to its last whole chunk.
+`chunks` has the bytes: what is whole, what is damaged, and where to go on behind it.
 """
 
-import struct
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
-from mcap.writer import MCAP0_MAGIC
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 
 from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES
 from tactiled.recording import contents
+from tactiled.recording.chunks import chunks
 from tactiled.recording.contents import Header, Input, Item, Read
+from tactiled.recording.extent import Damage, Extent
 
-_RECORD_HEAD = struct.Struct("<BQ")
-_DAMAGE = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError)
-
-
-@dataclass
-class Extent:
-    """How far a file is good; filled while it is read.
-
-    Attributes
-    ----------
-    good_bytes : int
-        Up to the end of the last whole record that carries data.
-    size_bytes : int
-    is_complete : bool
-        The end of the data was found: nothing is missing.
-    torn_s : tuple of float, optional
-        First and last instant (epoch) in the chunk that is not whole, if its head is there.
-    """
-
-    good_bytes: int = 0
-    size_bytes: int = 0
-    is_complete: bool = False
-    torn_s: tuple[float, float] | None = None
-
-
-def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord]]:
-    """Whole chunks, each as its records, and metadata, each alone; stops at the first damage."""
-    extent.size_bytes = stream.seek(0, 2)
-    stream.seek(0)
-    at = len(MCAP0_MAGIC)
-    if stream.read(at) != MCAP0_MAGIC:
-        return
-    while len(head := stream.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
-        opcode, length = _RECORD_HEAD.unpack(head)
-        at += _RECORD_HEAD.size + length
-        if opcode == Opcode.DATA_END and at <= extent.size_bytes:
-            extent.is_complete, extent.good_bytes = True, at
-            return
-        if not opcode:
-            return
-        is_whole = at <= extent.size_bytes
-        body = stream.read(min(length, extent.size_bytes))
-        records = _records(opcode, body) if is_whole else None
-        if records is None:
-            extent.torn_s = _span_s(body) if opcode == Opcode.CHUNK else None
-            return
-        extent.good_bytes = at
-        yield records
-
-
-def _records(opcode: int, body: bytes) -> list[McapRecord] | None:
-    """What is of use to us in a whole record; None where it is damaged."""
-    try:
-        if opcode == Opcode.CHUNK:
-            return breakup_chunk(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True)
-        if opcode == Opcode.METADATA:
-            return [Metadata.read(ReadDataStream(BytesIO(body)))]
-    except _DAMAGE:
-        return None
-    return []
-
-
-def _span_s(body: bytes) -> tuple[float, float] | None:
-    """First and last log time, with which the body of a chunk begins."""
-    if len(body) < 16:
-        return None
-    first_ns, last_ns = struct.unpack_from("<QQ", body)
-    return (first_ns / 1e9, last_ns / 1e9) if 0 < first_ns <= last_ns else None
+logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -145,34 +72,62 @@ def read_header(path: Path) -> Header:
     DataError
         It cannot be read, or is no recording of ours.
     """
+    fault = ""
     with open_recording(path) as stream:
-        for records in chunks(stream, Extent()):
-            for record in records:
+        for found in chunks(stream, Extent()):
+            for record in found if isinstance(found, list) else ():
                 if isinstance(record, Metadata) and record.name == contents.METADATA:
                     try:
                         return Header.from_metadata(record.metadata)
-                    except (KeyError, ValueError) as error:
-                        raise DataError(
-                            f"{path}: a recording of another tactiled, which this one cannot read "
-                            f"({type(error).__name__}: {str(error).splitlines()[0]})"
-                        ) from None
+                    except (KeyError, ValueError) as error:  # a damaged one: a finished file has another
+                        fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
+    if fault:
+        raise DataError(f"{path}: a recording of another tactiled, which this one cannot read ({fault})")
     raise DataError(f"{path}: not a recording of tactiled, or cut before its description")
 
 
-def read_items(path: Path) -> Iterator[Item]:
+def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
+    """Recordings and their headers; parts of one run by their number, however a shell has sorted their names.
+
+    Raises
+    ------
+    DataError
+        One cannot be read, or is no recording of ours.
+    """
+    headers = [(path, read_header(path)) for path in paths]
+    runs = [header.run for _, header in headers]
+    return sorted(headers, key=lambda entry: (runs.index(entry[1].run), entry[1].part))
+
+
+def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
     """Everything in a recording, in the order of the file; an unfinished file ends at its last whole chunk.
+
+    A stretch in the middle that cannot be read is an `Input` "damaged". At the end the log is told what could
+    not be read.
+
+    Parameters
+    ----------
+    path : Path
+    extent : Extent, optional
+        Filled meanwhile.
 
     Raises
     ------
     DataError
         It cannot be read.
     """
+    extent = Extent() if extent is None else extent
     with open_recording(path) as stream:
         known = _Channels()
-        for records in chunks(stream, Extent()):
-            for record in records:
+        for found in chunks(stream, extent):
+            if isinstance(found, Damage):
+                yield found.mark()
+                continue
+            for record in found:
                 if (item := known.item(record, path)) is not None:
                     yield item
+    if not extent.is_whole:
+        logger.warning("%s: %s", path, extent.words())
 
 
 def open_recording(path: Path) -> BinaryIO:

@@ -1,9 +1,9 @@
-"""``tactiled recover``: a recording that was cut, made whole up to its last synced chunk."""
+"""``tactiled recover``: a recording that was cut or damaged, made of all its chunks that are whole."""
 
 import contextlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,7 +13,10 @@ from mcap.writer import CompressionType, Writer
 from tactiled import __version__
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.reader import Extent, chunks, open_recording, read_header
+from tactiled.recording.chunks import chunks
+from tactiled.recording.contents import Header
+from tactiled.recording.extent import Damage, Extent
+from tactiled.recording.reader import open_recording, read_header
 from tactiled.recording.writer import ACTIVE, is_being_written, sync_directory
 
 
@@ -33,7 +36,9 @@ class Recovered:
     lost_s : float
         Time covered by the torn chunk; -1.0 where nobody can say.
     is_complete : bool
-        The data had been finished: nothing is missing.
+        The data had been finished: nothing is missing at the end.
+    damaged : str
+        What is missing before the end, in words; empty where that is nothing.
     sync_s : float
         What the recorder had not yet handed to the disk is at most this long.
     """
@@ -45,13 +50,17 @@ class Recovered:
     lost_bytes: int
     lost_s: float
     is_complete: bool
+    damaged: str
     sync_s: float
 
     def words(self) -> str:
         """For the person who asked."""
         span = f"{self.messages} messages over {self.last_unix_s - self.first_unix_s:.2f} s"
+        if self.damaged:
+            span += f"; of the original {self.damaged}; replay says where"
         if self.is_complete:
-            return f"{self.path}: {span}; the data was complete, nothing is missing"
+            end = "nothing is missing at the end" if self.damaged else "nothing is missing"
+            return f"{self.path}: {span}; the data was complete, {end}"
         torn = f"{self.lost_bytes} bytes of a torn end" if self.lost_bytes else "no torn end"
         if self.lost_s >= 0:
             torn += f" ({self.lost_s:.2f} s)"
@@ -84,9 +93,9 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         header = read_header(path)
         try:
             with _finished_file(out) as target:
-                copy = _Copy(target)
-                for records in chunks(stream, extent):
-                    copy.take(records)
+                copy = _Copy(target, header)
+                for found in chunks(stream, extent):
+                    copy.take(found)
                 lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
                 copy.finish(path.name, lost_bytes)
         except OSError as error:
@@ -100,6 +109,7 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         lost_bytes=lost_bytes,
         lost_s=torn_s[1] - torn_s[0] if torn_s else -1.0,
         is_complete=extent.is_complete,
+        damaged=replace(extent, is_complete=True).words(),
         sync_s=header.sync_s,
     )
 
@@ -114,15 +124,20 @@ def default_name(path: Path) -> Path:
 class _Copy:
     """Records into a new file, chunk by chunk."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BinaryIO, header: Header) -> None:
+        self._header = header
         self.messages = self.first_ns = self.last_ns = 0
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"tactiled {__version__} recover")
+        self._writer.add_metadata(contents.METADATA, header.to_metadata())
 
-    def take(self, records: list[McapRecord]) -> None:
-        for record in records:
+    def take(self, found: list[McapRecord] | Damage) -> None:
+        if isinstance(found, Damage):
+            self._mark(found)
+            return
+        for record in found:
             if isinstance(record, Schema) and record.id not in self._schemas:
                 number = self._writer.register_schema(record.name, record.encoding, record.data)
                 self._schemas[record.id] = number
@@ -130,17 +145,26 @@ class _Copy:
                 self._channels[record.id] = self._writer.register_channel(
                     record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
                 )
-            elif isinstance(record, Metadata):
+            elif isinstance(record, Metadata) and record.name != contents.METADATA:
                 self._writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message):
                 self._message(record)
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self, name: str, lost_bytes: int) -> None:
+        self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
         self._writer.add_metadata(
             f"{contents.METADATA}/recovered", {"from": name, "lost_bytes": str(lost_bytes)}
         )
         self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _mark(self, damage: Damage) -> None:
+        """Say in the new file where something is missing, so that nobody takes its ends for neighbours."""
+        schema = contents.INPUT
+        number = self._writer.register_schema(schema.name, "ros2msg", schema.text.encode())
+        channel = self._writer.register_channel(contents.INPUT_TOPIC, "cdr", number, {"origin": "pipeline"})
+        mark, stamp_ns = damage.mark(), int(damage.first_unix_s * 1e9)
+        self._writer.add_message(channel, stamp_ns, schema.encode(vars(mark)), stamp_ns)
 
     def _message(self, record: Message) -> None:
         self._writer.add_message(

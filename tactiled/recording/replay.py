@@ -9,7 +9,7 @@ import json
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 from tactiled.errors import ContractError, DataError
@@ -18,7 +18,9 @@ from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline
 from tactiled.recording import contents
 from tactiled.recording.contents import Header, Input, Read, Said
-from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.extent import Extent
+from tactiled.recording.reader import in_order, read_items
+from tactiled.recording.writer import ACTIVE
 from tactiled.wire.frames import Hello
 
 
@@ -29,8 +31,8 @@ class Step:
     told: Read | Input
     now: tuple[Said, ...]
     live: tuple[Said, ...]
-    is_last: bool
-    """Of its file: what had come of it live may be cut off."""
+    is_cut: bool
+    """What had come of it live may be missing: the file ends behind it, or is damaged there."""
 
     @property
     def time_s(self) -> float:
@@ -43,7 +45,15 @@ class Replay:
     Parameters
     ----------
     paths : sequence of Path
-        One file, or consecutive parts of one recording.
+        One file, or consecutive parts of one recording, in any order.
+
+    Attributes
+    ----------
+    header : Header
+        Of the first part.
+    pipeline : Pipeline
+    extents : mapping of Path to Extent
+        How far each file is good, once it has been read.
 
     Raises
     ------
@@ -52,14 +62,15 @@ class Replay:
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = paths
-        headers = [read_header(path) for path in paths]
-        for path, header, before in zip(paths[1:], headers[1:], headers, strict=False):
+        parts = in_order(paths)
+        for (_, before), (path, header) in pairwise(parts):
             if (header.run, header.part) != (before.run, before.part + 1):
                 raise DataError(
-                    f"{path}: is not the part that follows; give the parts in order, without gaps"
+                    f"{path}: is part {header.part}, and part {header.part - 1} of its run was not given: "
+                    "give consecutive parts of one recording, each once"
                 )
-        self.header: Header = headers[0]
+        self.header: Header = parts[0][1]
+        self.extents = {path: Extent() for path, _ in parts}
         self.pipeline = Pipeline(self.header.source.layout, self.header.source.array, self.header.pipeline)
 
     def __iter__(self) -> Iterator[Step]:
@@ -67,15 +78,15 @@ class Replay:
         if self.header.hello:
             pipeline.receive_data(self.header.hello, 0.0)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
-        for path in self._paths:
-            for told, live, is_last in _steps(path):
+        for path, extent in self.extents.items():
+            for told, live, is_cut in _steps(path, extent):
                 now: list[Said] = []
                 for output in _run(pipeline, told, path):
                     if isinstance(output, Hello):
                         board = output.board_serial
                     elif isinstance(output, Event):
                         now.append(Said(output, board, told.unix_offset_s, "pipeline"))
-                yield Step(told, tuple(now), live, is_last)
+                yield Step(told, tuple(now), live, is_cut)
 
 
 def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]:
@@ -84,7 +95,9 @@ def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]
         return pipeline.receive_data(told.data, told.arrival_s)
     if told.name == "disconnected":
         pipeline.disconnected()
-    elif told.name != "dropped":
+    elif told.name in ("damaged", "dropped"):
+        pipeline.interrupted()
+    else:
         try:
             return pipeline.command(told.name, told.values(), told.time_s)[1]
         except (ContractError, KeyError, ValueError):
@@ -92,19 +105,23 @@ def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]
     return ()
 
 
-def _steps(path: Path) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
+def _steps(path: Path, extent: Extent) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
     """What went in, each with the pipeline's events that are recorded behind it."""
     told: Read | Input | None = None
     live: list[Said] = []
-    for item in read_items(path):
+    for item in read_items(path, extent):
         if not isinstance(item, Said):
             if told is not None:
-                yield told, tuple(live), False
+                yield told, tuple(live), _is_damage(item)
             told, live = item, []
         elif item.origin == "pipeline":
             live.append(item)
     if told is not None:
         yield told, tuple(live), True
+
+
+def _is_damage(told: Read | Input) -> bool:
+    return isinstance(told, Input) and told.name == "damaged"
 
 
 @dataclass(frozen=True)
@@ -121,26 +138,43 @@ class Verdict:
         Reads that the recorder had to drop. Behind the first of them nothing is compared.
     fresh : bool
         The pipeline was new where the recording begins; else detectors knew more live than now.
+    damaged_bytes : int
+        That cannot be read. Behind the first of them nothing is compared.
+    unread : str
+        What of finished files cannot be read, in words; empty where that is nothing.
+    unfinished : str
+        The same of files that a recorder has not finished.
     """
 
     compared: int
     difference: str
     dropped_reads: int
     fresh: bool
+    damaged_bytes: int = 0
+    unread: str = ""
+    unfinished: str = ""
 
     @property
     def is_good(self) -> bool:
-        return self.compared > 0 and not self.difference
+        """All that should be there was there, and came again."""
+        return self.compared > 0 and not (self.difference or self.damaged_bytes or self.unread)
 
     def words(self) -> str:
         """For the person who asked."""
-        words = f"{self.compared} events came again bit for bit"
+        came = "came again bit for bit" if self.is_good else "were compared and came again"
+        words = f"{self.compared} events {came}"
         if self.difference:
             words += f", then they differ {self.difference}"
         if not self.fresh:
             words += "; this began in the middle of a run: give the parts before it too, if there are any"
         if self.dropped_reads:
             words += f"; compared up to where the recorder dropped {self.dropped_reads} reads"
+        if self.damaged_bytes:
+            words += f"; compared up to where {self.damaged_bytes} bytes are damaged"
+        if self.unread:
+            words += f"; NOT ALL COULD BE READ: {self.unread}"
+        if self.unfinished:
+            words += f"; as far as the file goes: {self.unfinished}"
         return words
 
 
@@ -174,7 +208,8 @@ def replay(
     pace = Pace(speed, sleep)
     again = Replay(paths)
     for step in again:
-        pace.wait(step.time_s)
+        if not _is_damage(step.told):  # which has no instant of this clock
+            pace.wait(step.time_s)
         verdict.compare(step)
         for said in step.now:
             topic = said.event.topic
@@ -182,7 +217,7 @@ def replay(
             if not topics or topic in topics:
                 message = to_map(said.event, seq=seq, board=said.board, unix_offset_s=said.unix_offset_s)
                 say(json.dumps({"topic": topic, **message}, allow_nan=False))
-    return verdict.result(again.header.fresh)
+    return verdict.result(again)
 
 
 class Pace:
@@ -212,24 +247,42 @@ class _Verifier:
     """Compares the events of now with those of then, byte by byte."""
 
     def __init__(self) -> None:
-        self._compared = self._dropped = 0
+        self._compared = self._dropped = self._damaged_bytes = 0
         self._difference = ""
 
     def compare(self, step: Step) -> None:
         if isinstance(step.told, Input) and step.told.name == "dropped":
             self._dropped += step.told.values()["reads"]
-        if self._dropped or self._difference:
+        if isinstance(step.told, Input) and _is_damage(step.told):
+            self._damaged_bytes += step.told.values()["bytes"]
+        if self._dropped or self._damaged_bytes or self._difference:
             return
         for now, live in zip_longest(step.now, step.live):
-            if live is None and step.is_last:
+            if live is None and step.is_cut:
                 return
             if now is None or live is None or contents.encode_said(now) != contents.encode_said(live):
                 self._difference = f"at {step.time_s:.6f} s: live {_show(live)}, again {_show(now)}"
                 return
             self._compared += 1
 
-    def result(self, fresh: bool) -> Verdict:
-        return Verdict(self._compared, self._difference, self._dropped, fresh)
+    def result(self, again: Replay) -> Verdict:
+        """What to say of a replay that has come to its end."""
+        unread: list[str] = []
+        unfinished: list[str] = []
+        for path, extent in again.extents.items():
+            # A recorder that was killed, or still writes, leaves a torn end by right, and no torn middle.
+            by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
+            if not extent.is_whole:
+                (unfinished if by_right else unread).append(f"{path.name}: {extent.words()}")
+        return Verdict(
+            self._compared,
+            self._difference,
+            self._dropped,
+            again.header.fresh,
+            self._damaged_bytes,
+            "; ".join(unread),
+            "; ".join(unfinished),
+        )
 
 
 def _show(said: Said | None) -> str:

@@ -49,7 +49,8 @@ class RecordingWriter:
         self._sequence: dict[int, int] = {}
         self._writer = Writer(self._stream, _CHUNK_BYTES, CompressionType.ZSTD)
         try:
-            self._begin(header if header.run else replace(header, run=uuid.uuid4().hex))
+            self._header = header if header.run else replace(header, run=uuid.uuid4().hex)
+            self._begin()
         except OSError as error:
             self.abandon()
             self.active.unlink()
@@ -90,6 +91,8 @@ class RecordingWriter:
     def close(self) -> None:
         """Finish the file, sync it and give it its name."""
         try:
+            # Once more: without its description, where that is damaged, a file could not be read at all.
+            self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -113,10 +116,10 @@ class RecordingWriter:
     ) -> None:
         self.close()
 
-    def _begin(self, header: Header) -> None:
+    def _begin(self) -> None:
         """What makes the file readable, on the disk before anything else."""
         self._writer.start(profile="ros2", library=f"tactiled {__version__}")
-        self._writer.add_metadata(contents.METADATA, header.to_metadata())
+        self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
         self._raw = self._channel(contents.RAW_TOPIC, contents.RAW, "pipeline")
         self._input = self._channel(contents.INPUT_TOPIC, contents.INPUT, "pipeline")
         self.sync()

@@ -1,0 +1,234 @@
+"""A recording as its chunks: whole, cut anywhere, or damaged; what is whole and proves its checksum counts.
+
+MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
+that ends early, or whose end is garbage after a power cut, is good up to its last whole chunk. Damage in the
+middle costs the chunks that it hits: the next one is where the length of the damaged one says, or else where
+the next bytes are that prove to be a chunk. Schemas and channels stand once more behind the data of a
+finished file, so none is lost with the chunk that it first stood in.
+"""
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex, Metadata, Schema, Statistics
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+from tactiled.recording.extent import Damage, Extent
+
+_HEAD = struct.Struct("<BQ")
+_FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
+_DATA_END_BYTES = 4
+# What every chunk of ours has behind two instants, a size and a checksum: so one is found without its length.
+_ANCHOR = struct.pack("<I", 4) + b"zstd"
+_ANCHOR_AT = _HEAD.size + 8 + 8 + 8 + 4
+_FAULTS = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
+
+
+def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord] | Damage]:
+    """Whole chunks, each as its records, and metadata, each alone; between them what is damaged.
+
+    Parameters
+    ----------
+    stream : BinaryIO
+        A file on disk.
+    extent : Extent
+        Filled meanwhile.
+    """
+    size = extent.size_bytes = stream.seek(0, 2)
+    known = _Known()
+    newest_ns = n_damaged = at = 0
+    damaged_at = -1
+    while not extent.is_complete:
+        record = _record_at(stream, at, size)
+        if record is None:
+            damaged_at = at if damaged_at < 0 else damaged_at
+            resumed = _resume(stream, at, size, newest_ns)
+            if resumed is None:
+                break
+            n_damaged += resumed - at
+            at = resumed
+            if (summary := _summary(stream, size)) is not None:
+                yield known.take(summary.records)
+                extent.is_complete = at == summary.start
+            continue
+        at, records = record
+        extent.is_complete = records is None
+        mine = known.take(records or [])
+        extent.orphans += sum(isinstance(r, Message) for r in records or ())
+        instants_ns = [r.log_time for r in mine if isinstance(r, Message)]
+        extent.orphans -= len(instants_ns)
+        if n_damaged and instants_ns:
+            yield _damage(extent, n_damaged, newest_ns or min(instants_ns), min(instants_ns))
+            n_damaged, damaged_at = 0, -1
+        if damaged_at < 0:
+            extent.good_bytes = at
+        newest_ns = max([newest_ns, *instants_ns])
+        if mine:
+            yield mine
+    if extent.is_complete:
+        extent.good_bytes = at
+        if n_damaged:
+            summary = _summary(stream, size)
+            end_ns = max(newest_ns, summary.end_ns if summary else 0)
+            yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
+    elif damaged_at >= 0:
+        extent.torn_s = _span_s(stream, damaged_at)
+
+
+class _Known:
+    """Schemas and channels met so far: without them nobody can tell what a message is."""
+
+    def __init__(self) -> None:
+        self._schemas: set[int] = set()
+        self._channels: set[int] = set()
+
+    def take(self, records: Sequence[McapRecord]) -> list[McapRecord]:
+        """The records that can be understood."""
+        taken: list[McapRecord] = []
+        for record in records:
+            if isinstance(record, Schema):
+                self._schemas.add(record.id)
+            elif isinstance(record, Channel):
+                if record.schema_id not in self._schemas:
+                    continue
+                self._channels.add(record.id)
+            elif isinstance(record, Message) and record.channel_id not in self._channels:
+                continue
+            taken.append(record)
+        return taken
+
+
+def _damage(extent: Extent, n_bytes: int, first_ns: int, last_ns: int) -> Damage:
+    damage = Damage(n_bytes, first_ns / 1e9, last_ns / 1e9)
+    extent.damages.append(damage)
+    return damage
+
+
+def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapRecord] | None] | None:
+    """End of the record that begins at a place, and what is of use to us in it; None where none is whole.
+
+    Nothing, instead of a list, is the end of the data. The magic counts as a record.
+    """
+    stream.seek(at)
+    if at == 0:
+        return (len(MCAP0_MAGIC), []) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else None
+    head = stream.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return None
+    opcode, length = _HEAD.unpack(head)
+    end = at + _HEAD.size + length
+    if end > size:
+        return None
+    if opcode == Opcode.DATA_END:
+        return (end, None) if length == _DATA_END_BYTES else None
+    body = ReadDataStream(BytesIO(stream.read(length)))
+    try:
+        if opcode == Opcode.CHUNK:
+            records = breakup_chunk(Chunk.read(body), validate_crc=True)
+        elif opcode == Opcode.METADATA:
+            records = [Metadata.read(body)]
+        elif opcode == Opcode.MESSAGE_INDEX:
+            MessageIndex.read(body)
+            records = []
+        elif opcode == Opcode.HEADER and at == len(MCAP0_MAGIC):
+            return end, []
+        else:  # we write no others: a chunk whose first byte is wrong
+            return None
+    except _FAULTS:
+        return None
+    return (end, records) if body.count == length else None  # else the length is what is damaged
+
+
+def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
+    """Where to go on behind a damaged record; None where nothing whole follows.
+
+    Old blocks that a power cut left behind the end may hold chunks too: those of before `newest_ns` are none
+    of this recording's future.
+    """
+    chunk_at = _next_chunk(stream, at, size, newest_ns)
+    end = len(MCAP0_MAGIC)
+    if at:
+        stream.seek(at)
+        head = stream.read(_HEAD.size)
+        end = at + _HEAD.size + int(_HEAD.unpack(head)[1]) if len(head) == _HEAD.size else size
+    # A damaged length may lead beyond chunks that are whole.
+    if end < (size if chunk_at is None else chunk_at) and _record_at(stream, end, size) is not None:
+        return end
+    if chunk_at is not None:
+        return chunk_at
+    summary = _summary(stream, size)
+    return summary.start if summary is not None and summary.start > at else None
+
+
+def _next_chunk(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
+    """Where the next whole chunk begins, whatever stands before it."""
+    if not size:
+        return None
+    with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
+        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT)
+        while found >= 0:
+            start = found - _ANCHOR_AT
+            (end_ns,) = struct.unpack_from("<Q", view, start + _HEAD.size + 8)
+            is_later = view[start] == Opcode.CHUNK and end_ns >= newest_ns
+            if is_later and _record_at(stream, start, size) is not None:
+                return start
+            found = view.find(_ANCHOR, found + 1)
+    return None
+
+
+@dataclass(frozen=True)
+class _Summary:
+    """What stands behind the data of a finished file: its place, schemas and channels, the last instant."""
+
+    start: int
+    records: list[McapRecord]
+    end_ns: int
+
+
+def _summary(stream: BinaryIO, size: int) -> _Summary | None:
+    """None where there is none, or it does not prove its checksum (MCAP specification, Footer)."""
+    footer_at = size - len(MCAP0_MAGIC) - _FOOTER.size
+    if footer_at < 0:
+        return None
+    stream.seek(footer_at)
+    footer = stream.read(_FOOTER.size)
+    opcode, _, start, _, checksum = _FOOTER.unpack(footer)
+    if opcode != Opcode.FOOTER or not 0 < start <= footer_at:
+        return None
+    stream.seek(start)
+    text = stream.read(footer_at - start)
+    if zlib.crc32(footer[:-4], zlib.crc32(text)) != checksum:
+        return None
+    records: list[McapRecord] = []
+    end_ns = 0
+    body = ReadDataStream(BytesIO(text))
+    while body.count < len(text):
+        opcode, length = body.read1(), body.read8()
+        record = ReadDataStream(BytesIO(body.read(length)))
+        if opcode == Opcode.SCHEMA:
+            records.append(Schema.read(record))
+        elif opcode == Opcode.CHANNEL:
+            records.append(Channel.read(record))
+        elif opcode == Opcode.STATISTICS:
+            end_ns = Statistics.read(record).message_end_time
+    return _Summary(start, records, end_ns)
+
+
+def _span_s(stream: BinaryIO, at: int) -> tuple[float, float] | None:
+    """First and last log time, with which the body of a chunk begins."""
+    stream.seek(at)
+    head = stream.read(_HEAD.size + 16)
+    if len(head) < _HEAD.size + 16 or head[0] != Opcode.CHUNK:
+        return None
+    first_ns, last_ns = struct.unpack_from("<QQ", head, _HEAD.size)
+    return (first_ns / 1e9, last_ns / 1e9) if 0 < first_ns <= last_ns else None

@@ -1,0 +1,217 @@
+"""One byte that flips costs the chunk it is in, and everyone who reads says what is missing."""
+
+import json
+import logging
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from recordings import HEADER, items, record, simulated_reads
+
+from tactiled.errors import DataError
+from tactiled.offline import detect_file
+from tactiled.recording.contents import Input, Item, Read
+from tactiled.recording.export import export_csv
+from tactiled.recording.extent import Extent
+from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.recover import recover
+from tactiled.recording.replay import Verdict, replay
+from tactiled.recording.writer import RecordingWriter
+
+CHUNKS = 6
+READS = 5  # in each
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, list[Item], list[int]]:
+    """A finished file of a few chunks, its items, and where each chunk and its index end."""
+    path = tmp_path_factory.mktemp("small") / "a.mcap"
+    ends = []
+    with RecordingWriter(path, HEADER) as writer:
+        ends.append(writer.size_bytes)
+        for k, read in enumerate(simulated_reads(0.29)[: CHUNKS * READS], 1):
+            writer.read(read)
+            if k % READS == 0:
+                writer.sync()
+                ends.append(writer.size_bytes)
+    return path, path.read_bytes(), items(path), ends
+
+
+def damaged(path: Path, data: bytes, at: int, mask: int) -> Path:
+    out = path.with_name("damaged.mcap")
+    out.write_bytes(data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :])
+    return out
+
+
+def check(small: tuple[Path, bytes, list[Item], list[int]], at: int, mask: int) -> None:
+    """What was in other chunks is there, in order; where anything is missing, that is said and marked."""
+    path, data, whole, ends = small
+    flipped = damaged(path, data, at, mask)
+    extent = Extent()
+    assert read_header(flipped) == read_header(path)
+    found = list(read_items(flipped, extent))
+    hit = next((k for k, end in enumerate(ends) if at < end), len(ends))  # 0: before the first read
+    spared = [item for k, item in enumerate(whole) if k // READS + 1 != hit]
+    reads = [item for item in found if isinstance(item, Read)]
+    assert reads in (whole, spared)
+    marks = [item for item in found if isinstance(item, Input)]
+    assert len(marks) == len(extent.damages)
+    if len(reads) < len(whole):
+        assert not extent.is_whole
+        (mark,) = marks
+        assert mark.name == "damaged"
+        before = found[: found.index(mark)]
+        assert before == whole[: (hit - 1) * READS]
+        assert 0 < mark.values()["bytes"] <= len(data)
+        assert "bytes in one place are damaged" in extent.words()
+    assert bool(extent.words()) != extent.is_whole
+
+
+def test_any_byte_of_the_chunks_may_flip(small: tuple[Path, bytes, list[Item], list[int]]) -> None:
+    for at in range(small[3][0] - 400, small[3][-1]):
+        check(small, at, 0xFF)
+
+
+def test_a_length_that_leads_beyond_whole_chunks_is_not_believed(
+    small: tuple[Path, bytes, list[Item], list[int]],
+) -> None:
+    path, data, whole, ends = small
+    head = data[ends[1] : ends[1] + 9]
+    assert head[0] == Opcode.CHUNK
+    flipped = path.with_name("length.mcap")
+    length = (ends[4] - ends[1] - 9).to_bytes(8, "little")
+    flipped.write_bytes(data[: ends[1] + 1] + length + data[ends[1] + 9 :])
+    reads = [item for item in items(flipped) if isinstance(item, Read)]
+    assert reads == whole[:READS] + whole[2 * READS :]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_any_byte_of_the_file_may_flip(
+    small: tuple[Path, bytes, list[Item], list[int]], data: st.DataObject
+) -> None:
+    at = data.draw(st.integers(0, len(small[1]) - 1))
+    check(small, at, data.draw(st.integers(1, 255)))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_many_damages_raise_nothing_but_a_data_error(
+    small: tuple[Path, bytes, list[Item], list[int]], data: st.DataObject
+) -> None:
+    path, text = small[0], bytearray(small[1])
+    for _ in range(data.draw(st.integers(2, 30))):
+        text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))
+    flipped = path.with_name("many.mcap")
+    flipped.write_bytes(bytes(text))
+    extent = Extent()
+    reads = [item for item in read_items(flipped, extent) if isinstance(item, Read)]
+    assert all(read in small[2] for read in reads)
+    assert len(reads) == len(small[2]) or not extent.is_whole
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+    """A recording with its events; and the middle of the third second's chunk."""
+    path = tmp_path_factory.mktemp("long") / "a.mcap"
+    sizes = record(path, simulated_reads(6.0), sync_every=100)
+    return path, (sizes[2] + sizes[3]) // 2
+
+
+def verify(path: Path) -> tuple[Verdict, list[str]]:
+    lines: list[str] = []
+    return replay([path], lines.append, topics=("scan",)), lines
+
+
+def test_everyone_says_what_is_missing_in_the_middle(
+    long: tuple[Path, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, at = long
+    _, whole = verify(path)
+    flipped = damaged(path, path.read_bytes(), at, 0xFF)
+    verdict, scans = verify(flipped)
+    assert not verdict.is_good
+    assert "bit for bit" not in verdict.words()
+    assert "compared up to where" in verdict.words()
+    assert "damaged.mcap: " in verdict.words()
+    assert verdict.compared < len(whole)
+    # A second is missing and what came behind it is there, with the same indices.
+    assert len(whole) - 105 < len(scans) < len(whole) - 90
+    assert json.loads(scans[-1])["index"] == json.loads(whole[-1])["index"]
+    says = "bytes in one place are damaged: some 1."
+    caplog.clear()
+    export_csv([flipped], tmp_path / "a.csv")
+    assert says in caplog.text
+    caplog.clear()
+    detect_file(flipped)
+    assert says in caplog.text
+
+
+def test_recover_goes_on_behind_the_damage_and_leaves_a_mark(long: tuple[Path, int], tmp_path: Path) -> None:
+    path, at = long
+    flipped = damaged(path, path.read_bytes(), at, 0xFF)
+    saved = recover(flipped, tmp_path / "saved.mcap")
+    assert saved.is_complete
+    assert "bytes in one place are damaged: some 1." in saved.words()
+    assert "nothing is missing at the end" in saved.words()
+    assert items(saved.path) == items(flipped)
+    extent = Extent()
+    list(read_items(saved.path, extent))
+    assert extent.is_whole
+    verdict, scans = verify(saved.path)
+    assert scans == verify(flipped)[1]
+    assert not verdict.is_good
+    assert "bit for bit" not in verdict.words()
+
+
+def test_a_cut_file_is_said_to_be_one_and_an_unfinished_one_is_verified_as_far_as_it_goes(
+    long: tuple[Path, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, at = long
+    for name, good in (("cut.mcap", False), ("cut.mcap.active", True)):
+        cut = tmp_path / name
+        cut.write_bytes(path.read_bytes()[:at])
+        caplog.clear()
+        verdict, scans = verify(cut)
+        assert (verdict.is_good, len(scans) > 200) == (good, True)
+        assert ("bit for bit" in verdict.words()) == good
+        assert f"{name}: it was not finished, or was cut" in verdict.words()
+        assert "it was not finished, or was cut" in caplog.text
+
+
+def test_an_unfinished_file_with_damage_in_its_middle_gives_what_is_behind(
+    long: tuple[Path, int], tmp_path: Path
+) -> None:
+    path, at = long
+    data = bytearray(path.read_bytes())
+    data[at] ^= 0xFF
+    killed = tmp_path / "killed.mcap.active"
+    killed.write_bytes(data[: at + (len(data) - at) // 2])
+    verdict, _ = verify(killed)
+    assert not verdict.is_good
+    saved = recover(killed)
+    assert not saved.is_complete
+    assert "bytes in one place are damaged" in saved.words()
+    assert "missing: " in saved.words()
+    instants_s = [item.arrival_s for item in items(saved.path) if isinstance(item, Read)]
+    assert max(instants_s) > 3.9 + instants_s[0]
+
+
+def test_a_description_that_is_damaged_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    record(path, simulated_reads(0.1))
+    changed = path.read_bytes().replace(b"wang2019-3x3", b"wang2019-3x4")
+    path.write_bytes(changed)
+    with pytest.raises(DataError, match="the description is damaged"):
+        read_header(path)
+
+
+def test_a_file_that_is_whole_is_read_without_a_word(
+    long: tuple[Path, int], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.DEBUG):
+        verdict, _ = verify(long[0])
+    assert verdict.is_good
+    assert not caplog.text
