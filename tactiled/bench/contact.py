@@ -22,6 +22,7 @@ from tactiled.bench.contact_score import (
     FloatArray,
     Ripple,
     flat_errors,
+    grooved_errors,
     reference_ripple,
     rung_ripple,
 )
@@ -84,7 +85,13 @@ def bench_contact(say: Callable[[str], None], *, quick: bool, picture: Path | No
         mesh: {plate: reference_ripple(mesh, plate) for plate in plates if plate in reference_names(mesh)}
         for mesh in ("coarse", "medium")
     }
-    text = [_rung_table(scored), _boards(), _ripple_table(scored, reference), _aims(scored)]
+    text = [
+        _rung_table(scored),
+        _grooved_table(plates),
+        _boards(),
+        _ripple_table(scored, reference),
+        _aims(scored),
+    ]
     text.append(findings(say))
     text.append(replayed_paper(say, seeds=1 if quick else 3))
     if picture is not None:
@@ -104,6 +111,20 @@ def cost_ms(build: Callable[..., Rung], step_s: float, is_grooved: bool) -> floa
     began = time.process_time()
     play(rung, "force", load, place + way + way[-1], step_s)
     return 1e3 * (time.process_time() - began)
+
+
+def _grooved_table(plates: list[str]) -> str:
+    """The way into sliding over grooves, which only some rungs can play."""
+    names = {need: name for need, name in _NEEDS.items() if need != "absolute-force"}
+    rows = []
+    for rung in _GROOVED:
+        for plate in plates:
+            errors = grooved_errors(LADDER[rung][0], [plate])
+            cells = [f"{100 * errors[need]:.1f} %" for need in names]
+            rows.append([rung, plate.removeprefix("groove-").replace("-", " mm, ") + " deg", *cells])
+    return "The same over grooves, the way into sliding included.\n\n" + table(
+        ["rung", "plate", *names.values()], rows
+    )
 
 
 def _aims(scored: list[Scored]) -> str:

@@ -1,6 +1,6 @@
 """Rungs of the contact ladder scored against shipped finite-element runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Rung
 from tactiled.emulator.mechanics.fem.reference import ReferenceRun, load_reference
+from tactiled.emulator.slipwatch import GROSS_SHARE
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +64,15 @@ def flat_errors(build: Callable[..., Rung]) -> dict[str, float]:
     return errors
 
 
+def grooved_errors(build: Callable[..., Rung], plates: Sequence[str] = GROOVES) -> dict[str, float]:
+    """The same over grooves, the way into sliding included."""
+    errors: dict[str, float] = {}
+    for name in plates:
+        for need, error in _slide_errors(build, load_reference("coarse", name)).items():
+            errors[need] = max(errors.get(need, 0.0), error)
+    return errors
+
+
 def _slide_errors(build: Callable[..., Rung], reference: ReferenceRun) -> dict[str, float]:
     columns, seen = reference.columns, replay(build, reference)
     travel_mm, slipping = columns["travel_x_mm"], columns["slipping"]
@@ -71,7 +81,7 @@ def _slide_errors(build: Callable[..., Rung], reference: ReferenceRun) -> dict[s
     limit_n = reference.surface.friction * columns["normal_n"][-1]
     sliding = travel_mm > 0
     knee = sliding & (slipping < 1)
-    gross_mm = [travel_mm[np.argmax(sliding & (share > 0.9))] for share in (seen["slipping"], slipping)]
+    gross_mm = [_gross_mm(travel_mm, share) for share in (seen["slipping"], slipping)]
     return {
         "left-right": float(np.abs(seen["side_n"] - true).max() / rest_n),
         "tangential-force": float(
@@ -80,6 +90,13 @@ def _slide_errors(build: Callable[..., Rung], reference: ReferenceRun) -> dict[s
         "gross-slip": float(abs(gross_mm[0] / gross_mm[1] - 1)),
         "incipient-slip": float(np.abs(seen["slipping"] - slipping)[knee].mean()),
     }
+
+
+def _gross_mm(travel_mm: FloatArray, share: FloatArray) -> float:
+    """Travel at which nine tenths slip, between the steps of a run."""
+    after = int(np.argmax((travel_mm > 0) & (share > GROSS_SHARE)))
+    part = (GROSS_SHARE - share[after - 1]) / (share[after] - share[after - 1])
+    return float(travel_mm[after - 1] + part * (travel_mm[after] - travel_mm[after - 1]))
 
 
 def reference_ripple(mesh: str, run: str) -> Ripple:

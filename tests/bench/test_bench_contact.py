@@ -1,5 +1,6 @@
 """What rungs say of themselves is what is measured; the bench's own arithmetic."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from tactiled.bench.contact import LADDER, cost_ms
 from tactiled.bench.contact_findings import normal_ripple, side_ripple
 from tactiled.bench.contact_picture import draw_contact
-from tactiled.bench.contact_score import GROOVES, flat_errors, reference_ripple, rung_ripple
+from tactiled.bench.contact_score import GROOVES, flat_errors, grooved_errors, reference_ripple, rung_ripple
 from tactiled.emulator.mechanics import compliance, periodic
 from tactiled.emulator.mechanics.fem.reference import reference_names
 
@@ -16,8 +17,9 @@ PROVIDES = {"compliance": compliance.PROVIDES, "periodic": periodic.PROVIDES}
 
 
 @pytest.mark.parametrize("rung", sorted(PROVIDES))
-def test_errors_on_flat_plates_are_as_provided(rung: str) -> None:
-    measured, provided = flat_errors(LADDER[rung][0]), PROVIDES[rung]
+@pytest.mark.parametrize("errors", [flat_errors, grooved_errors])
+def test_errors_are_as_provided(rung: str, errors: Callable[..., dict[str, float]]) -> None:
+    measured, provided = errors(LADDER[rung][0]), PROVIDES[rung]
     for need in set(measured) & set(provided):
         assert measured[need] <= provided[need]
 

@@ -48,11 +48,11 @@ _TURNED_MM = 3e-4
 # degrees. Transients are not compared, so not offered.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
-    "gross-slip": 0.07,
+    "gross-slip": 0.11,
     "incipient-slip": 0.22,
     "absolute-force": 0.02,
     "left-right": 0.05,
-    "tangential-force": 0.035,
+    "tangential-force": 0.08,
     "groove-ripple": 0.46,
     "groove-phase": 0.08,
 }

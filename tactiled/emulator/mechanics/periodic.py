@@ -43,14 +43,14 @@ _PRESSING = 6  # steps in which the load comes
 _USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
 _MOVING = 1e-6  # part of sliding below which no sliding table is needed
 
-# As for `compliance`; onset of slip and slipping share are those of `lumped`. Over grooves the way into
-# sliding is a blend, so left and right are as good as that.
+# As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Over grooves the
+# way into sliding is a blend, and there it is worst: slip is gross a tenth to a fifth too early.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
-    "gross-slip": 0.07,
+    "gross-slip": 0.21,
     "absolute-force": 0.05,
     "left-right": 0.11,
-    "tangential-force": 0.04,
+    "tangential-force": 0.17,
     "groove-ripple": 0.46,
     "groove-phase": 0.08,
 }
