@@ -109,7 +109,7 @@ def rung_ripple(build: Callable[..., Rung], run: str) -> Ripple:
     """Of a rung on the coarse mesh's run."""
     reference = load_reference("coarse", run)
     felt = replay(build, reference)
-    unsolved = int(np.count_nonzero(felt["warnings"] & NOT_CONVERGED))
+    unsolved = int(np.count_nonzero(felt["warnings"].astype(np.int64) & NOT_CONVERGED))
     return replace(_ripple(reference, felt["side_n"]), unsolved=unsolved)
 
 
