@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
+from tactiled.emulator import loading
+from tactiled.emulator.loading import PrescribedLoad
 from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
 from tactiled.emulator.mechanics.auto import NOT_MODELLED, Candidate, Choice, choose
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.sides import Readout
+from tactiled.emulator.mechanics.stepper import Stepper
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.phases import Grooves
 from tactiled.emulator.physical import Build, ContactState, PhysicalContact
@@ -37,6 +40,7 @@ _LARGEST_TILT = 0.95
 # A taxel averages the grooves over its contact with the ridges; a Gaussian aperture of this sigma makes
 # the ripple grow from 0.9 to 1.5 mm periods about as much as the paper's curves do.
 _APERTURE_SD_MM = 0.2
+_LOADS_AT_ONCE = 1024  # steps: an hour of load is then made in a second by who looks at its end first
 
 
 class ContactModel(Protocol):
@@ -60,6 +64,14 @@ class ContactModel(Protocol):
 
     def state(self, time_s: FloatArray) -> ContactState:
         """Truth at instants (n,) of scene time."""
+        ...
+
+    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
+        """Total load through the lag of the scene's creep, at instants (n, channels)."""
+        ...
+
+    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Total load and the largest that it was since contact, at instants (n, channels)."""
         ...
 
 
@@ -141,6 +153,7 @@ class SignalContact:
 
     def __init__(self, motion: Motion, array: Array) -> None:
         self._motion = motion
+        self._loads = Stepper(PrescribedLoad(motion), step_s=loading.STEP_S, block=_LOADS_AT_ONCE)
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
         self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
@@ -172,6 +185,13 @@ class SignalContact:
         tilted = normal * (1.0 + tilt * (self._side_x * state.shear_x + self._side_y * state.shear_y))
         shear = normal * friction * (self._shear_x * state.shear_x + self._shear_y * state.shear_y)
         return np.where(self._tangential, shear, tilted)
+
+    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
+        return self._loads.at(time_s, np.ones(time_s.shape[1], dtype=np.int64))
+
+    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        load, peak = (np.full(time_s.shape[1], column) for column in (0, 2))
+        return self._loads.at(time_s, load), self._loads.at(time_s, peak)
 
     def state(self, time_s: FloatArray) -> ContactState:
         """As prescribed: all or nothing slips."""

@@ -127,29 +127,6 @@ class Motion:
         """Warming of the sensor since the scene began."""
         return self._disturbances.temperature_k(np.maximum(time_s, 0.0))
 
-    def relaxed_load_n(self, time_s: FloatArray, time_constant_s: float) -> FloatArray:
-        """Load seen through a first-order lag, ``tau dc/dt = F - c``; exact for linear pieces of F."""
-        tau = time_constant_s
-        t0, load, rate = self._table["t0"], self._table["load"], self._table["load_rate"]
-        start = np.zeros(len(t0))
-        for k in range(len(t0) - 1):
-            dt = t0[k + 1] - t0[k]
-            end = load[k] + rate[k] * dt
-            start[k + 1] = end - rate[k] * tau + (start[k] - load[k] + rate[k] * tau) * np.exp(-dt / tau)
-        i, dt, _ = self._locate(time_s)
-        lag = (start[i] - load[i] + rate[i] * tau) * np.exp(-dt / tau)
-        return np.asarray(load[i] + rate[i] * (dt - tau) + lag)
-
-    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The phases' load, without disturbances, and the largest that it was since contact."""
-        load, rate = self._table["load"], self._table["load_rate"]
-        peak = np.zeros(len(load))
-        for k in range(1, len(load)):
-            peak[k] = max(peak[k - 1], load[k]) if load[k] > 0 else 0.0
-        i, dt, _ = self._locate(time_s)
-        now = load[i] + rate[i] * dt
-        return now, np.asarray(np.maximum(peak[i], now))
-
     def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Segment of each instant, time into it, and way made in it."""
         table = self._table

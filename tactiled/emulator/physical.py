@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.emulator.held import HeldMotion
+from tactiled.emulator.loading import LoadMemory
 from tactiled.emulator.mechanics.base import Rung, Surface, TaxelForces
 from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import Stepper, play
@@ -116,6 +117,17 @@ class PhysicalContact:
     def forces(self, time_s: FloatArray) -> FloatArray:
         return self._stepper.at(time_s, self._channels)
 
+    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
+        return self._column(6, time_s)
+
+    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self._column(1, time_s), self._column(7, time_s)
+
+    def _column(self, number: int, time_s: FloatArray) -> FloatArray:
+        """One of the columns after those of the taxels."""
+        place = self._n_channels + 4 * self._n_taxels + number
+        return self._stepper.at(time_s, np.full(time_s.shape[1], place))
+
     def state(self, time_s: FloatArray) -> ContactState:
         """Truth at instants (n,)."""
         rows = self._stepper.at(time_s, slice(self._n_channels, None))
@@ -149,6 +161,7 @@ class _Play:
         self._offset_mm = [offset_mm(plate) for plate in motion.surfaces]
         self.held = HeldMotion(scene, scene.held_object, step_s) if scene.held_object else None
         self.step_s = self.held.step_s if self.held else step_s
+        self._memory = LoadMemory(self.step_s, scene.electronics.creep_time_s)
         self.reset()
 
     def reset(self) -> None:
@@ -157,6 +170,7 @@ class _Play:
         self._is_fresh = [True] * len(self._rungs)
         self._k = 0
         self._before_mm: FloatArray | None = None
+        self._memory.reset()
         self.watch = SlipWatch()
         self.warnings: dict[int, float] = {}
         if self.held:
@@ -223,6 +237,7 @@ class _Play:
                 load_n[:, None],
                 travel_mm,
                 velocity,
+                self._memory.feed(load_n),
             ],
             axis=1,
         )

@@ -67,13 +67,11 @@ class Sensor:
             force_n[:, self._is_side] = electronics.spread_n(
                 params, quarter_n, self._side_taxel, self._side_azimuth_deg
             )
-        crept = force_n * electronics.creep_gain(
-            params, self._motion.relaxed_load_n(time_s, params.creep_time_s)
-        )
+        crept = force_n * electronics.creep_gain(params, self.contact.relaxed_load_n(time_s))
         conductance = electronics.conductance_s(params, crept)
         conductance *= electronics.temperature_gain(params, self._motion.temperature_k(time_s))
         if params.hysteresis:
-            load_n, peak_n = self._motion.load_and_peak_n(time_s)
+            load_n, peak_n = self.contact.load_and_peak_n(time_s)
             conductance *= electronics.hysteresis_gain(params, load_n, peak_n)
         volts = electronics.divider_v(params, conductance)
         volts = np.where(self._is_inverted, self._reference_v - volts, volts)

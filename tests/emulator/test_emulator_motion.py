@@ -102,18 +102,6 @@ def test_losing_contact_clears_the_tangential_state() -> None:
     assert state.shear_x[1] == 0.0
 
 
-@pytest.mark.parametrize("tau", [0.2, 20.0])
-def test_relaxed_load_solves_its_equation(tau: float) -> None:
-    motion = Motion(scene(PRESS, HOLD, {"kind": "lift", "duration_s": 0.2}, PRESS))
-    time_s = np.arange(0.0, 2.5, 1e-4)
-    load = motion.at(time_s).load_n
-    stepped = np.zeros_like(time_s)
-    for k in range(len(time_s) - 1):  # trapezoidal rule
-        mean = (load[k] + load[k + 1]) / 2
-        stepped[k + 1] = mean + (stepped[k] - mean) * np.exp(-1e-4 / tau)
-    np.testing.assert_allclose(motion.relaxed_load_n(time_s, tau), stepped, atol=1e-5)
-
-
 def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2, "entry_mm": 0.5}
     slide = {"kind": "slide", "duration_s": 2.0, "speed_mm_s": 1.0}
