@@ -27,6 +27,7 @@ from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
 REQUESTS_PER_S = 500.0
 _BURST = 50  # requests at once before the pace holds: a client that catches up on every topic
+_TELL_S = 1.0  # how late a complaint that waits to be logged may be
 # Queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
 _HIGH_WATER = 16
 _MOST_FRAMES = 4  # of a request: identity, the empty one of REQ sockets, payload; and one that is too many
@@ -74,7 +75,12 @@ class Network:
                 group.create_task(self._gate.run())
             if self._server is not None:
                 group.create_task(self._server.run())
-            await asyncio.Event().wait()  # for ever, also where there is nothing to serve
+            loop = asyncio.get_running_loop()
+            while True:  # also where there is nothing to serve
+                self.control.bad.tell(loop.time())
+                if self._gate is not None:
+                    self._gate.denied.tell(loop.time())
+                await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:
         """Let queued events leave, then close."""

@@ -31,6 +31,7 @@ from zmq.utils import z85
 
 from tactiled import tomlfile
 from tactiled.daemon.complaints import Complaints
+from tactiled.daemon.handshakes import Handshakes
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.tomlfile import Params
 
@@ -157,6 +158,8 @@ class Gate:
     """
 
     def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
+        self._context = context
+        self._handshakes: list[Handshakes] = []
         self._keys = keys
         self._public, self._secret = keys.pair()
         self.denied = Complaints(logger, "client denied")
@@ -170,9 +173,16 @@ class Gate:
         sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
         sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
         sock.setsockopt(zmq.ZAP_DOMAIN, _ZAP_DOMAIN)
+        self._handshakes.append(Handshakes(self._context, sock, self.denied))
 
     async def run(self) -> None:
         """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            for handshakes in self._handshakes:
+                group.create_task(handshakes.run())
+            group.create_task(self._answer_all())
+
+    async def _answer_all(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
             request = await self._socket.recv_multipart()
@@ -199,4 +209,6 @@ class Gate:
         return [b"1.0", number, b"200", b"OK", name.encode(), b""]
 
     def close(self) -> None:
+        for handshakes in self._handshakes:
+            handshakes.close()
         self._socket.close()

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
+from tactiled.daemon import complaints as complaints_module
 from tactiled.daemon import network as network_module
 from tactiled.daemon import publisher as publisher_module
 from tactiled.daemon.network import Network
@@ -240,6 +242,36 @@ def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
                 await daemon.send("mark", timeout_s=0.3, text="x")
         assert server.keys_used == []
         assert await server.hears(server.wide, tmp_path / "left.toml", 10.0)
+
+    server.run(story)
+
+
+def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
+    server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """libzmq never asks about those, and what is rate-limited is told all the same."""
+    monkeypatch.setattr(complaints_module, "PERIOD_S", 0.5)
+    monkeypatch.setattr(network_module, "_TELL_S", 0.1)
+    text = (tmp_path / "left.toml").read_text()
+    other = zmq.curve_keypair()[0].decode()
+    denied = re.compile(r"client denied: (127\.0\.0\.1|an unknown address \(gone at once\)) without a key")
+    misled = tmp_path / "misled.toml"
+    misled.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{other}"\n')
+
+    async def story() -> None:
+        assert not await server.hears(server.wide, misled, 0.3)
+        assert not await server.hears(server.wide, None, 0.3)
+        async with asyncio.timeout(5):
+            while not denied.search(caplog.text):
+                await asyncio.sleep(0.02)
+        assert "with the key of another daemon" in caplog.text
+        caplog.clear()
+        async with AsyncCommander(server.wide) as daemon:
+            with pytest.raises(OperatorError, match="no answer"):
+                await daemon.send("mark", timeout_s=0.3, text="x")
+        async with asyncio.timeout(5):
+            while not denied.search(caplog.text):
+                await asyncio.sleep(0.02)
 
     server.run(story)
 
