@@ -172,7 +172,7 @@ class Verdict:
         if self.damaged_bytes:
             words += f"; compared up to where {self.damaged_bytes} bytes are damaged"
         if self.unread:
-            words += f"; NOT ALL COULD BE READ: {self.unread}"
+            words += f"; not all could be read: {self.unread}"
         if self.unfinished:
             words += f"; as far as the file goes: {self.unfinished}"
         return words
