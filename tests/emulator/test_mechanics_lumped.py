@@ -1,5 +1,6 @@
 """lumped and bristle: laws of dry friction that hold on both, and finite elements as the reference."""
 
+import itertools
 import json
 from typing import Any
 
@@ -13,6 +14,8 @@ from tactiled.emulator.mechanics.base import BOTTOMED, FloatArray, Held, Surface
 from tactiled.emulator.mechanics.bristle import Bristle
 from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm, load_n
 from tactiled.emulator.mechanics.stepper import play
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.truth import Truth
 from tactiled.errors import ConfigError
 from tactiled.resources import shipped
 
@@ -124,6 +127,48 @@ def test_friction_never_exceeds_its_cone_whatever_happens(
         assert np.isfinite(rows).all(), name
     assert np.all((felt.slipping >= 0) & (felt.slipping <= 1))
     assert np.all(felt.side_n >= 0)
+
+
+@given(st.floats(0.0, 0.95), st.floats(0.1, 1.0), st.floats(0.05, 3.0))
+@settings(max_examples=10, deadline=None)
+def test_a_load_within_the_friction_cone_makes_nothing_slip(
+    part: float, friction: float, end_n: float
+) -> None:
+    """Mindlin and Deresiewicz 1953: none slips while the friction force grows by less than mu dN."""
+    surface, skin = Surface(friction), Lumped(Surface(friction), SIDES, 1)
+    load = np.linspace(0.0, end_n, 60)
+    place = 0.0
+    for before, now in itertools.pairwise(load):
+        # The stiffness that a small step back and forth shows.
+        probe = play(
+            Lumped(surface, SIDES, 1),
+            "force",
+            np.full((2, 1), 0.5 * (before + now)),
+            np.array([[[0.0, 0.0]], [[1e-9, 0.0]]]),
+            DT_S,
+        )
+        stiffness = -probe.tangential_n[1, 0, 0] / 1e-9
+        place += part * friction * (now - before) / stiffness
+        felt = skin.step("force", np.array([now]), np.array([[place, 0.0]]), DT_S)
+        assert felt.slipping[0] == 0.0
+    assert -felt.tangential_n[0, 0] == pytest.approx(part * friction * end_n, rel=0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [5.0, 20.0, 28.0])
+def test_a_held_load_that_comes_obliquely_does_not_slip(degrees: float) -> None:
+    """The whole way through a scene; friction 0.6 bears up to 31 degrees."""
+    phase = {
+        "kind": "load",
+        "duration_s": 2.0,
+        "force_n": 15.0,
+        "tangential_n": 15.0 * np.tan(np.deg2rad(degrees)),
+        "direction_deg": 45.0,
+    }
+    oblique = load_scene("inclined-load").with_changes(contact="lumped", phases=[phase])
+    truth = Truth(oblique)
+    state = truth.state(np.arange(0.1, 2.0, 0.01))
+    assert state.slipping_share.max() < 0.1
+    assert not [slip for slip in truth.episodes if slip.end_s is None or slip.end_s > 0.1]
 
 
 @both

@@ -54,7 +54,7 @@ PROVIDES: dict[str, float] = {
     "absolute-force": 0.075,
     "left-right": 0.035,
     "tangential-force": 0.02,
-    "transients": 0.03,
+    "transients": 0.05,
 }
 
 

@@ -2,13 +2,21 @@
 
 Normal: ``N = a d^b``, the power law through a finite-element press of one taxel.
 
-Friction: presliding after Mindlin (1949), ``T = mu N (1 - (1 - x)^(3/2))`` with ``x = travel / (reach mu
-d)``, made of parallel slip elements (Iwan 1966; as a friction model "generalised Maxwell slip": Al-Bender,
-Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which turn it into closed loops by Masing's
-rule. Dahl's curve is much the same, but Dahl's and LuGre's state ratchets: under hum on a held load it
-creeps without end, a slip that no hand makes. Elements that hold do not move at all, and the share of
-elements that give way is the share of the contact that slips: in Mindlin's solution the stick area shrinks
-as ``1 - x``. A step is an exact return mapping for travel along a line, whatever its length.
+Friction: presliding after Jaeger (Arch. Appl. Mech. 65, 1995, 478) and Ciavarella (J. Appl. Mech. 65, 1998,
+998): what has not yet slipped of a contact is a contact under less load, so
+
+    T = mu (N(D) - N(D - travel / mu)),
+
+with the load by the travel to gross slip over friction, ``D = d (reach + growth d)``. Under a ball it is
+Mindlin's curve (1949), and a load that grows obliquely within the friction cone makes nothing slip (Mindlin
+and Deresiewicz 1953). It is made of parallel slip elements (Iwan 1966; as a friction model "generalised
+Maxwell slip": Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which turn it into
+closed loops by Masing's rule. Dahl's curve is much the same, but Dahl's and LuGre's state ratchets: under hum
+on a held load it creeps without end, a slip that no hand makes. An element is a ring of the patch: all that
+comes into contact between two indentations, each point with stiffness dN' and a limit that grows with what it
+is pressed in by since (Popov and Hess, Method of Dimensionality Reduction, 2015, chapter 5). Elements that
+hold do not move at all, and the rings that give way, by area, are the share of the contact that slips. A step
+is an exact return mapping for travel along a line, whatever its length.
 
 Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))``.
 """
@@ -27,27 +35,31 @@ FloatArray = NDArray[np.float64]
 _CURVE_N, _CURVE_EXPONENT = 47.3, 1.86
 BUMP_MM = 0.4  # rim and cap, assumed geometry: pressed deeper, the plate meets the base
 # Travel from rest to gross slip over friction times indentation, and its growth by indentation (the skin is
-# thin: a larger patch makes it stiffer against pressing than against shear). Finite elements' friction on
-# the way there asks for 2.17 under 0.6 N and 2.65 under 2.5 N (fem-coarse-flat-0.6-light.json, -heavy.json).
-_REACH, _REACH_PER_MM = 1.75, 4.36
-_ELEMENTS = 20  # shares of slip come in steps of 5 %
+# thin: a larger patch makes it stiffer against pressing than against shear), as finite elements' friction on
+# the way there has it under 0.6 N and 2.5 N (fem-coarse-flat-0.6-light.json, -heavy.json), within 1 %.
+_REACH, _REACH_PER_MM = 1.96, 3.62
+# Indentations between which the rings lie, finer the less: a share of slip comes in steps of 8 % at most
+# under 1.667 N (0.165 mm) and of 13 % under 0.2 N (0.053 mm).
+_RING_EDGES_MM = BUMP_MM * np.linspace(0.0, 1.0, 41) ** 2
 _PATCH_MM = 0.83  # contact radius of the finite elements at 1.667 N, over which the side weights are averaged
 _TOUCHING = 1e-12  # N; below it division by the force means nothing
+_SAME = 1e-6  # part by which an indentation changes that is no more than rounding: secants turn to tangents
 _GIVES = 1 + 1e-9  # an element at its limit that nothing moves does not slip
 
 STEP_S = 2.5e-3  # four to a scan: what is between them is interpolated
 
 # Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
 # 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the share, at any
-# instant), transients against `compliance` (a reversal, a turn and a fall of the load within presliding).
+# instant under constant load), transients are the friction force, of its limit, against `compliance` (a
+# reversal, a turn, a fall and a growth of the load within presliding).
 PROVIDES: dict[str, float] = {
     "direction": 0.045,
-    "gross-slip": 0.07,
-    "incipient-slip": 0.14,
+    "gross-slip": 0.06,
+    "incipient-slip": 0.13,
     "absolute-force": 0.075,
     "left-right": 0.045,
-    "tangential-force": 0.02,
-    "transients": 0.07,
+    "tangential-force": 0.015,
+    "transients": 0.03,
 }
 
 
@@ -73,16 +85,16 @@ class Lumped:
         refuse_grooves("lumped", surface, "a load curve has no ridges to ride on")
         self._surface = surface
         self._n_taxels = n_taxels
-        edges = 1 - np.linspace(0.0, 1.0, _ELEMENTS + 1)
-        # Mindlin's curve has slope (3/2) (1 - x)^(1/2); what it loses over an element's bin is that element.
-        stiffness = -np.diff(1.5 * np.sqrt(edges))
-        force = -np.diff(-1.5 * (1 - edges) * np.sqrt(edges) - edges**1.5)
-        self._stiffness, self._limit = stiffness, -force
+        self._edge_load, self._edge_way = load_n(_RING_EDGES_MM), _way_mm(_RING_EDGES_MM)
+        self._edge_stiffness = _stiffness_n_mm(_RING_EDGES_MM)
         self._normal_side, self._tangential_side = _mean_weights(SideWeights(azimuth_deg, readout))
         self.reset()
 
     def reset(self) -> None:
-        self._held_n = np.zeros((self._n_taxels, _ELEMENTS), dtype=np.complex128)
+        shape = (self._n_taxels, len(_RING_EDGES_MM))
+        self._held_n = np.zeros((2, *shape))
+        self._borne_n = np.zeros(shape)
+        self._way_mm = np.zeros(self._n_taxels)
         self._base_mm: FloatArray | None = None
 
     def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
@@ -98,12 +110,10 @@ class Lumped:
             depth = np.maximum(value, 0.0)
             normal = load_n(depth)
         before = base_mm[:1] if self._base_mm is None else self._base_mm[None]
-        moved = np.diff(base_mm, axis=0, prepend=before) @ np.array([1.0, 1.0j])
+        moved = np.diff(base_mm, axis=0, prepend=before)
         self._base_mm = base_mm[-1].copy()
-        capacity = normal * friction_at(self._surface, np.abs(moved) / dt_s)
-        secant = normal / ((_REACH + _REACH_PER_MM * depth) * np.maximum(depth, 1e-9))
-        pull, slipping = self._slide(moved * secant, capacity)
-        tangential = np.stack([pull.real, pull.imag], axis=-1)
+        capacity = normal * friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
+        tangential, slipping = self._slide(moved, depth, capacity)
         pressed, tilted = growth(normal)
         side = pressed * normal[..., None] * self._normal_side + tilted * (tangential @ self._tangential_side)
         return TaxelForces(
@@ -116,19 +126,57 @@ class Lumped:
         )
 
     def _slide(
-        self, pull: NDArray[np.complex128], capacity: FloatArray
-    ) -> tuple[NDArray[np.complex128], FloatArray]:
-        """Forces on the skin and slipping shares (n, t), from pulls at the secant stiffness and limits."""
-        change = -pull[..., None] * self._stiffness
-        limit = capacity[..., None] * self._limit
+        self, moved_mm: FloatArray, depth: FloatArray, capacity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Friction on the skin (n, t, 2) and slipping shares (n, t), by the base's way in each step."""
+        way = _way_mm(depth)
+        # A ring that comes into contact, or leaves it, within a step makes a part of the step's way only.
+        grown = np.diff(way, axis=0, prepend=self._way_mm[None])
+        area, borne, stiffness = self._rings(depth if grown.any() else depth[-1:])
+        changes = np.abs(grown) > _SAME * way
+        if changes.any():
+            more = np.diff(borne, axis=0, prepend=self._borne_n[None])
+            secant = more / np.where(changes, grown, 1.0)[..., None]
+            stiffness = np.where(changes[..., None], secant, stiffness)
+        self._borne_n, self._way_mm = borne[-1].copy(), way[-1].copy()
+        change = -stiffness[:, None] * np.moveaxis(moved_mm, -1, 1)[..., None]
+        limit = borne * (capacity / np.maximum(borne.sum(axis=-1), _TOUCHING))[..., None]
         floor = np.maximum(limit, _TOUCHING)
         held, trial, size = np.empty_like(change), self._held_n, np.empty(limit.shape)
-        for k in range(len(pull)):
+        for k in range(len(limit)):
             trial = trial + change[k]
-            np.abs(trial, out=size[k])
+            x, y = trial * trial
+            np.sqrt(x + y, out=size[k])
             trial = np.multiply(trial, limit[k] / np.maximum(size[k], floor[k]), out=held[k])
         self._held_n = trial.copy()
-        return held.sum(axis=-1), (size > limit * _GIVES).mean(axis=-1)
+        slipping = np.where(size > limit * _GIVES, area, 0.0).sum(axis=-1)
+        slipping /= np.maximum(area.sum(axis=-1), _TOUCHING)
+        return np.moveaxis(held.sum(axis=-1), 1, -1), np.minimum(slipping, 1.0)
+
+    def _rings(self, depth_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rings (..., r) of contacts (...) at an indentation: area, load in N, stiffness in N/mm.
+
+        A ball's contact area grows as the indentation, so area is in mm of that.
+        """
+        deep = depth_mm[..., None]
+        load, way, stiffness = load_n(deep), _way_mm(deep), _stiffness_n_mm(deep)
+        below = np.minimum(self._edge_stiffness, stiffness)
+        # The integral of (D - s) dN'(s) over a ring, by parts.
+        borne = np.minimum(self._edge_load, load) + below * np.maximum(way - self._edge_way, 0.0)
+        area = np.diff(np.minimum(_RING_EDGES_MM, deep), append=deep)
+        return area, np.maximum(np.diff(borne, append=load), 0.0), np.diff(below, append=stiffness)
+
+
+def _way_mm(depth_mm: FloatArray) -> FloatArray:
+    """Travel to gross slip over friction; deeper than the bump it grows in proportion."""
+    return np.asarray(depth_mm * (_REACH + _REACH_PER_MM * np.minimum(depth_mm, BUMP_MM)))
+
+
+def _stiffness_n_mm(depth_mm: FloatArray) -> FloatArray:
+    """dN/dD: tangential stiffness of a contact at rest."""
+    growth = np.where(depth_mm > BUMP_MM, 1.0, 2.0) * np.minimum(depth_mm, BUMP_MM)
+    slope = _CURVE_N * _CURVE_EXPONENT * depth_mm ** (_CURVE_EXPONENT - 1)
+    return np.asarray(slope / (_REACH + _REACH_PER_MM * growth))
 
 
 def load_n(depth_mm: FloatArray) -> FloatArray:
