@@ -157,6 +157,7 @@ def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
     assert any("port.bauds: unknown key" in fault for fault in faults)
     assert any("use rate_hz" in fault for fault in faults)
     assert any("/dev/ttyUSB77: no such port" in fault for fault in faults)
+    assert "not looked at, for the configuration is broken" in by_check(examine(path, None))["the rest"].words
     path.write_text(
         f'[port]\nurl = "{tmp_path}/none"\n[record]\ndirectory = "{tmp_path}/nowhere"\n'
         f'[publish]\nendpoints = ["ipc://{tmp_path}/no/such/folder.ipc"]\n'
@@ -285,7 +286,8 @@ def test_keys(setup: Setup, tmp_path: Path) -> None:
 def test_disk(setup: Setup) -> None:
     record = setup.config.record
     assert failed(check_disk(record)) == []
-    assert check_disk(record.model_copy(update={"directory": None})) == []
+    (finding,) = check_disk(record.model_copy(update={"directory": None}))
+    assert (finding.verdict, "nothing is recorded" in finding.words) == ("ok", True)
     full = check_disk(record.model_copy(update={"min_free_mb": 1e12}))
     assert "recording stops below" in failed(full)[0]
     assert "no such directory" in failed(check_disk(record.model_copy(update={"directory": "/no"})))[0]

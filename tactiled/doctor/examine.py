@@ -34,6 +34,8 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
         setup = default_config(port or "") if config is None else load_config(config, port)
     except ConfigError as error:
         broken = [Finding("configuration", "fail", f"{error.source}: {fault}") for fault in error.faults]
+        words = "board, array, endpoints, keys and disk: not looked at, for the configuration is broken"
+        broken.append(Finding("the rest", "warn", words, "mend the configuration, then ask again"))
         url = port or _named_port(config)
         return [*broken, *(check_port(url) if url else []), *check_installation()]
     source = str(config) if config is not None else "defaults"

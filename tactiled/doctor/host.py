@@ -87,9 +87,9 @@ def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
 
 
 def check_disk(record: RecordParams) -> list[Finding]:
-    """Room and permission where recordings go; nothing to say where none are made."""
+    """Room and permission where recordings go."""
     if record.directory is None:
-        return []
+        return [Finding("disk", "ok", "not looked at: record.directory is not set, nothing is recorded")]
     directory = Path(record.directory)
     if not directory.is_dir():
         remedy = f"sudo install -d -o USER {directory} (the unit makes its own), or change record.directory"
