@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from tactiled.array import Array
 from tactiled.emulator.held import HeldMotion
 from tactiled.emulator.loading import LoadMemory
-from tactiled.emulator.mechanics.base import Rung, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import (
+    BEYOND_REFERENCES,
+    Rung,
+    Surface,
+    TaxelForces,
+    beyond_references,
+)
 from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import Stepper, play
 from tactiled.emulator.motion import Motion
@@ -225,7 +231,7 @@ class _Play:
         self._before_mm = travel_mm[-1]
         shear_n = np.linalg.norm(felt.tangential_n, axis=-1).sum(axis=1)
         self.watch.feed(time_s, overall, felt.normal_n.sum(axis=1), shear_n, travel_mm)
-        self._warn(time_s, felt.warnings)
+        self._warn(time_s, felt.warnings | np.where(beyond_references(felt), BEYOND_REFERENCES, 0))
         return np.concatenate(
             [
                 self._read.channels(felt),

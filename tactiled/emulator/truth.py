@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
 from tactiled.emulator.contact import ContactModel, groove_phase, make_contact
-from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, UNSTABLE_MATERIAL
+from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.phases import Flat, Grooves
 from tactiled.emulator.physical import ContactState, PhysicalContact
@@ -18,7 +18,7 @@ from tactiled.emulator.scene import Scene
 FloatArray = NDArray[np.float64]
 
 _WARNINGS = {
-    UNSTABLE_MATERIAL: "a material is beyond its stable range",
+    BEYOND_REFERENCES: "a taxel bears more than in any finite-element reference: errors are not known there",
     NOT_CONVERGED: "the contact solver did not converge",
     BOTTOMED: "pressed deeper than the bump is high: the load curve is extrapolated",
 }

@@ -152,8 +152,7 @@ def test_a_tap_on_an_untouched_skin_is_contact_and_no_slip() -> None:
 
 def test_a_load_beyond_the_bump_is_flagged() -> None:
     truth = Truth(scene(PRESS | {"force_n": 200.0}, HOLD))
-    (words,) = truth.warnings
-    assert "load curve is extrapolated" in words
+    (words,) = [words for words in truth.warnings if "load curve is extrapolated" in words]
     assert 0 < truth.warnings[words] < 1.0
 
 

@@ -17,9 +17,14 @@ FloatArray = NDArray[np.float64]
 Held = Literal["force", "displacement"]
 
 # Bits of `TaxelForces.warnings`: the number is still the best the rung has.
-UNSTABLE_MATERIAL = 1  # strain beyond the stable range of a material: the safe continuation was used
+BEYOND_REFERENCES = 1  # more load than finite elements were asked for: a rung's errors are not known there
 NOT_CONVERGED = 2  # the solver stopped at its iteration limit
 BOTTOMED = 4  # pressed deeper than the bump is high: the load curve is extrapolated
+
+# Largest loads on a taxel in the finite-element references (config/contact/fem-*.json), pressed and sheared.
+# Up to there every material is within its stable range (their columns `continued_*` are 0).
+PRESSED_REFERENCE_N, SHEARED_REFERENCE_N = 3.94, 2.5
+_SHEARED = 0.01  # tangential over normal force: what a press sideways makes by itself is less
 
 
 @dataclass(frozen=True)
@@ -94,3 +99,10 @@ class Rung(Protocol):
         dt_s : float
         """
         ...
+
+
+def beyond_references(felt: TaxelForces) -> NDArray[np.bool_]:
+    """Which taxels bear more than any reference does; the shape of ``felt.normal_n``."""
+    shear_n = np.linalg.norm(felt.tangential_n, axis=-1)
+    limit_n = np.where(shear_n > _SHEARED * felt.normal_n, SHEARED_REFERENCE_N, PRESSED_REFERENCE_N)
+    return np.asarray(felt.normal_n > limit_n * (1 + 1e-9))
