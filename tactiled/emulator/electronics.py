@@ -35,15 +35,25 @@ class ElectronicsParams(Params):
     """Rubber and read-out; the defaults are the 2019 array's."""
 
     # |dR/df| = rubber / (f - dead zone)^2 is above 500 kOhm/N below 0.7 N (Wang 2019) from 236e3 up.
-    rubber_ohm_n: float = Field(default=250e3, gt=0, description="resistance times force above dead zone")
-    dead_zone_n: float = Field(default=0.0125, ge=0, description="force on one area before it conducts")
+    rubber_ohm_n: float = Field(
+        default=250e3, ge=1, le=1e12, description="resistance times force above dead zone"
+    )
+    dead_zone_n: float = Field(
+        default=0.0125, ge=0, le=1000, description="force on one area before it conducts"
+    )
     creep_per_n: float = Field(
         default=0.001, ge=0, le=0.1, description="relative gain per newton of total load that creeps in"
     )
-    creep_time_s: float = Field(default=20.0, gt=0, description="time constant of the creep")
-    divider_ohm: float = Field(default=270e3, gt=0, description="E12 resistor to ground, below the rubber")
-    supply_v: float = Field(default=3.3, gt=0, description="over rubber and divider; may exceed the ADC")
-    shear_v_per_n: float = Field(default=0.47, gt=0, description="of shear channels, around mid-scale")
+    creep_time_s: float = Field(default=20.0, ge=1e-3, le=1e6, description="time constant of the creep")
+    divider_ohm: float = Field(
+        default=270e3, ge=1, le=1e12, description="E12 resistor to ground, below the rubber"
+    )
+    supply_v: float = Field(
+        default=3.3, gt=0, le=100, description="over rubber and divider; may exceed the ADC"
+    )
+    shear_v_per_n: float = Field(
+        default=0.47, gt=0, le=1000, description="of shear channels, around mid-scale"
+    )
     # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
     # what lies beside its area; see `calibrate`. For physical rungs: prescribed signals have it already.
     spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")

@@ -17,10 +17,13 @@ class Plate(Params):
     friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient, while sliding")
     static_ratio: float = Field(default=1.0, ge=1, le=3, description="friction at rest over while sliding")
     stribeck_mm_s: float = Field(
-        default=1.0, gt=0, description="speed over which friction falls to sliding's"
+        default=1.0, ge=1e-6, le=1e6, description="speed over which friction falls to sliding's"
     )
     entry_mm: float = Field(
-        default=1.0, gt=0, description="travel over which a sliding skin comes fully onto this plate"
+        default=1.0,
+        ge=1e-6,
+        le=1e6,
+        description="travel over which a sliding skin comes fully onto this plate",
     )
 
 
@@ -40,6 +43,8 @@ class Grooves(Plate):
     depth_mm: float = Field(default=0.1, gt=0, le=5, description="ridge over valley, for physical rungs")
     offset_mm: float = Field(
         default=0.0,
+        ge=-1000,
+        le=1000,
         description="place of a ridge, along the groove normal from the array's origin, at the start",
     )
     # Wang 2019, figure of the angle study: total force on one unit ripples by 0.08 N (peak to trough) at
@@ -47,7 +52,7 @@ class Grooves(Plate):
     ripple: float = Field(
         default=0.042, ge=0, le=0.8, description="relative force amplitude at long periods, 0 degrees"
     )
-    harmonics: list[float] = Field(
+    harmonics: list[Annotated[float, Field(ge=-10, le=10)]] = Field(
         default=[0.2, 0.05], max_length=8, description="amplitudes of the 2nd, 3rd, ... over the first"
     )
 
@@ -99,8 +104,8 @@ class Slide(Still):
     kind: Literal["slide"]
     speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
-    ramp_s: float = Field(default=0.0, ge=0, description="time to reach the speed, linearly from 0")
-    ripple_mm_s: float = Field(default=0.0, ge=0, description="amplitude of a sine on the speed")
+    ramp_s: float = Field(default=0.0, ge=0, le=86400, description="time to reach the speed, linearly from 0")
+    ripple_mm_s: float = Field(default=0.0, ge=0, le=1000, description="amplitude of a sine on the speed")
     ripple_hz: float = Field(default=1.0, gt=0, le=50)
     profile: list[tuple[float, Annotated[float, Field(ge=0, le=1000)]]] = Field(
         default=[], description="instead of a speed: pairs of seconds into the phase and mm/s"
@@ -157,7 +162,7 @@ class Disturbance(Params):
         "squared over the whole time; a line that stays at its end"
     )
     amplitude: float = Field(ge=-1000, le=1000, description="in the unit that `on` ends in")
-    start_s: float = Field(default=0.0, ge=0)
+    start_s: float = Field(default=0.0, ge=0, le=1e6)
     duration_s: Duration = 1.0
     frequency_hz: float = Field(default=50.0, gt=0, le=200, description="of a sine")
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="of a pull or a travel")
@@ -170,5 +175,7 @@ class HeldObject(Params):
     spring_n_mm: float = Field(
         default=0.0, ge=0, le=1000, description="slides move the far end of such a spring; 0: no slides"
     )
-    grip_rate_n_s: float = Field(default=200.0, gt=0, description="how fast a controller's grip is followed")
-    fall_mm: float = Field(default=20.0, gt=0, description="slipped so far, the object has landed")
+    grip_rate_n_s: float = Field(
+        default=200.0, ge=1e-3, le=1e6, description="how fast a controller's grip is followed"
+    )
+    fall_mm: float = Field(default=20.0, ge=1e-3, le=1e6, description="slipped so far, the object has landed")

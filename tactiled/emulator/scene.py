@@ -5,7 +5,7 @@ A scene is a list of phases, one after the other. Scene time starts at 0 when th
 comes late; after the last phase the skin stays as that phase left it.
 """
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -48,6 +48,10 @@ Need = Literal[
 ]
 
 
+# Ten times the load within a millimetre: no array lies on anything steeper.
+Gradient = Annotated[float, Field(ge=-10, le=10)]
+
+
 class Scene(Params):
     """Schema of ``config/scenes/*.toml``, and the scene itself."""
 
@@ -72,7 +76,7 @@ class Scene(Params):
         default=None, description="what is held; absent: a plate that is moved"
     )
     touching: list[int] = Field(default=[], description="taxels that reach the surface; empty: all")
-    load_gradient_per_mm: tuple[float, float] = Field(
+    load_gradient_per_mm: tuple[Gradient, Gradient] = Field(
         default=(0.0, 0.0), description="relative growth of a taxel's load along x and y: a tilted surface"
     )
 
