@@ -4,13 +4,22 @@
 """
 
 import sys
+from collections.abc import Callable
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import choose_rung, make_contact
-from tactiled.emulator.mechanics.tables import SHIPPED, solved_tables, write_tables
+from tactiled.emulator.contact import choose_rung
+from tactiled.emulator.mechanics.base import FloatArray, Rung, Surface
+from tactiled.emulator.mechanics.periodic import STEP_S, Foresight
+from tactiled.emulator.mechanics.tables import SHIPPED, is_solved, solved_tables, write_tables
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.scene import Scene, load_scene, paper_scenes
+from tactiled.errors import ConfigError
+
+Progress = Callable[[int, int], None]
+# A slide over a plate of one's own takes a dozen; beyond this nobody waits for the board to come up.
+_MOST_TABLES = 60
+_INSTEAD = "play it in simulated time, or on a flat plate with another contact"
 
 
 def rung_of(scene: Scene) -> str:
@@ -18,21 +27,47 @@ def rung_of(scene: Scene) -> str:
     return choose_rung(scene).rung if scene.contact == "auto" else scene.contact
 
 
-def prepare(scene: Scene, array: Array) -> None:
-    """Play a scene once, so that all tables that it looks into are solved.
+def prepare(scene: Scene, array: Array, progress: Progress | None = None) -> None:
+    """Solve all tables that a scene looks into.
 
-    A held object's way depends on its controller, so its tables are solved as they come.
+    Parameters
+    ----------
+    scene : Scene
+    array : Array
+    progress : callable
+        Told, before each table that is solved, how many are and how many there will be.
 
     Raises
     ------
     ConfigError
-        No contact model can play the scene.
+        No contact model can play the scene, or not in real time: too many tables, or nobody knows which.
     """
-    if rung_of(scene) != "periodic" or scene.held_object is not None:
+    if rung_of(scene) != "periodic":
         return
-    contact = make_contact(Motion(scene), array)
-    assert isinstance(contact, PhysicalContact)  # what a rung plays
-    contact.play_until(scene.duration_s)
+    where = f"scene {scene.name}"
+    if scene.held_object is not None:
+        fault = "how a held object moves is up to its controller, so its tables cannot be solved beforehand"
+        raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
+    missing = [solve for key, solve in _wanted(scene, array).items() if not is_solved(key)]
+    if len(missing) > _MOST_TABLES:
+        fault = f"{len(missing)} tables are to be solved, some seconds each, and {_MOST_TABLES} is the most"
+        raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
+    for done, solve in enumerate(missing):
+        if progress is not None:
+            progress(done, len(missing))
+        solve()
+
+
+def _wanted(scene: Scene, array: Array) -> dict[str, Callable[[], FloatArray]]:
+    """Tables of a scene that nobody moves, found by its onsets alone."""
+    rungs: list[Foresight] = []
+
+    def build(surface: Surface, azimuth_deg: FloatArray, n_taxels: int) -> Rung:
+        rungs.append(Foresight(surface, azimuth_deg, n_taxels, readout=scene.readout))
+        return rungs[-1]
+
+    PhysicalContact(Motion(scene), array, build, STEP_S, "periodic").play_until(scene.duration_s)
+    return {key: solve for rung in rungs for key, solve in rung.wanted.items()}
 
 
 def _write_shipped() -> None:

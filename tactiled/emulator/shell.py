@@ -47,7 +47,8 @@ class Emulator:
     seed : int
         Of the faults.
     report : callable
-        Gets maps with ``what``: ``"ready"`` (where the port is), ``"scene"`` (truth, instants on
+        Gets maps with ``what``: ``"preparing"`` (before each table that is solved), ``"ready"`` (where the
+        port is), ``"scene"`` (truth, instants on
         CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, with its
         ``number``: once it is gross, and again once it has ended), ``"unplugged"``, ``"plugged"``,
         ``"scan"`` (if asked), ``"end"`` (counts).
@@ -78,7 +79,7 @@ class Emulator:
         self._scene = scene
         self._link = link
         self._report = report
-        prepare(scene, worn_array(scene, layout))  # before power-up: it can take a minute
+        prepare(scene, worn_array(scene, layout), self._report_preparing)  # before power-up: it takes time
         self._port = Port(
             scene,
             layout,
@@ -181,6 +182,9 @@ class Emulator:
         if t0_s is not None and self._slips is not None:
             for slip in self._slips.since_last(lambda: self._truth(t0_s)):
                 self._report({"what": "slip", **slip})
+
+    def _report_preparing(self, done: int, tables: int) -> None:
+        self._report({"what": "preparing", "tables": tables, "solved": done})
 
     def _report_scan(self, scan: ScanTruth) -> None:
         self._report(

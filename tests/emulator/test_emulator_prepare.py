@@ -1,5 +1,7 @@
 """Tables of the periodic rung: the shipped ones are what the mechanics of today give, and no scene waits."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,9 @@ from tactiled.emulator.mechanics import periodic
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.tables import shipped_tables, solved_tables, table_rows
 from tactiled.emulator.prepare import prepare
-from tactiled.emulator.scene import load_scene, paper_scenes
+from tactiled.emulator.scene import Scene, load_scene, paper_scenes
+from tactiled.emulator.truth import Truth
+from tactiled.errors import ConfigError
 
 DEMO_PLATES = {"flat": Surface(0.6), "grooves": Surface(0.6, 1.2, 30.0, 0.1)}
 SIDES_DEG = (0.0, 90.0, 180.0, 270.0)
@@ -27,6 +31,50 @@ def test_a_shipped_scene_has_nothing_to_solve(name: str) -> None:
     before = set(solved_tables())
     prepare(scene, load_array(scene.array))
     assert set(solved_tables()) == before
+
+
+SLIDE = {"kind": "slide", "duration_s": 0.5, "speed_mm_s": 1.0}
+
+
+def grooved(*phases: dict[str, Any], **rest: Any) -> Scene:
+    plate = {"kind": "grooves", "period_mm": 1.13, "angle_deg": 0.0}
+    press = {"kind": "press", "duration_s": 0.5, "force_n": 0.2}
+    return Scene.model_validate(
+        {"name": "t", "contact": "periodic", "surface": plate, "phases": [press, *phases], **rest}
+    )
+
+
+def test_what_is_prepared_is_all_that_is_needed_and_progress_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def solve(key: str, _: Any) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        solved.append(key)
+        return np.zeros((1, 21, 9) if "resting" in key else (1, 9))
+
+    solved: list[str] = []
+    told: list[tuple[int, int]] = []
+    monkeypatch.setattr(periodic, "table_rows", solve)
+    scene = grooved(SLIDE)
+    prepare(scene, load_array(scene.array), lambda done, tables: told.append((done, tables)))
+    prepared = set(solved)
+    assert len(prepared) > 2
+    assert [done for done, _ in told] == list(range(told[0][1]))
+    periodic.sliding.cache_clear()
+    periodic.resting.cache_clear()
+    Truth(scene).state(np.arange(0.0, 1.0, 0.01))
+    assert set(solved) == prepared
+    periodic.sliding.cache_clear()  # nothing of this test's is looked into by others
+    periodic.resting.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("scene", "finding"),
+    [
+        (grooved({"kind": "rotate", "duration_s": 3.0, "angle_deg": 360.0}), "tables are to be solved"),
+        (grooved({"kind": "load", "duration_s": 1.0, "tangential_n": 1.0}, held_object={}), "controller"),
+    ],
+)
+def test_what_cannot_be_prepared_is_refused_by_name(scene: Scene, finding: str) -> None:
+    with pytest.raises(ConfigError, match=f"scene t: contact: periodic is not for real time.*{finding}"):
+        prepare(scene, load_array(scene.array))
 
 
 def test_a_table_is_solved_once() -> None:

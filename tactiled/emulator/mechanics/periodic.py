@@ -10,8 +10,9 @@ change of load or direction (it follows at once), rest that remembers the phase 
 between the tables' other than by a straight line, directions finer than a degree.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,8 @@ _PRESSING = 6  # steps in which the load comes
 _USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
 _MOVING = 1e-6  # part of sliding below which no sliding table is needed
 
-# As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Over grooves the
-# way into sliding is a blend, and there it is worst: slip is gross a tenth to a fifth too early.
+# As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Over grooves
+# the way into sliding is a blend, and there it is worst: slip is gross a tenth to a fifth too early.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
     "gross-slip": 0.21,
@@ -69,18 +70,26 @@ class Case:
     mesh: str
 
 
+def table_key(case: Case, level: int, direction_deg: int | None) -> str:
+    """What the table of a level is kept under: sliding in a direction, or resting (None)."""
+    if direction_deg is None:
+        return f"{case} resting {_USUAL if level <= _USUAL else _HIGHEST}"
+    return f"{case} sliding {level} {direction_deg}"
+
+
 @lru_cache(maxsize=512)
 def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
     """Rows (_FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
-    key = f"{case} sliding {level} {direction_deg}"
-    return _refine(table_rows(key, lambda: solve_sliding(case, level, direction_deg)))
+    return _refine(
+        table_rows(table_key(case, level, direction_deg), lambda: solve_sliding(case, level, direction_deg))
+    )
 
 
 @lru_cache(maxsize=512)
 def resting(case: Case, level: int) -> FloatArray:
     """Rows (_FINE, width) over phase for a taxel pressed there and not moved."""
     highest = _USUAL if level <= _USUAL else _HIGHEST
-    rows = table_rows(f"{case} resting {highest}", lambda: _solve_resting(case, highest))
+    rows = table_rows(table_key(case, level, None), lambda: _solve_resting(case, highest))
     return _refine(rows[:, level - _LOWEST])
 
 
@@ -166,18 +175,11 @@ class Periodic:
 
     def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """`step` n times at once; arguments and results have a leading axis n."""
-        case = Case(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
+        case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)
-        pull = -onset.tangential_n
-        capacity = self._surface.friction * onset.normal_n
-        part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)
-        direction_deg = np.rint(np.rad2deg(np.arctan2(pull[..., 1], pull[..., 0]))).astype(np.int64)
+        part, keys = self._looked_up(held, value, onset)
         turn = base_mm @ _normal(self._surface) / self._surface.period_mm
-        level = np.log(np.maximum(value / _LEVEL[held], 1e-12)) / np.log(_LEVEL_RATIO)
-        low = np.clip(np.floor(level), _LOWEST, _HIGHEST - 1).astype(np.int64)
         rows = np.zeros((*value.shape, 5 + len(self._azimuth_deg)))
-        moving = part > _MOVING
-        keys = np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
         touching = value > 0
         for key in np.unique(keys[touching], axis=0):
             chosen = touching & (keys == key).all(axis=-1)
@@ -202,6 +204,50 @@ class Periodic:
             indentation_mm=rows[..., 3] if held == "force" else value,
             warnings=_warnings(rows),
         )
+
+    def _case(self, held: Held) -> Case:
+        return Case(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
+
+    def _looked_up(self, held: Held, value: FloatArray, onset: TaxelForces) -> tuple[FloatArray, IntArray]:
+        """Part of sliding that the onset has reached (n, t), and level, direction and whether it moves
+        (n, t, 3)."""
+        pull = -onset.tangential_n
+        capacity = self._surface.friction * onset.normal_n
+        part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)
+        direction_deg = np.rint(np.rad2deg(np.arctan2(pull[..., 1], pull[..., 0]))).astype(np.int64)
+        level = np.log(np.maximum(value / _LEVEL[held], 1e-12)) / np.log(_LEVEL_RATIO)
+        low = np.clip(np.floor(level), _LOWEST, _HIGHEST - 1).astype(np.int64)
+        moving = part > _MOVING
+        return part, np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
+
+
+class Foresight(Periodic):
+    """Solves nothing, and notes which tables a `Periodic` would look into; its forces are those of the onset.
+
+    Attributes
+    ----------
+    wanted : dict
+        Table key to what solves it, in the order of need.
+    """
+
+    def __init__(
+        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout = "edge"
+    ) -> None:
+        super().__init__(surface, azimuth_deg, n_taxels, readout=readout)
+        self.wanted: dict[str, Callable[[], FloatArray]] = {}
+
+    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """See `Periodic.run`."""
+        case = self._case(held)
+        onset = self._onset.run(held, value, base_mm, dt_s)
+        _, keys = self._looked_up(held, value, onset)
+        for low, direction_deg, moves in np.unique(keys[value > 0], axis=0).tolist():
+            for level in (low, low + 1):
+                self.wanted[table_key(case, level, None)] = partial(resting, case, level)
+                if moves:
+                    key = table_key(case, level, direction_deg)
+                    self.wanted[key] = partial(sliding, case, level, direction_deg)
+        return onset
 
 
 def _warnings(rows: FloatArray) -> IntArray:

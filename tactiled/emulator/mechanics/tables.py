@@ -35,6 +35,11 @@ def table_rows(key: str, solve: Callable[[], FloatArray]) -> FloatArray:
     return _solved[key]
 
 
+def is_solved(key: str) -> bool:
+    """Whether `table_rows` has this table without solving it."""
+    return key in shipped_tables() or key in _solved
+
+
 def solved_tables() -> Mapping[str, FloatArray]:
     """What this process had to solve."""
     return _solved
