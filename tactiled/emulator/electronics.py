@@ -7,7 +7,9 @@ Published sensitivities (Wang et al., Sens. Actuators A 297 (2019) 111512): 0.47
 0.201 V/N up to 6 N and 0.067 V/N up to 15 N. We read them as force on ONE taxel, normal voltage the mean of
 its four resistors, shear voltage R1 - R3 and R2 - R4. On the whole array they cannot be meant: 20 N with
 friction 0.6 would swing R1 - R3 by 5.6 V at an ADC of 3 V. They and the 1.2 V at 20 N on nine taxels are two
-circuits (0.45 V under this reading), hence two sets of constants: the defaults, and `PUBLISHED_SENSITIVITY`.
+circuits (0.45 V under this reading), hence two sets of constants: the defaults, which scenes on the whole
+array play, and `PUBLISHED_SENSITIVITY`, which `config/scenes/one-taxel.toml` plays; its ``[electronics]`` can
+be copied into any scene.
 """
 
 from typing import Literal
@@ -25,10 +27,14 @@ FloatArray = NDArray[np.float64]
 
 Readout = Literal["edge", "half"]
 
-# Part of a taxel's load on one read-out area at rest, and left minus right, per newton of friction, over
-# twice that and times the load: finite elements, coarse mesh, 1.667 N (fem-coarse-flat-0.6.json).
+# Part of a taxel's load on one read-out area at rest: finite elements, coarse mesh, 1.667 N
+# (fem-coarse-flat-0.6.json).
 PART_OF_LOAD = {"edge": 0.05619 / (5 / 3), "half": 0.67987 / (5 / 3)}
-_EDGE_IMBALANCE = (0.15159 + 0.03124) / (2 * 0.05619) * (5 / 3)
+# How rung `lumped` spreads a taxel's load over the edge areas (tests hold them to it): part of the load at
+# rest over the number above, at 3 N and from 3.8 N up; and left minus right at 3 N, per newton of friction,
+# over twice the area's force at rest and times the load.
+_AT_REST_3_N, _AT_REST = 1.0236, 1.0317
+_EDGE_IMBALANCE = 2.981
 
 
 class ElectronicsParams(Params):
@@ -178,8 +184,10 @@ def calibrate(
     """Rubber, supply and spread that give a taxel these sensitivities; see the module for what they mean.
 
     With ``V = U x / (x + c)``, x a quarter of the load less the dead zone and ``c = rubber / divider``, the
-    two normal sensitivities fix U and c. Shear at half of the first range: an area's force changes by
-    ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
+    two normal sensitivities fix U and c. Shear at half of the first range, 3 N, and little friction: an
+    area's force changes by ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
+    Forces on the areas are those of rung `lumped`; `bristle` and `compliance` press the edges up to a tenth
+    more at such loads, which no finite elements reach.
 
     Parameters
     ----------
@@ -191,7 +199,7 @@ def calibrate(
     ConfigError
         No divider has these.
     """
-    x1, x2 = (n / 4 - dead_zone_n for n in upto_n)
+    x1, x2 = (n / 4 * _AT_REST - dead_zone_n for n in upto_n)
     v1 = normal_v_per_n[0] * upto_n[0]
     v2 = v1 + normal_v_per_n[1] * (upto_n[1] - upto_n[0])
 
@@ -203,9 +211,9 @@ def calibrate(
         raise ConfigError("electronics", [fault])
     c = float(brentq(mismatch, 1e-3, 1e3))
     supply = v1 * (x1 + c) / x1
-    middle = upto_n[0] / 8 - dead_zone_n
+    middle = upto_n[0] / 8 * _AT_REST_3_N - dead_zone_n
     slope = supply * c / (middle + c) ** 2
-    full = 2 * slope / 4 * _EDGE_IMBALANCE
+    full = 2 * slope / 4 * _AT_REST_3_N * _EDGE_IMBALANCE
     spread_x, spread_y = (1 - v / full for v in shear_v_per_n)
     if min(spread_x, spread_y) < 0:
         raise ConfigError("electronics", [f"shear sensitivity: the areas give no more than {full:.3g} V/N"])

@@ -6,9 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tactiled.array import load_array
 from tactiled.emulator import electronics
 from tactiled.emulator.electronics import PUBLISHED_SENSITIVITY, ElectronicsParams, calibrate
-from tactiled.emulator.mechanics.fem.reference import load_reference
+from tactiled.emulator.mechanics.base import Surface
+from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.scene import load_scene
+from tactiled.emulator.sensor import Sensor
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -22,24 +26,52 @@ def taxel_v(params: ElectronicsParams, side_n: FloatArray) -> FloatArray:
     return electronics.divider_v(params, electronics.conductance_s(params, quarter))
 
 
+def pressed_n(load_n: float, way_mm: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, float]:
+    """Forces on R1..R4 of a taxel that is pressed and then moved, and friction, on rung `lumped`."""
+    rung, load = Lumped(Surface(0.6), AZIMUTH, 1), np.array([load_n])
+    rung.step("force", load, np.zeros((1, 2)), 0.01)
+    felt = rung.step("force", load, np.array([way_mm]), 0.01)
+    return felt.side_n[0], float(np.linalg.norm(felt.tangential_n))
+
+
 def test_normal_sensitivities_are_the_published_ones() -> None:
     load_n = np.array([0.0, 6.0, 15.0])
-    at_rest = np.repeat(load_n[:, None] * electronics.PART_OF_LOAD["edge"], 4, axis=1)
-    volts = taxel_v(PUBLISHED_SENSITIVITY, at_rest).mean(axis=1)
-    assert np.diff(volts) / np.diff(load_n) == pytest.approx([0.201, 0.067], rel=1e-6)
+    volts = np.array([taxel_v(PUBLISHED_SENSITIVITY, pressed_n(n)[0]).mean() for n in load_n.tolist()])
+    assert np.diff(volts) / np.diff(load_n) == pytest.approx([0.201, 0.067], rel=1e-3)
     assert volts.max() < 3.0  # within the ADC
 
 
 @pytest.mark.parametrize(("axis", "published"), [(0, 0.471), (1, 0.466)])
 def test_shear_sensitivities_are_the_published_ones(axis: int, published: float) -> None:
-    """With left and right as finite elements give them; the middle of the first range, 3 N."""
-    columns = load_reference("coarse", "flat-0.6").columns
-    left, right, rest = columns["edge_0_n"][-1], columns["edge_2_n"][-1], columns["edge_0_n"][5]
-    change = np.array([left - right, 0.0, right - left, 0.0]) / (2 * rest)  # at friction 0.6
-    shear_n = 0.01
-    sides = 3.0 * electronics.PART_OF_LOAD["edge"] * (1 + np.roll(change, axis) * shear_n / (0.6 * 3.0))
+    """In the middle of the first range, 3 N, under little friction."""
+    sides, shear_n = pressed_n(3.0, (1e-4, 0.0) if axis == 0 else (0.0, 1e-4))
     volts = taxel_v(PUBLISHED_SENSITIVITY, sides)
-    assert (volts[axis] - volts[axis + 2]) / shear_n == pytest.approx(published, rel=0.01)
+    assert (volts[axis] - volts[axis + 2]) / shear_n == pytest.approx(published, rel=0.003)
+
+
+def test_a_scene_plays_the_published_sensitivities() -> None:
+    """Through contact, sensor and divider; a taxel's areas are unequal by up to 5 %, so over some seeds."""
+    played = load_scene("one-taxel")
+    for name in ("rubber_ohm_n", "divider_ohm", "supply_v", "spread_x", "spread_y", "dead_zone_n"):
+        constant = getattr(PUBLISHED_SENSITIVITY, name)
+        assert getattr(played.electronics, name) == pytest.approx(constant, rel=1e-4), name
+    array = load_array(played.array)
+    (taxel,) = played.touching
+    own = np.flatnonzero(array.channel_taxel == taxel)
+    ends = np.cumsum([phase.duration_s for phase in played.phases])
+    # At rest under 3 N, a little later while the slide begins; then under 6 N and under 15 N.
+    instants = np.array([ends[0], ends[0] + 0.02, ends[2] + 6.0, ends[3]])
+    normal, shear = [], []
+    for seed in range(1, 25):
+        sensor = Sensor(played.with_changes(seed=seed), array, adc_bits=12, adc_reference_v=3.0)
+        volts = sensor.volts(np.repeat(instants[:, None], array.n_channels, axis=1))[:, own]
+        friction = float(np.linalg.norm(sensor.contact.state(instants).tangential_n[1, taxel]))
+        difference = volts[:, 0] - volts[:, 2]
+        shear.append((difference[1] - difference[0]) / friction)
+        mean = volts.mean(axis=1)
+        normal.append([mean[2] / 6.0, (mean[3] - mean[2]) / 9.0])
+    assert np.mean(shear) == pytest.approx(0.471, rel=0.03)
+    assert np.mean(normal, axis=0) == pytest.approx([0.201, 0.067], rel=0.03)
 
 
 def test_the_rubber_stays_above_500_kiloohm_per_newton() -> None:
@@ -51,9 +83,9 @@ def test_the_rubber_stays_above_500_kiloohm_per_newton() -> None:
 @given(st.floats(0.05, 0.4), st.floats(0.1, 0.9), st.floats(0.2, 0.45))
 def test_calibration_meets_what_it_is_given(first: float, part: float, shear: float) -> None:
     params = calibrate((first, part * first), (shear * first, shear * first))
-    volts = [float(taxel_v(params, np.full(4, n * electronics.PART_OF_LOAD["edge"])).mean()) for n in (6, 15)]
-    assert volts[0] / 6 == pytest.approx(first, rel=1e-6)
-    assert (volts[1] - volts[0]) / 9 == pytest.approx(part * first, rel=1e-5)
+    volts = [float(taxel_v(params, pressed_n(n)[0]).mean()) for n in (6.0, 15.0)]
+    assert volts[0] / 6 == pytest.approx(first, rel=1e-3)
+    assert (volts[1] - volts[0]) / 9 == pytest.approx(part * first, rel=1e-3)
 
 
 def test_impossible_sensitivities_are_refused() -> None:

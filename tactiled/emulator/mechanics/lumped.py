@@ -18,7 +18,8 @@ is pressed in by since (Popov and Hess, Method of Dimensionality Reduction, 2015
 hold do not move at all, and the rings that give way, by area, are the share of the contact that slips. A step
 is an exact return mapping for travel along a line, whatever its length.
 
-Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))``.
+Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))``, v being the speed of the base, also
+before it slips: a slide that begins fast has no static peak.
 """
 
 import numpy as np
