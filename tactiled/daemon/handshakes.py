@@ -15,7 +15,8 @@ from zmq.utils.monitor import parse_monitor_message
 
 from tactiled.daemon.complaints import Complaints
 
-_EVENTS = zmq.EVENT_ACCEPTED | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_DISCONNECTED
+_FAILED = (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+_EVENTS = zmq.EVENT_ACCEPTED | _FAILED[0] | _FAILED[1] | zmq.EVENT_DISCONNECTED
 _CAUSES: dict[int, str] = {
     zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "without a key",
     zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "with the key of another daemon",
@@ -58,6 +59,8 @@ class Handshakes:
         """One I/O thread tells all of it: who is disconnected next is the one whose handshake failed."""
         if event == zmq.EVENT_ACCEPTED:
             self._addresses[value] = _peer(value)
+        elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+            self._cause = "without a key, it seems: it left when it was asked for one"
         elif event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
             self._cause = _CAUSES.get(value, f"with a handshake that is none (ZMTP error {value:#x})")
         else:
