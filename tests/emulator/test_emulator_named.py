@@ -26,9 +26,7 @@ def test_a_file_is_a_scene(tmp_path: Path) -> None:
     assert named_scene(str(file)).name == "mine"
 
 
-@pytest.mark.parametrize(
-    "name", ["dmeo", "taps", "taps-x", "nothing-3", "taps-99999999999"]
-)
+@pytest.mark.parametrize("name", ["dmeo", "taps", "taps-x", "nothing-3", "taps-99999999999"])
 def test_a_stranger_is_refused_with_all_names(name: str) -> None:
     with pytest.raises(ConfigError, match=rf"no scene '{name}'.*demo.*experiment-d0\.90-a0.*stick-slip-SEED"):
         named_scene(name)
