@@ -3,7 +3,7 @@
 Physical scenes with known truth (`slip_scenes`), played without noise and read at several noises. Every
 detector (`slip_rivals`) is set to the same rate of false alarms in a hold; the bound is an oracle that knows
 the shape of the coming onset (`slip_oracle`). Thresholds and levels are tuned on seeds of their own
-(`TUNE_SEED` and following), and everything reported is of others.
+(`TUNE_SEED` and following); what is reported is of seeds that nothing was set on (`REPORT_SEED`).
 """
 
 import itertools
@@ -32,6 +32,9 @@ from tactiled.emulator.families import QUIET, Family
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
 TUNE_SEED = 1001
+# Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: those reported are
+# of neither. The families are the same: none was kept apart.
+REPORT_SEED = 5001
 _WORKERS = 2  # measured times are of a two-core machine; results do not depend on it
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
 
@@ -54,7 +57,8 @@ def bench_slip(
     """
     seeds, quiet_seeds, draws, hours = (2, 1, 1, 0.5) if quick else (12, 16, 3, 4.0)
     tune_seeds = range(TUNE_SEED, TUNE_SEED + seeds // 2)
-    report_seeds, alarm_seeds = range(1, 1 + seeds), range(1, 1 + quiet_seeds)
+    report_seeds = range(REPORT_SEED, REPORT_SEED + seeds)
+    alarm_seeds = range(REPORT_SEED, REPORT_SEED + quiet_seeds)
     with _pool() as pool:
         knobs, oracle = _tune(say, pool, tune_seeds, hours)
         names = list(rivals(knobs))

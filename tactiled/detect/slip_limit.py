@@ -32,6 +32,7 @@ _SDS, _MOST_SD = 1.0, 0.3  # how sure it must be that a load only stays
 _MARK_STEP = 1.2  # a mark each time the rise has grown by this
 # Residuals of fewer tell too little: of slips on four, 1 to 9 % seemed to hold, on nine under 1 %.
 _LEAST_TAXELS = 7
+_EVEN = 1e-9  # of log loads: taxels that differ by less bear the same, and rounding tells no slope
 _LOADED = 0.3  # of the mean load: taxels with less have shares that are mostly noise
 
 
@@ -92,7 +93,7 @@ def _slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     """Least-squares slope of y over x with its standard deviation; infinite where x does not vary."""
     x, y = x - x.mean(), y - y.mean()
     energy = float(x @ x)
-    if energy == 0:
+    if energy < _EVEN:
         return 0.0, np.inf
     slope = float(x @ y) / energy
     left = y - slope * x

@@ -53,7 +53,7 @@ def slide(array: Array, volts: FloatArray, share: FloatArray, direction_deg: flo
     theta = np.deg2rad(direction_deg)
     along = np.array([np.cos(theta), np.sin(theta)])
     normal = array.normal_weights()
-    pressure = volts @ normal.T
+    pressure = np.nan_to_num(volts) @ normal.T  # a channel without readings stays one, and spoils no other
     if array.has_shear:
         weights = np.einsum("d,dtc->tc", along, array.shear_weights())
         # The least change of channels that a taxel reads as shear of one.
