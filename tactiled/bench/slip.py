@@ -32,8 +32,8 @@ from tactiled.emulator.families import QUIET, Family
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
 TUNE_SEED = 1001
-# Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: those reported are
-# of neither. The families are the same: none was kept apart.
+# Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: none of those
+# is reported. The families are the same: none was kept apart.
 REPORT_SEED = 5001
 _WORKERS = 2  # measured times are of a two-core machine; results do not depend on it
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
