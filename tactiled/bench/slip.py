@@ -8,18 +8,16 @@ the shape of the coming onset (`slip_oracle`). Thresholds and levels are tuned o
 
 import itertools
 import json
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactiled.bench import slip_tables
+from tactiled.bench.pool import workers
 from tactiled.bench.slip_cost import Cost, costs
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level, measure
 from tactiled.bench.slip_noise import Tail, oracle_tail, rule_tails
@@ -35,7 +33,6 @@ TUNE_SEED = 1001
 # Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: none of those
 # is reported. The families are the same: none was kept apart.
 REPORT_SEED = 5001
-_WORKERS = 2  # measured times are of a two-core machine; results do not depend on it
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
 
 
@@ -59,7 +56,7 @@ def bench_slip(
     tune_seeds = range(TUNE_SEED, TUNE_SEED + seeds // 2)
     report_seeds = range(REPORT_SEED, REPORT_SEED + seeds)
     alarm_seeds = range(REPORT_SEED, REPORT_SEED + quiet_seeds)
-    with _pool() as pool:
+    with workers() as pool:
         knobs, oracle = _tune(say, pool, tune_seeds, hours)
         names = list(rivals(knobs))
         tasks = [
@@ -100,21 +97,6 @@ def _first_that_slips(name: str, family: Family) -> Played:
     """Of the tuning seeds: a middle taxel that holds on keeps a turn from being gross."""
     played = (play(name, family, seed) for seed in itertools.count(TUNE_SEED))
     return next(p for p in played if p.slip is not None)
-
-
-@contextmanager
-def _pool() -> Iterator[ProcessPoolExecutor]:
-    """Workers of one thread each: matrices of 36 channels do not fill two."""
-    before = os.environ.get("OPENBLAS_NUM_THREADS")
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    try:
-        with ProcessPoolExecutor(_WORKERS, mp_context=get_context("spawn")) as pool:
-            yield pool
-    finally:
-        if before is None:
-            del os.environ["OPENBLAS_NUM_THREADS"]
-        else:
-            os.environ["OPENBLAS_NUM_THREADS"] = before
 
 
 def _each(
