@@ -50,7 +50,7 @@ def prepare(scene: Scene, array: Array, progress: Progress | None = None) -> Non
         raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
     missing = [solve for key, solve in _wanted(scene, array).items() if not is_solved(key)]
     if len(missing) > _MOST_TABLES:
-        fault = f"{len(missing)} tables are to be solved, each a second to a minute, and {_MOST_TABLES} is the most"
+        fault = f"{len(missing)} tables to solve, up to a minute each, and {_MOST_TABLES} is the most"
         raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
     for done, solve in enumerate(missing):
         if progress is not None:
