@@ -68,7 +68,7 @@ def test_what_is_prepared_is_all_that_is_needed_and_progress_is_told(monkeypatch
 @pytest.mark.parametrize(
     ("scene", "finding"),
     [
-        (grooved({"kind": "rotate", "duration_s": 3.0, "angle_deg": 360.0}), "tables are to be solved"),
+        (grooved({"kind": "rotate", "duration_s": 3.0, "angle_deg": 360.0}), "tables to solve"),
         (grooved({"kind": "load", "duration_s": 1.0, "tangential_n": 1.0}, held_object={}), "controller"),
     ],
 )
