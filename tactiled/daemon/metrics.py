@@ -13,7 +13,16 @@ from typing import Literal, get_args
 
 from tactiled import __version__
 from tactiled.daemon.device import LineErrors
-from tactiled.events.types import BoardState, Event, RecordingEvent, ScanEvent, Sent, StatusEvent
+from tactiled.events.types import (
+    BoardState,
+    Event,
+    RecordingEvent,
+    ScanEvent,
+    Sent,
+    SlipEvent,
+    StatusEvent,
+    Suppressed,
+)
 from tactiled.pipeline import Health
 
 # From the transfer of one frame (7 ms at 115200 baud) over FTDI bunches (16 ms) and stalls to backlogs.
@@ -73,12 +82,15 @@ class Metrics:
         self._status: StatusEvent | None = None
         self._recording: RecordingEvent | None = None
         self._dropped = 0
+        self._slips = {(kind, by): 0 for kind in ("incipient", "gross") for by in get_args(Suppressed)}
 
     def said(self, event: Event, dropped: int) -> None:
         """The daemon published this, and so far the sockets have refused `dropped` messages."""
         self._dropped = dropped
         if isinstance(event, ScanEvent):
             self._latency.add(event.age_s)
+        elif isinstance(event, SlipEvent) and event.state == "onset":
+            self._slips[event.kind, event.suppressed] += 1
         elif isinstance(event, StatusEvent):
             self._status = event
         elif isinstance(event, RecordingEvent):
@@ -131,6 +143,10 @@ class Metrics:
         yield "scan_latency_seconds", "histogram", what, list(self._latency.samples())
         what = "From bytes in hand to messages sent."
         yield "handling_seconds", "histogram", what, list(self._handling.samples())
+        slips: list[Sample] = [
+            ("", {"kind": kind, "suppressed": by or "no"}, n) for (kind, by), n in self._slips.items()
+        ]
+        yield "slip_onsets_total", "counter", "Onsets of slip, and which announcement explains them.", slips
         if self._status is not None:
             sent = {field.name: getattr(self._status.sent, field.name) for field in fields(Sent)}
             yield "messages_total", "counter", "Messages of this board by topic.", _by("topic", sent)

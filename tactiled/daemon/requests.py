@@ -78,14 +78,14 @@ class Speed(Command):
 
 
 class Inhibit(Command):
-    """Slips that begin in the next seconds are published as not valid: the hand itself moves."""
+    """Slips that begin in the next seconds are published as suppressed: the hand itself moves."""
 
     do: Literal["inhibit"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
 class ExpectLoadChange(Command):
-    """Incipient slips of the next seconds are published as not valid: a load is taken up or set down."""
+    """Incipient slips of the next seconds are published as suppressed: a load is taken up or set down."""
 
     do: Literal["expect-load-change"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")

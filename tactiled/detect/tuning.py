@@ -18,7 +18,7 @@ from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
-from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.events.types import ContactEvent, Event, SlipEvent, Suppressed
 from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
@@ -88,10 +88,11 @@ class TunedSuite:
         self._inhibited = _Times()
         self._load_changes = _Times()
         self._in_contact = False
-        self._slip_inhibited = False
+        self._slip_is_told = False  # an onset of this slip was published as valid
+        self._slip_suppressed: Suppressed = ""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes; slips that began in a time not to trust are not valid."""
+        """Events that the item completes; slips that an announcement explains are said as suppressed."""
         if isinstance(item, Gap):
             self._recent.clear()
         else:
@@ -189,11 +190,24 @@ class TunedSuite:
         for event in events:
             if isinstance(event, ContactEvent):
                 self._in_contact = event.state != "none"
-            elif isinstance(event, SlipEvent):
-                if event.state == "onset":
-                    explained = event.kind == "incipient" and self._load_changes.hold(event)
-                    self._slip_inhibited = explained or self._inhibited.hold(event)
-                if self._slip_inhibited:  # with its end, for nobody should hear of an end alone
-                    event = replace(event, valid=False)
+            elif isinstance(event, SlipEvent) and (reason := self._suppressed(event)):
+                event = replace(event, valid=False, suppressed=reason)
             out.append(event)
         return out
+
+    def _suppressed(self, slip: SlipEvent) -> Suppressed:
+        """The announcement that explains an event; a slip's end goes with its onsets.
+
+        Nobody should hear of an end alone, and who heard of an onset is told its end.
+        """
+        if slip.state == "end":
+            reason: Suppressed = "" if self._slip_is_told else self._slip_suppressed
+            self._slip_is_told, self._slip_suppressed = False, ""
+            return reason
+        if self._inhibited.hold(slip):
+            reason = "inhibit"
+        else:
+            reason = "load-change" if slip.kind == "incipient" and self._load_changes.hold(slip) else ""
+        self._slip_is_told |= not reason
+        self._slip_suppressed = reason or self._slip_suppressed
+        return reason

@@ -25,6 +25,10 @@ class Event:
         return self.time_s
 
 
+# Why a slip is said and yet not to be acted on: someone announced that the hand moves, or a load changes.
+Suppressed = Literal["", "inhibit", "load-change"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SlipEvent(Event):
     """Slip began, deepened or ended."""
@@ -44,6 +48,8 @@ class SlipEvent(Event):
     valid: bool
     detected_s: float
     """Instant of the scan that completed the evidence: `detected_s - onset_s` is the detector's delay."""
+    suppressed: Suppressed = ""
+    """Which announcement explains it; then `valid` is false. Empty where none does."""
 
     @property
     def evidence_s(self) -> float:

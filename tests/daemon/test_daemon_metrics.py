@@ -5,6 +5,7 @@ import itertools
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from tactiled.daemon.exporter import Exporter, MetricsParams
 from tactiled.daemon.metrics import Histogram, Metrics
 from tactiled.daemon.service import Service
 from tactiled.errors import OperatorError
-from tactiled.events.types import RecordingEvent
+from tactiled.events.types import RecordingEvent, SlipEvent
 from tactiled.pipeline import Pipeline
 
 
@@ -121,6 +122,21 @@ def test_uart_and_disk_are_told_where_they_are_known() -> None:
     assert value(families, "tactiled_disk_free_bytes") == 2.5e6
     assert value(families, "tactiled_reads_unrecorded_total") == 6
     assert value(families, "tactiled_messages_refused_total") == 8
+
+
+def test_onsets_of_slip_are_counted_by_what_explains_them() -> None:
+    metrics = bare(None)
+    onset = SlipEvent(
+        time_s=0.0, state="onset", kind="incipient", onset_s=0.0, onset_sd_s=0.01, direction_deg=0.0,
+        direction_sd_deg=2.0, confidence=1.0, taxels=(4,), detector="test", statistic=1.0, threshold=0.5,
+        valid=True, detected_s=0.0,
+    )  # fmt: skip
+    for event in (onset, onset, replace(onset, suppressed="inhibit"), replace(onset, state="end")):
+        metrics.said(event, 0)
+    families, name = parse(metrics.text()), "tactiled_slip_onsets_total"
+    assert value(families, name, kind="incipient", suppressed="no") == 2
+    assert value(families, name, kind="incipient", suppressed="inhibit") == 1
+    assert value(families, name, kind="gross", suppressed="no") == 0
 
 
 @given(st.lists(st.floats(-1, 20, allow_subnormal=False), max_size=50))

@@ -123,7 +123,8 @@ def test_slips_that_begin_in_a_time_not_to_trust_are_said_and_not_valid(
     (onset,) = onsets(events)
     assert onset.valid is valid
     assert slips(events)[-1].valid is valid  # the end, at 8 s, goes with it
-    assert [replace(e, valid=True) for e in slips(events)] == slips(run(suite(), [TOUCH]))
+    assert {e.suppressed for e in slips(events)} == {"" if valid else "inhibit"}
+    assert [replace(e, valid=True, suppressed="") for e in slips(events)] == slips(run(suite(), [TOUCH]))
 
 
 def test_a_time_not_to_trust_can_be_made_longer_and_ended() -> None:
@@ -180,6 +181,22 @@ def test_while_a_change_of_load_is_expected_incipient_slips_are_not_valid(
     tuned.expect_load_change(10.9, 1.1)
     said = [e for e in tuned.process(rest(1)) if isinstance(e, SlipEvent)]
     assert tuple(event.valid for event in said) == valid
+    assert [e.suppressed for e in said] == ["" if told else "load-change" for told in valid]
+
+
+def test_who_heard_of_an_onset_is_told_its_end_whatever_is_announced_in_between() -> None:
+    tuned = TunedSuite(WANG, DetectParams(), lambda *_: SaysSlips(10.0))
+    tuned.inhibit(10.1, 2.0)  # said at 10.05 already; gross at 10.4
+    first, gross, end = (e for e in tuned.process(rest(1)) if isinstance(e, SlipEvent))
+    assert (first.valid, first.suppressed) == (True, "")
+    assert (gross.valid, gross.suppressed) == (False, "inhibit")
+    assert (end.state, end.valid, end.suppressed) == ("end", True, "")
+    tuned.reset()
+    tuned.expect_load_change(9.0, 1.0)  # told of none before its gross slip
+    tuned.inhibit(10.35, 1.0)
+    said = [e for e in tuned.process(rest(1)) if isinstance(e, SlipEvent)]
+    assert [e.suppressed for e in said] == ["load-change", "inhibit", "inhibit"]
+    assert not any(e.valid for e in said)
 
 
 def test_thresholds_are_checked_by_name_and_bound() -> None:
