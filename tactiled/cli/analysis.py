@@ -1,0 +1,81 @@
+"""Verbs on data of one's own: what is in it, and which slip parameters suit it."""
+
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import FILE, KEYS, SPEED, use_one_blas_thread
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
+@click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
+@click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
+@click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
+@click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
+def detect(
+    file: Path,
+    array: str | None,
+    rate_hz: float | None,
+    speed_mm_s: float | None,
+    setting: str | None,
+    plot: Path | None,
+) -> None:
+    """Find slip, contact and texture in a recording, a CSV or an npz file.
+
+    CSV: a header with `time_s`, then one column a channel in channel order, volts. Every event is one
+    JSON line on stdout, with times in the file's own clock.
+
+    Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
+    """
+    from tactiled.offline import detect_file
+
+    found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
+    click.echo(f"{file}: {found} events", err=True)
+
+
+@click.command()
+@click.argument("endpoint", default="tcp://127.0.0.1:9872")
+@click.option("--quiet", type=FILE, help="Recording, CSV or npz of an object held still, instead.")
+@click.option("--motion", type=FILE, help="The same, moved as in work.")
+@click.option(
+    "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
+    type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
+)  # fmt: skip
+@click.option(
+    "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Of the hold."
+)
+@click.option(
+    "--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 14_400), help="Of the motion."
+)
+@click.option(
+    "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
+)
+@KEYS
+def tune(
+    endpoint: str,
+    quiet: Path | None,
+    motion: Path | None,
+    per_hour: float,
+    quiet_s: float,
+    motion_s: float,
+    array: str | None,
+    keys: Path | None,
+) -> None:
+    """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
+
+    Listens to a running daemon while you hold an object still, then move it without slip; or takes two files.
+    Words and TOML on stderr, all numbers as one JSON line on stdout.
+
+    Example: tactiled tune --quiet hold.mcap --motion carry.mcap
+    """
+    use_one_blas_thread()
+    from tactiled.tune.run import tune_files, tune_live
+
+    if (quiet is None) != (motion is None):
+        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
+    if quiet is not None and motion is not None:
+        tune_files(quiet, motion, array, per_hour)
+    else:
+        tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)

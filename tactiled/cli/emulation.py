@@ -1,0 +1,82 @@
+"""Verbs that need no hardware: the emulated board alone, and the whole path on it."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import FILE
+
+
+@click.command()
+@click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture to write.")
+def demo(out: Path) -> None:
+    """Run the whole path on an emulated board: three processes, half a minute, a table and a picture.
+
+    Example: tactiled demo --out /tmp/demo.png
+    """
+    from tactiled.demo import run_demo
+
+    sys.exit(0 if run_demo(out) else 1)
+
+
+@click.command()
+@click.option(
+    "-s", "--scene", default="demo", show_default=True,
+    help="Shipped scene, TOML file, plate of the paper, or FAMILY-SEED.",
+)  # fmt: skip
+@click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
+@click.option("--tcp", help="Listen here instead (host:port), for socket://host:port.")
+@click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
+@click.option("--board", type=FILE, help="TOML of the board: serial number, rate, crystal, ...")
+@click.option("--faults", type=FILE, help="TOML of what goes wrong on the line.")
+@click.option("--seed", default=0, show_default=True, help="Of the faults.")
+@click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
+@click.option("--control", help="Where a controller moves the grip: unix:///PATH or tcp://HOST:PORT.")
+@click.option("--explain", "explains", is_flag=True, help="Only say which contact model plays it, and why.")
+def emulate(
+    scene: str,
+    link: Path | None,
+    tcp: str | None,
+    protocol: str,
+    board: Path | None,
+    faults: Path | None,
+    seed: int,
+    scans: bool,
+    control: str | None,
+    explains: bool,
+) -> None:
+    """Be a board: play a scene on a pty or a TCP port, and tell the truth about it on stdout.
+
+    A name that is not there is answered with all that are. stick-slip-7 is the family stick-slip, seed 7.
+
+    Example: tactiled emulate --scene demo --link /tmp/board
+    """
+    from tactiled import tomlfile
+    from tactiled.emulator.faults import FaultParams
+    from tactiled.emulator.identity import BoardParams
+    from tactiled.emulator.named import named_scene
+    from tactiled.emulator.shell import run_emulator
+    from tactiled.wire.layout import load_layout
+
+    played = named_scene(scene)
+    if explains:
+        from tactiled.emulator.contact import explain
+
+        click.echo(explain(played))
+        return
+    if (link is None) == (tcp is None):
+        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+    run_emulator(
+        played,
+        load_layout(protocol),
+        link=link,
+        tcp=tcp,
+        board=None if board is None else tomlfile.load(board, BoardParams),
+        faults=None if faults is None else tomlfile.load(faults, FaultParams),
+        seed=seed,
+        report=lambda what: print(json.dumps(what), flush=True),
+        with_scans=scans,
+        control=control,
+    )

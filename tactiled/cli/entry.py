@@ -1,0 +1,49 @@
+"""The group of all verbs, and the entry point: every fault ends in one clear line and an exit code."""
+
+import os
+import sys
+
+import click
+
+from tactiled import __version__
+from tactiled.cli import analysis, emulation, live, measured, recordings, upkeep
+from tactiled.errors import TactiledError
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(context_settings=CONTEXT)
+@click.version_option(__version__, prog_name="tactiled")
+def cli() -> None:
+    """Tactile-sensing daemon: serial taxel arrays in, slip and texture events out.
+
+    Begin with `tactiled demo`: it needs no hardware.
+    """
+
+
+for verb in (
+    live.run, live.listen, live.command,
+    recordings.record, recordings.replay, recordings.recover, recordings.export,
+    emulation.emulate, emulation.demo,
+    analysis.detect, analysis.tune,
+    measured.bench,
+    upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material,
+):  # fmt: skip
+    cli.add_command(verb)
+
+
+def main() -> None:
+    """Entry point: every fault of an operator or a board ends in one clear line."""
+    try:
+        sys.exit(cli.main(standalone_mode=False))
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        sys.exit(130)
+    except TactiledError as error:
+        click.echo(f"tactiled: {error}", err=True)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:  # the reader of our lines went away: that is how it says "enough"
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)

@@ -1,0 +1,36 @@
+"""`tactiled bench`: the measured trades."""
+
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import FILE
+
+BENCHES = ("clock", "paper", "contact", "soak", "faults", "slip", "texture")
+
+
+@click.command()
+@click.argument("name", type=click.Choice(BENCHES))
+@click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
+@click.option("--plot", type=FILE, help="contact, slip, texture: also write a picture.")
+@click.option("--json", "numbers", type=FILE, help="slip, texture: also write every number, case by case.")
+def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> None:
+    """Measure, and print the table that README shows.
+
+    clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
+    what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
+    faults: what a line and a board can do wrong, done to a daemon on a pty. slip: how soon a slip is said,
+    and how often one that was none. texture: grooves against the Cramer-Rao bound, and what spoils them.
+
+    Example: tactiled bench slip --plot slip.png --json slip.json
+    """
+    from importlib import import_module
+
+    if plot is not None and name not in ("contact", "slip", "texture"):
+        raise click.UsageError("--plot is for `bench contact`, `bench slip` and `bench texture`")
+    if numbers is not None and name not in ("slip", "texture"):
+        raise click.UsageError("--json is for `bench slip` and `bench texture`")
+    measure = getattr(import_module(f"tactiled.bench.{name}"), f"bench_{name}")
+    written = {"picture": plot, "numbers": numbers}
+    more = {"contact": {"picture": plot}, "slip": written, "texture": written}.get(name, {})
+    click.echo(measure(lambda words: click.echo(words, err=True), quick=quick, **more))

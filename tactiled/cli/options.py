@@ -1,0 +1,25 @@
+"""What several verbs share: the same option is written, and explained, once."""
+
+import os
+from pathlib import Path
+
+import click
+
+CONFIG_ENV = "TACTILED_CONFIG"
+FILE = click.Path(path_type=Path, dir_okay=False)
+SPEED = click.FloatRange(0, 1000)  # mm/s, as in the configuration; never negative: directions are found
+
+CONFIG = click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
+PORT = click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
+KEYS = click.option("--keys", type=FILE, help="Our file of `tactiled keys make`.")
+
+
+def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
+    """Refuse a call that names no board."""
+    if config is None and port is None:
+        raise click.UsageError(f"say --config FILE, or --port PORT to {to} with defaults")
+
+
+def use_one_blas_thread() -> None:
+    """Before numpy is imported: more would only wake every core for 36 channels, which costs latency."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,0 +1,111 @@
+"""Verbs on recordings: make one, run it again, save what is whole of it, turn it into a table."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import CONFIG, FILE, PORT, need_board, use_one_blas_thread
+
+RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@CONFIG
+@PORT
+@click.option("--seconds", "duration_s", type=click.FloatRange(0, min_open=True), help="Stop after so many.")
+def record(file: Path, config: Path | None, port: str | None, duration_s: float | None) -> None:
+    """Record a board into FILE (.mcap) without publishing, until stopped.
+
+    Beside a running daemon use its own `[record]` table or `tactiled run --record`: a port has one reader.
+
+    Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
+    """
+    use_one_blas_thread()
+    from tactiled.config import default_config, load_config
+    from tactiled.daemon.log import set_up
+    from tactiled.daemon.recorder import Recorder
+    from tactiled.daemon.service import run_service
+
+    need_board(config, port)
+    set_up(20)
+    setup = default_config(port or "") if config is None else load_config(config, port)
+    service = setup.config.service.without_publishing()
+    pipeline = setup.make_pipeline()
+    with Recorder(setup.config.record, setup.recording_header(), file) as recorder:
+        run_service(service, pipeline, setup.layout, setup.array, recorder=recorder, duration_s=duration_s)
+    n_scans = pipeline.health().scans
+    click.echo(f"{file}: {n_scans} scans", err=True)
+    sys.exit(0 if n_scans else 1)
+
+
+@click.command()
+@RECORDINGS
+@click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan.")
+@click.option(
+    "--speed",
+    default=0.0,
+    type=click.FloatRange(0),
+    help="1 is real time; 0, the default, as fast as can be.",
+)
+@click.option("--verify", is_flag=True, help="Print nothing; compare with the events that were live.")
+@click.option(
+    "--link", type=FILE, help="Play the bytes on a serial port of this name instead, for any driver."
+)
+def replay(
+    files: tuple[Path, ...], topics: tuple[str, ...], speed: float, verify: bool, link: Path | None
+) -> None:
+    """Run recordings through the pipeline again and print the events, bit for bit those that were live.
+
+    Parts of a rotated recording belong together: give all of them. With --link the bytes appear on a
+    pseudo-terminal instead, with their own timing (or --speed), as soon as a driver opens it.
+
+    Example: tactiled replay slide.mcap --topic slip
+    """
+    from tactiled.recording.playback import play
+    from tactiled.recording.replay import replay as run_again
+
+    if link is not None:
+        if verify or topics:
+            raise click.UsageError("--link plays bytes; it prints and compares no events")
+        source = click.get_current_context().get_parameter_source("speed")
+        is_default = source == click.core.ParameterSource.DEFAULT
+        played = play(files, link, 1.0 if is_default else speed)
+        click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
+        return
+    verdict = run_again(files, (lambda _: None) if verify else click.echo, topics=topics, speed=speed)
+    if verify:
+        click.echo(verdict.words(), err=True)
+        sys.exit(0 if verdict.is_good else 1)
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--out", type=FILE, help="The finished file; default: the name without .active.")
+def recover(file: Path, out: Path | None) -> None:
+    """Make a recording of all that is whole in one that was cut or damaged; the original is only read.
+
+    Example: tactiled recover slide.mcap.active
+    """
+    from tactiled.recording.recover import recover as save
+
+    click.echo(save(file, out).words(), err=True)
+
+
+@click.command()
+@RECORDINGS
+@click.option("--csv", "csv_out", type=FILE, help="Write a CSV file.")
+@click.option("--npz", "npz_out", type=FILE, help="Write a numpy file.")
+def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) -> None:
+    """Write the scans of recordings as a table; `tactiled detect` reads it back.
+
+    Example: tactiled export slide.mcap --csv slide.csv
+    """
+    from tactiled.recording.export import export_csv, export_npz
+
+    if csv_out is None and npz_out is None:
+        raise click.UsageError("say --csv OUT, --npz OUT or both")
+    for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
+        if out is not None:
+            click.echo(f"{out}: {write(files, out)} scans", err=True)

@@ -1,0 +1,108 @@
+"""Verbs that set up a board and its array: configuration, health, keys, material."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import CONFIG, CONFIG_ENV, FILE, PORT, SPEED, need_board
+
+FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
+
+
+@click.command("check-config")
+@click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
+def check_config(file: Path | None, schema: bool) -> None:
+    """Check a configuration and all files that it names, without touching the port.
+
+    Example: tactiled check-config /etc/tactiled/left.toml
+    """
+    from tactiled.config import Config, load_config
+
+    if schema:
+        click.echo(json.dumps(Config.model_json_schema(), indent=2))
+        return
+    if file is None:
+        raise click.UsageError("say which FILE, or --schema")
+    setup = load_config(file)
+    click.echo(json.dumps(setup.config.model_dump(mode="json")))
+    click.echo(f"{file}: good ({setup.array.name}, {setup.layout.name})", err=True)
+
+
+@click.command()
+@CONFIG
+@PORT
+@click.option(
+    "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for what is resolved."
+)
+@click.option("--json", "json_lines", is_flag=True, help="One JSON line a check.")
+def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines: bool) -> None:
+    """Check port, board, array, endpoints, disk and installation, and say what to do. 1 if a check fails.
+
+    Example: tactiled doctor --config /etc/tactiled/left.toml
+    """
+    from tactiled.doctor.examine import run_doctor
+
+    need_board(config, port, "check")
+    report, code = run_doctor(config, port, json_lines=json_lines, speed_mm_s=speed_mm_s)
+    click.echo(report)
+    sys.exit(code)
+
+
+@click.group()
+def keys() -> None:
+    """Keys of those who may connect from other hosts: one folder a daemon, named in publish.keys.
+
+    Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
+    """
+
+
+@keys.command("make")
+@click.argument("name")
+@FOLDER
+@click.option("--out", type=FILE, help="What the client carries; default: NAME.toml here.")
+def keys_make(name: str, folder: Path, out: Path | None) -> None:
+    """Make the keys of a client, and the daemon's if there are none. Move the file to the client's host.
+
+    Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
+    """
+    from tactiled.daemon.security import KeyFolder
+
+    carry = out or Path(f"{name}.toml")
+    KeyFolder(folder).make(name, carry)
+    click.echo(f"{carry}: for {name}, secret; {folder} lets it in", err=True)
+
+
+@keys.command("list")
+@FOLDER
+def keys_list(folder: Path) -> None:
+    """Print who may connect, one JSON line a client.
+
+    Example: tactiled keys list --folder /etc/tactiled/keys
+    """
+    from tactiled.daemon.security import KeyFolder
+
+    folder_keys = KeyFolder(folder)
+    click.echo(f"{folder}: the daemon is {folder_keys.pair()[0].decode()}", err=True)
+    for key, name in sorted(folder_keys.clients().items(), key=lambda entry: entry[1]):
+        click.echo(json.dumps({"name": name, "public_key": key.decode()}))
+
+
+@click.command("fit-material")
+@click.argument("file", type=FILE)
+@click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
+def fit_material(file: Path, level: float) -> None:
+    """Fit Yeoh's three constants to a stress-strain curve, and say where the material stays stable.
+
+    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). JSON on stdout,
+    words on stderr.
+
+    Example: tactiled fit-material rubber.csv
+    """
+    from tactiled.emulator.mechanics.fit import fit_material_file
+
+    fit = fit_material_file(file, level)
+    click.echo(json.dumps(fit.as_map(), allow_nan=False))
+    click.echo(fit.in_words(), err=True)
