@@ -1,11 +1,12 @@
 """Randomised scenes: each family is a function of a seed, the same seed the same scene on any machine.
 
-``SLIPPING`` is what a detector must find, ``QUIET`` what it must not mistake for it; `FAMILIES` has both.
+``SLIPPING`` is what a detector must find, ``QUIET`` what it must not mistake for it. Those of
+``HELD_OUT_`` are for reports alone: nothing may be tuned on them. `FAMILIES` has all.
 """
 
 from collections.abc import Callable
 
-from tactiled.emulator.families import quiet, slipping
+from tactiled.emulator.families import held_out, quiet, slipping
 from tactiled.emulator.scene import Scene
 
 Family = Callable[[int], Scene]
@@ -32,4 +33,15 @@ QUIET: dict[str, Family] = {
     "thermal-drift": quiet.thermal_drift,
     "persistent-contact": quiet.persistent_contact,
 }
-FAMILIES: dict[str, Family] = SLIPPING | QUIET
+HELD_OUT_SLIPPING: dict[str, Family] = {
+    "braking-drag": held_out.braking_drag,
+    "swelling-pull": held_out.swelling_pull,
+    "changing-grip": held_out.slide_under_changing_grip,
+    "slip-on-shear": held_out.slip_on_shear,
+}
+HELD_OUT_QUIET: dict[str, Family] = {
+    "walking": held_out.walking,
+    "hand-over": held_out.hand_over,
+    "off-centre-squeeze": held_out.off_centre_squeeze,
+}
+FAMILIES: dict[str, Family] = SLIPPING | QUIET | HELD_OUT_SLIPPING | HELD_OUT_QUIET
