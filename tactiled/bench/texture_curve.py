@@ -49,12 +49,13 @@ class Slide:
     angle_bound_deg: tuple[float, ...]
 
 
-def run_curve(say: Callable[[str], None], pool: Executor, *, n_slides: int) -> list[Slide]:
+def run_curve(advance: Callable[[float], None], pool: Executor, *, n_slides: int) -> list[Slide]:
     """Slides of seeds 0 to n_slides - 1 under each preset."""
     found: list[Slide] = []
     for preset in PRESETS:
-        found += pool.map(partial(slide, preset), range(n_slides))
-        say(f"speed-accuracy, {preset}: {n_slides} slides of {TIMES_S[-1]:g} s")
+        for one in pool.map(partial(slide, preset), range(n_slides)):
+            found.append(one)
+            advance(1 / len(PRESETS) / n_slides)
     return found
 
 

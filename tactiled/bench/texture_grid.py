@@ -152,7 +152,7 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
 
 
 def run_grid(
-    say: Callable[[str], None],
+    advance: Callable[[float], None],
     pool: Executor,
     estimator: str,
     *,
@@ -161,13 +161,12 @@ def run_grid(
     snrs_db: Sequence[float] = SNRS_DB,
     knowing: Sequence[bool] = (True, False),
 ) -> list[Trial]:
-    """All trials of all cells, seeds 0 to n_trials - 1 in each."""
+    """All trials of all cells, seeds 0 to n_trials - 1 in each; `advance` is told what part is done more."""
     cells = list(itertools.product(windows_s, snrs_db, knowing))
     trials: list[Trial] = []
-    for number, found in enumerate(pool.map(_Cell(estimator, n_trials), cells)):
+    for found in pool.map(_Cell(estimator, n_trials), cells):
         trials += found
-        if cells[number][1:] == cells[-1][1:]:
-            say(f"grid, {estimator}: {number + 1} of {len(cells)} cells")
+        advance(1 / len(cells))
     return trials
 
 

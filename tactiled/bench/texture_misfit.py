@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactiled.array import load_array
+from tactiled.array import Array, load_array
 from tactiled.bench.report import table
 from tactiled.bench.texture_grid import WRONG_TURNS, turns_off
 from tactiled.bench.texture_online import answers, slip_at
 from tactiled.bench.texture_plates import GROOVELESS, MISFITS
-from tactiled.bench.texture_window import SNR_DB, perfect
+from tactiled.bench.texture_window import SNR_DB, Window, perfect
 from tactiled.detect.texture_joint import JointParams
+from tactiled.events.types import TextureEvent
 
 WINDOW_S = 5.0
-_WITHIN = 1.96  # sigmas of a 95 % interval
+WITHIN = 1.96  # sigmas of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,13 @@ class Spoiled:
     is_wrong: bool = False
 
 
-def run_misfit(say: Callable[[str], None], pool: Executor, *, n_windows: int) -> list[Spoiled]:
+def run_misfit(advance: Callable[[float], None], pool: Executor, *, n_windows: int) -> list[Spoiled]:
     """Every way to spoil a window, seeds 0 to n_windows - 1, speed known and not."""
     jobs = [(name, known) for name in MISFITS | GROOVELESS for known in (True, False)]
     found: list[Spoiled] = []
-    for number, windows in enumerate(pool.map(_Job(n_windows), jobs)):
+    for windows in pool.map(_Job(n_windows), jobs):
         found += windows
-        if number % 12 == 11:
-            say(f"misfit: {number + 1} of {len(jobs)}")
+        advance(1 / len(jobs))
     return found
 
 
@@ -59,21 +59,7 @@ def spoiled(name: str, is_speed_known: bool, seed: int) -> Spoiled:
     rng = np.random.default_rng(seed)
     window = perfect(array, rng, WINDOW_S)
     (MISFITS | GROOVELESS)[name](window, rng)
-    volts = window.volts(rng)
-    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
-    params = JointParams(
-        max_window_s=WINDOW_S, hop_s=WINDOW_S, settle_s=0.0, direction_deg=window.wave.direction_deg
-    )
-    said = answers(
-        array,
-        params,
-        volts,
-        window.sensed.offset_s,
-        slip_at(0.0, window.wave.direction_deg),
-        valid=window.valid,
-        given_mm_s=window.given_mm_s if is_speed_known else (),
-    )
-    event = said[-1]
+    event = full_window(array, window, rng, WINDOW_S, is_speed_known)
     if event.status != "ok":
         return Spoiled(name, is_speed_known, seed, event.status)
     wave = window.wave
@@ -89,6 +75,25 @@ def spoiled(name: str, is_speed_known: bool, seed: int) -> Spoiled:
         event.angle_sd_deg,
         name in GROOVELESS or off > WRONG_TURNS,
     )
+
+
+def full_window(
+    array: Array, window: Window, rng: np.random.Generator, window_s: float, is_speed_known: bool
+) -> TextureEvent:
+    """What the online estimator says of a window when it is full."""
+    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
+    direction_deg = window.wave.direction_deg
+    params = JointParams(max_window_s=window_s, hop_s=window_s, settle_s=0.0, direction_deg=direction_deg)
+    said = answers(
+        array,
+        params,
+        window.volts(rng),
+        window.sensed.offset_s,
+        slip_at(0.0, direction_deg),
+        valid=window.valid,
+        given_mm_s=window.given_mm_s if is_speed_known else (),
+    )
+    return list(said)[-1]
 
 
 def misfit_table(found: Sequence[Spoiled]) -> str:
@@ -120,7 +125,7 @@ def _cells(windows: Sequence[Spoiled]) -> list[str]:
     period = np.array([(s.period_error_mm, s.period_sd_mm) for s in right])
     angle = np.array([(s.angle_error_deg, s.angle_sd_deg) for s in right])
     rms = [float(np.sqrt(np.mean(e[:, 0] ** 2))) for e in (period, angle)]
-    within = [100 * float(np.mean(np.abs(e[:, 0]) <= _WITHIN * e[:, 1])) for e in (period, angle)]
+    within = [100 * float(np.mean(np.abs(e[:, 0]) <= WITHIN * e[:, 1])) for e in (period, angle)]
     return [
         share,
         str(len(ok) - len(right)),

@@ -1,6 +1,6 @@
 """The online joint estimator on signals whose slip is known: no slip detector stands between."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,8 @@ def answers(
     given_mm_s: Sequence[tuple[int, float]] = (),
     start_s: float = 0.0,
     block_scans: int = 10,
-) -> list[TextureEvent]:
-    """Everything said about a stretch of scans, in blocks as they would come live.
+) -> Iterator[TextureEvent]:
+    """Everything said about a stretch of scans, as it is said, in blocks as they would come live.
 
     Parameters
     ----------
@@ -58,10 +58,8 @@ def answers(
     for scan, speed_mm_s in given_mm_s:
         estimator.set_speed(speed_mm_s, scan)
     block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s, valid=valid)
-    said: list[TextureEvent] = []
     detected = round((slip.detected_s - start_s) * RATE_HZ)
     for first in range(0, len(block), block_scans):
         part = block[first : first + block_scans]
         slips = [slip] if first <= detected < first + len(part) else []
-        said += [e for e in estimator.process(part, slips) if isinstance(e, TextureEvent)]
-    return said
+        yield from (e for e in estimator.process(part, slips) if isinstance(e, TextureEvent))

@@ -51,6 +51,10 @@ class Answered:
     windows: int
     said: list[tuple[float, float]]
 
+    def with_more(self, other: "Answered") -> "Answered":
+        """The windows of both."""
+        return replace(self, windows=self.windows + other.windows, said=[*self.said, *other.said])
+
     def errors(self) -> tuple[float, float]:
         """Root mean square of period (mm) and angle (degrees); NaN where nothing was said."""
         if not self.said:
@@ -79,40 +83,34 @@ class First:
 
 
 def run_table2(
-    say: Callable[[str], None], pool: Executor, *, n_seeds: int, plates: Sequence[Plate] = PLATES
+    advance: Callable[[float], None], pool: Executor, *, n_seeds: int, plates: Sequence[Plate] = PLATES
 ) -> tuple[list[Answered], list[First]]:
     """Every plate with seeds 0 to n_seeds - 1."""
-    found: list[Answered] = []
+    slides = [(plate, seed) for plate in plates for seed in range(n_seeds)]
+    found: dict[tuple[Plate, str], Answered] = {}
     firsts: list[First] = []
-    for plate, played in zip(plates, pool.map(_Played(n_seeds), plates), strict=True):
-        found += played[0]
-        firsts += played[1]
-        say(f"plate of {plate[0]:g} mm at {plate[1]} degrees: {n_seeds} slides of 40 s")
-    return found, firsts
+    for (plate, _), (answered, first) in zip(slides, pool.map(_played, slides), strict=True):
+        for one in answered:
+            so_far = found.setdefault((plate, one.method), Answered(plate, one.method, 0, []))
+            found[plate, one.method] = so_far.with_more(one)
+        firsts += first
+        advance(1 / len(slides))
+    return list(found.values()), firsts
 
 
-@dataclass(frozen=True)
-class _Played:
-    """A plate, in whichever process."""
-
-    n_seeds: int
-
-    def __call__(self, plate: Plate) -> tuple[list[Answered], list[First]]:
-        period_mm, angle_deg = plate
-        scene = paper_scenes()[f"experiment-d{period_mm:.2f}-a{angle_deg}"].with_changes(contact="periodic")
-        runs = [play(scene, seed) for seed in range(self.n_seeds)]
-        textures = [e for run in runs for e in run.events if isinstance(e, TextureEvent)]
-        textures = [e for e in textures if e.status != "no-slip"]
-        agreed = [(e.period_mm, e.angle_deg) for e in textures if e.status == "ok"]
-        found = [Answered(plate, "procedure", len(textures), agreed)]
-        for window_s in WINDOWS_S:
-            windows = [answer for run in runs for answer in _joint(run, window_s)]
-            said = [answer for answer in windows if answer is not None]
-            found.append(Answered(plate, f"joint, {window_s:g} s", len(windows), said))
-        firsts = [
-            _first(run, First(plate, preset, seed)) for seed, run in enumerate(runs) for preset in PRESETS
-        ]
-        return found, firsts
+def _played(slide: tuple[Plate, int]) -> tuple[list[Answered], list[First]]:
+    """One slide over a plate, in whichever process."""
+    plate, seed = slide
+    scene = paper_scenes()[f"experiment-d{plate[0]:.2f}-a{plate[1]}"].with_changes(contact="periodic")
+    run = play(scene, seed)
+    textures = [e for e in run.events if isinstance(e, TextureEvent) and e.status != "no-slip"]
+    agreed = [(e.period_mm, e.angle_deg) for e in textures if e.status == "ok"]
+    found = [Answered(plate, "procedure", len(textures), agreed)]
+    for window_s in WINDOWS_S:
+        windows = _joint(run, window_s)
+        said = [answer for answer in windows if answer is not None]
+        found.append(Answered(plate, f"joint, {window_s:g} s", len(windows), said))
+    return found, [_first(run, First(plate, preset, seed)) for preset in PRESETS]
 
 
 def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
@@ -142,12 +140,10 @@ def _first(run: Run, first: First) -> First:
         run.slips("onset")[0],
         start_s=float(run.time_s[0]),
     )
-    ok = [event for event in said if event.status == "ok"]
-    if not ok:
+    ok = next((event for event in said if event.status == "ok"), None)
+    if ok is None:
         return first
-    return replace(
-        first, after_s=ok[0].time_s - slip.onset_s, period_mm=ok[0].period_mm, angle_deg=ok[0].angle_deg
-    )
+    return replace(first, after_s=ok.time_s - slip.onset_s, period_mm=ok.period_mm, angle_deg=ok.angle_deg)
 
 
 def _offsets_s(array: Array) -> FloatArray:

@@ -38,6 +38,19 @@ def _unlike(window: Window, rng: np.random.Generator) -> None:
     window.phase_off_rad = 0.1 * rng.standard_normal(len(window.phase_off_rad))
 
 
+def _unlike_taxels(reach_mm: float) -> Spoil:
+    """All channels of a taxel stray alike by 0.1 rad rms, as neighbours do within `reach_mm` (Gaussian)."""
+
+    def spoil(window: Window, rng: np.random.Generator) -> None:
+        places = np.column_stack([window.sensed.x_mm, window.sensed.y_mm])
+        apart = np.linalg.norm(places[:, None] - places, axis=-1)
+        alike = np.exp(-((apart / reach_mm) ** 2) / 2) if reach_mm else (apart == 0).astype(np.float64)
+        value, vector = np.linalg.eigh(alike)
+        window.phase_off_rad = 0.1 * vector @ (np.sqrt(value.clip(0)) * rng.standard_normal(len(value)))
+
+    return spoil
+
+
 def _stepping(part: float, frequency_hz: float) -> Spoil:
     def spoil(window: Window, rng: np.random.Generator) -> None:
         rad_s, phase = 2 * np.pi * frequency_hz, rng.uniform(0, 2 * np.pi)
@@ -141,6 +154,8 @@ MISFITS: dict[str, Spoil] = {
     "harmonics of 50 and 30 %": _harmonics,
     "gains differ tenfold": _gains,
     "phases of taxels differ by 0.1 rad": _unlike,
+    "the same, channels of a taxel alike": _unlike_taxels(0.0),
+    "the same, neighbours alike too (3.65 mm)": _unlike_taxels(3.65),
     "speed ripples 5 % at 7 Hz": _stepping(0.05, 7.0),
     "speed ripples 30 % at 0.7 Hz": _stepping(0.30, 0.7),
     "speed grows from 70 to 130 %, told the mean": _accelerating(False),

@@ -7,6 +7,7 @@ direction, phases and drifts are anywhere, so that no estimator can be at home o
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from tactiled.array import Array
 from tactiled.bench.texture_bound import FloatArray, Sensed, Wave, kinds_of, turns
@@ -84,11 +85,16 @@ def draw_wave(rng: np.random.Generator) -> Wave:
 
 
 def draw_case(
-    array: Array, rng: np.random.Generator, window_s: float, snr_db: float, min_periods: float = 0.0
+    array: Array,
+    rng: np.random.Generator,
+    window_s: float,
+    snr_db: float,
+    min_periods: float = 0.0,
+    most_hz: float = _MOST_HZ,
 ) -> Case:
-    """A case of a cell of the grid, with so many periods in the window or more."""
+    """A case of a cell of the grid, with so many periods in the window or more, and no faster ripple."""
     wave = draw_wave(rng)
-    while abs(wave.frequency_hz) * window_s < min_periods:
+    while not min_periods / window_s <= abs(wave.frequency_hz) < most_hz:
         wave = draw_wave(rng)
     sensed = sensed_by(array, rng, snr_db, ())
     slope = _LARGEST_DRIFT * AMPLITUDE_VOLTS * rng.uniform(-1, 1, array.n_channels)
@@ -97,11 +103,22 @@ def draw_case(
     return Case(wave, sensed, np.column_stack([level, slope]), time_s)
 
 
-def readings(case: Case, rng: np.random.Generator) -> FloatArray:
-    """Volts (n, channels): drift, wave and white noise."""
+def readings(case: Case, rng: np.random.Generator, memory: float = 0.0) -> FloatArray:
+    """Volts (n, channels): drift, wave and noise.
+
+    Parameters
+    ----------
+    memory : float
+        What noise keeps from scan to scan, an autoregression of order 1 of each channel; 0 is white.
+    """
     sensed, time_s = case.sensed, case.time_s
     volts = case.drift[:, 0] + np.outer(time_s, case.drift[:, 1]) + wave_volts(case.wave, sensed, time_s)
-    return np.asarray(volts + sensed.noise_volts * rng.standard_normal(volts.shape))
+    noise = rng.standard_normal(volts.shape)
+    if memory:
+        fresh = np.sqrt(1 - memory**2)
+        noise[1:] *= fresh  # the first is drawn from the steady state, so that all have one variance
+        noise = lfilter([1.0], [1.0, -memory], noise, axis=0)
+    return np.asarray(volts + sensed.noise_volts * noise)
 
 
 def wave_volts(wave: Wave, sensed: Sensed, time_s: FloatArray) -> FloatArray:

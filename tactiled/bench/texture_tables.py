@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import beta
 
 from tactiled.bench.report import table
-from tactiled.bench.texture_grid import MIN_PERIODS, Trial, summary
+from tactiled.bench.texture_grid import MIN_PERIODS, Summary, Trial, summary
 
 _PERIOD_BANDS_MM = (0.6, 0.9, 1.5, 3.0, 6.0)
 _ANGLE_BANDS_DEG = (0.0, 15.0, 45.0, 60.0, 75.0)
@@ -72,14 +72,19 @@ def _row(name: str, trials: Sequence[Trial]) -> list[str]:
     ]
 
 
+def most_wrong(found: Summary) -> float:
+    """Largest part of wrong answers that is not excluded (one-sided, Clopper and Pearson 1934)."""
+    right = found.ok - found.wrong
+    return float(beta.ppf(_SURE, found.wrong + 1, right)) if right else 1.0
+
+
 def wrong_rate(trials: Sequence[Trial]) -> str:
     """Wrong ambiguities among answers, with the largest rate that is not excluded."""
     found = summary(trials)
-    right = found.ok - found.wrong
-    most = float(beta.ppf(_SURE, found.wrong + 1, right)) if right else 1.0
     return (
         f"Wrong ambiguity: {found.wrong} of {found.ok} answers that said ok "
-        f"(below {1e3 * most:.2f} in 1000 with {100 * _SURE:.0f} % confidence: Clopper, Pearson 1934)."
+        f"(below {1e3 * most_wrong(found):.2f} in 1000 with {100 * _SURE:.0f} % confidence: "
+        "Clopper, Pearson 1934)."
     )
 
 

@@ -33,6 +33,8 @@ class Window:
         Place along the groove normal (turns) to what is added to it.
     given_mm_s : list of (scan, mm/s)
         Speeds that the estimator is told, from which scan on.
+    beside : Wave or None
+        Another grating under the skin, whose ripple is in `added_volts`.
     """
 
     wave: Wave
@@ -46,15 +48,19 @@ class Window:
     level_volts: FloatArray
     bend_mm: float = np.inf
     wander: Callable[[FloatArray], FloatArray] | None = None
+    beside: Wave | None = None
 
-    def volts(self, rng: np.random.Generator) -> FloatArray:
-        """Readings (n, channels), clipped to the converter's range."""
-        sensed, wave = self.sensed, self.wave
-        angle, theta = np.radians(wave.angle_deg), np.radians(wave.direction_deg)
+    def turns(self, wave: Wave) -> FloatArray:
+        """Phase of a grating, bent as the window's are, under each reading: (n, channels)."""
+        sensed, angle, theta = self.sensed, np.radians(wave.angle_deg), np.radians(wave.direction_deg)
         x = sensed.x_mm - sensed.x_mm.mean() + self.travel_mm * np.cos(theta)
         y = sensed.y_mm - sensed.y_mm.mean() + self.travel_mm * np.sin(theta)
         across, along = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-        phase = (across + along**2 / (2 * self.bend_mm)) / wave.period_mm
+        return np.asarray((across + along**2 / (2 * self.bend_mm)) / wave.period_mm)
+
+    def volts(self, rng: np.random.Generator) -> FloatArray:
+        """Readings (n, channels), clipped to the converter's range."""
+        sensed, phase = self.sensed, self.turns(self.wave)
         if self.wander is not None:
             phase = phase + self.wander(phase)
         order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)

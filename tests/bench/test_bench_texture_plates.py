@@ -97,7 +97,7 @@ def test_answers_do_not_depend_on_blocks() -> None:
     volts, slip = made.volts(rng), slip_at(0.0, 0.0)
     params = JointParams(max_window_s=1.5)
     said = [
-        answers(ARRAY, params, volts, made.sensed.offset_s, slip, given_mm_s=[(0, 1.5)], block_scans=n)
+        list(answers(ARRAY, params, volts, made.sensed.offset_s, slip, given_mm_s=[(0, 1.5)], block_scans=n))
         for n in (7, 200)
     ]
     assert said[0] == said[1]
