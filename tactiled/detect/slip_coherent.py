@@ -146,7 +146,7 @@ class CoherentSlip:
                     slips = self._story.lift(now)
                 else:
                     slips = self._story.look(now, stretch, row, is_sure=state != "unknown")
-                self._evidence.learn(stretch.details[row], self._story.happens)
+                self._evidence.learn(stretch, row, disturbed=self._story.happens)
                 events += slips
                 if change := self._follow():
                     events.append(contact_event(block, scan, pressure, change))

@@ -16,11 +16,13 @@ is evidence of slip:
    follows its first curve doubled).
 3. Opposed. The rise is larger than what the pressure's rise over the same ramp can leak into it: `_COMMON`
    of it by unequal resistors, and the shear there already, which goes with the pressure.
-4. Shared. The taxels agree on it, and no few of many have it alone: a spike, a loose wire or a reading that
+4. News. It also passes the first test with the noise of the scans just before the ramp began: a hum that
+   swells, an arm that shakes and noise that grew at once are their own floor before the floor has followed.
+5. Shared. The taxels agree on it, and no few of many have it alone: a spike, a loose wire or a reading that
    sticks is no slip of the contact.
 """
 
-import itertools
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -30,10 +32,10 @@ from scipy.stats import chi2
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held
-from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
-from tactiled.detect.slip_floor import NoiseFloor
+from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_limit import Limit
-from tactiled.detect.slip_response import AXES, PRESSURE, Response, motion, moved, responses
+from tactiled.detect.slip_response import AXES, motion, moved
+from tactiled.detect.slip_stretch import BEFORE_SCANS, Stretch, Stretches
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_parts.py).
@@ -45,34 +47,12 @@ _UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there
 _NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
+_MEAN_OF_NORMAL = 0.798  # mean size over standard deviation
+# Levels that tell of the noise before a ramp; coarser ones still ring from loads that are over.
+_FINE_LEVELS = 3
 # Of the taxels that are pressed by this part of the mean or more, a third must take part beyond the first:
 # what one shows alone, or two that share a spark, is a fault of their own.
 _LOADED, _TAKE_PART = 0.25, 1 / 3
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Scans between which no taxel comes or goes.
-
-    Attributes
-    ----------
-    scans : slice
-        Of the block.
-    jump : (7,) float64
-        By which the response at one and the same scan differs from that of the stretch before.
-    steps : (window - 1 + n, channels) float64
-    seen : (window - 1 + n, 7) float64
-        Their responses.
-    """
-
-    scans: slice
-    jump: FloatArray
-    steps: FloatArray
-    seen: FloatArray
-    ramps: FloatArray  # (n, 3, ramps)
-    rises: FloatArray  # (n, 4, ramps): what rose along each ramp; the last is the pressure
-    fits: NDArray[np.bool_]  # (n, ramps): large and opposed enough
-    details: FloatArray  # (n, 3, levels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,88 +77,59 @@ class Growth:
 
 
 class Evidence:
-    """The response of the newest scans, and what rises in it.
+    """Whether shear grows at the newest scans.
 
     Parameters
     ----------
     array : Array
     rate_hz : float
-    false_alarms_per_hour, least_shear : float
+    noise_per_hour : float
+        False alarms that noise alone may raise.
+    least_shear : float
 
     Attributes
     ----------
     shear_weights : (2, taxels, channels) float64
         Readings to each taxel's own response.
-    taxels : (taxels,) bool
-        Those that make the response now.
-    weights : (7, channels) float64
-    even : (7,) float64
-        Response of an even pressure of 1.
-    threshold : float
-        Of the statistic.
     window : int
         Scans that are kept.
     """
 
-    def __init__(
-        self, array: Array, rate_hz: float, false_alarms_per_hour: float, least_shear: float
-    ) -> None:
-        self._response = Response(array)
+    def __init__(self, array: Array, rate_hz: float, noise_per_hour: float, least_shear: float) -> None:
         self._array = array
         self.shear_weights = array.shear_weights()
         self._normal_weights = array.normal_weights()
-        self._chance = false_alarms_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
+        self._chance = noise_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
         self._least = least_shear
-        self._filters = Filters(rate_hz)
+        self._stretches = Stretches(array, rate_hz, self._fits)
+        self._filters = self._stretches.filters
         self.window = self._filters.window
-        self._floor = NoiseFloor(len(LEVELS), AXES, rate_hz)
-        self._ramp_sd = self._filters.ramp_sd(self._floor.sd)
-        self._steps = np.zeros((0, array.n_channels))
-        self._newest_bad = np.full(array.n_taxels, -self.window - 1)
-        self._n_seen = 0
-        self._choose(np.zeros(array.n_taxels, dtype=np.bool_))
+        self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
 
-    def _choose(self, taxels: NDArray[np.bool_]) -> None:
-        self.taxels = taxels
-        self.weights = self._response.weights(taxels)
-        axes = max(1, int((motion(self.weights.T) != 0).any(axis=0).sum()))
-        self.even = self.weights @ self._response.pressed
-        self.threshold = float(chi2.isf(self._chance, axes))
+    @property
+    def taxels(self) -> NDArray[np.bool_]:
+        """Taxels (taxels,) that make the response now."""
+        return self._stretches.taxels
+
+    @property
+    def weights(self) -> FloatArray:
+        """Readings to the response (7, channels)."""
+        return self._stretches.weights
+
+    @property
+    def even(self) -> FloatArray:
+        """Response (7,) of an even pressure of 1."""
+        return self._stretches.even
+
+    @property
+    def threshold(self) -> float:
+        """Of the statistic."""
+        axes = int((motion(self.weights.T) != 0).any(axis=0).sum())
+        return _threshold(self._chance, max(1, axes))
 
     def stretches(self, held: Held) -> Iterator[Stretch]:
-        """Take in the scans of a block."""
-        if not len(self._steps):
-            self._steps = np.repeat(held.steps[:1], self.window - 1, axis=0)
-        clean = self._clean(held.ok)
-        changes = np.flatnonzero((clean[1:] != clean[:-1]).any(axis=1)) + 1
-        bounds = [0, *changes.tolist(), len(clean)]
-        for a, b in itertools.pairwise(bounds):
-            yield self._stretch(slice(a, b), held.steps[a:b], clean[a])
-
-    def _clean(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Taxels (n, taxels) whose channels are good, and were for as long as the filters see."""
-        whole = self._response.whole_taxels(ok)
-        scans = np.arange(self._n_seen, self._n_seen + len(ok))[:, np.newaxis]
-        self._n_seen += len(ok)
-        newest_bad = np.maximum.accumulate(np.where(whole, self._newest_bad, scans), axis=0)
-        self._newest_bad = newest_bad[-1].copy()
-        return np.asarray(scans - newest_bad > self.window)
-
-    def _stretch(self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_]) -> Stretch:
-        jump = np.zeros(self.weights.shape[0])
-        if (taxels != self.taxels).any():
-            before = responses(self.weights, self._steps[-1:])
-            self._choose(taxels)
-            jump = (responses(self.weights, self._steps[-1:]) - before)[0]
-        n = len(steps)
-        steps = np.concatenate([self._steps, steps])
-        self._steps = steps[n:]
-        seen = responses(self.weights, steps)
-        axes = np.concatenate([motion(seen), seen[:, PRESSURE:]], axis=1)
-        ramps, details = self._filters.apply(axes)
-        rises = ramps * self._filters.rise_scale
-        fits = self._fits(rises, axes[self.window - 1 :])
-        return Stretch(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details[:, :AXES])
+        """Take in the scans of a block, each of which must be learnt from before the next stretch."""
+        return self._stretches.cut(held)
 
     def _fits(self, rises: FloatArray, now: FloatArray) -> NDArray[np.bool_]:
         rise = rises[:, :AXES]
@@ -212,9 +163,15 @@ class Evidence:
             return None
         rises = stretch.rises[scan]
         fits &= _size(rises[np.newaxis, :AXES])[0] >= least
-        statistic = np.where(fits, ((stretch.ramps[scan] / self._ramp_sd) ** 2).sum(axis=0), 0.0)
+        power = stretch.ramps[scan] ** 2
+        statistic = np.where(fits, (power / self._ramp_sd**2).sum(axis=0), 0.0)
+        threshold = self.threshold
+        if statistic.max() < threshold:
+            return None
+        sd = np.maximum(self._filters.ramp_sd(self._noise_before(stretch, scan)), self._ramp_sd)
+        statistic = np.where(fits, (power / sd**2).sum(axis=0), 0.0)
         best = int(np.argmax(statistic))
-        if statistic[best] < self.threshold:
+        if statistic[best] < threshold:
             return None
         seen = stretch.seen[scan : scan + self.window]
         rise = moved(seen[-1] - self._filters.rise(best, seen), seen[-1])
@@ -222,6 +179,14 @@ class Evidence:
         if not self._is_shared(rise, change, stretch.steps[scan + self.window - 1]):
             return None
         return Growth(int(self._filters.lengths[best]), rise, change, float(statistic[best]))
+
+    def _noise_before(self, stretch: Stretch, scan: int) -> FloatArray:
+        """Standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
+        newest = len(stretch.details) - len(stretch.fits) + scan
+        before = newest - self._filters.lengths[:, np.newaxis] - np.arange(BEFORE_SCANS)
+        sizes = np.abs(stretch.details[before]).mean(axis=1) / _MEAN_OF_NORMAL  # (ramps, 3, levels)
+        sizes[..., _FINE_LEVELS:] = 0.0
+        return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
 
     def shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
         """What each taxel (taxels,) adds to a change of the readings (channels,), along a vector (3,)."""
@@ -252,14 +217,20 @@ class Evidence:
         taking_part = total**2 / float(shares @ shares)
         return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
-    def learn(self, details: FloatArray, disturbed: bool) -> None:
-        """Noise of a scan: its details (3, levels), and whether something happened."""
-        if self._floor.take(details, disturbed):
-            self._ramp_sd = self._filters.ramp_sd(self._floor.sd)
+    def learn(self, stretch: Stretch, row: int, *, disturbed: bool) -> None:
+        """Noise of a scan of a stretch, and whether something happened."""
+        if self._stretches.learn(stretch, row, disturbed=disturbed):
+            self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
 
     def noise(self, along: FloatArray) -> float:
         """Standard deviation of a scan's response along a unit vector (3,)."""
-        return float(np.sqrt((along * self._floor.sd[0]) @ (along * self._floor.sd[0])))
+        part = along * self._stretches.axes_sd[0]
+        return float(np.sqrt(part @ part))
+
+
+@functools.cache
+def _threshold(chance: float, axes: int) -> float:
+    return float(chi2.isf(chance, axes))
 
 
 def _size(axes: FloatArray) -> FloatArray:

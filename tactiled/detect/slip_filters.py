@@ -39,6 +39,7 @@ class Filters:
     Attributes
     ----------
     lengths : (ramps,) int64
+    longest : int
     window : int
         Scans that the longest filter sees, the newest included.
     """
@@ -46,6 +47,7 @@ class Filters:
     def __init__(self, rate_hz: float) -> None:
         longest = int(np.clip(round(_LONGEST_S * rate_hz), 3, _LONGEST_SCANS))
         self.lengths = _lengths(longest)
+        self.longest = longest
         ramps = [_ramp(int(m)) for m in self.lengths]
         self.window = max(len(taps(LEVELS[-1])), longest + N_BASELINE)
         # Newest scan last; each row ends at the newest scan.
@@ -79,11 +81,16 @@ class Filters:
         return np.asarray(self._matrix[:, ramp] @ seen * self.rise_scale[ramp])
 
     def ramp_sd(self, noise: FloatArray) -> FloatArray:
-        """Standard deviation (columns, ramps) of the ramps' outputs under noise (levels, columns)."""
+        """Standard deviation (columns, ramps) of the ramps' outputs under noise (levels, columns).
+
+        Or under noise of each ramp's own, (ramps, levels, columns).
+        """
         # Below the last octave noise may grow on as it did into that.
-        below = noise[-1] * np.maximum(noise[-1] / noise[-2], 1.0)
-        octaves = np.concatenate([noise, below[np.newaxis]])
-        return np.asarray(np.sqrt((octaves**2).T @ self._octaves * self._energy))
+        last, before = noise[..., -1:, :], noise[..., -2:-1, :]
+        octaves = np.concatenate([noise, last * np.maximum(last / before, 1.0)], axis=-2) ** 2
+        if octaves.ndim == 2:
+            return np.asarray(np.sqrt(octaves.T @ self._octaves * self._energy))
+        return np.asarray(np.sqrt(np.einsum("rlc,lr->cr", octaves, self._octaves) * self._energy))
 
 
 def _lengths(longest: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

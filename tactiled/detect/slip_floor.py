@@ -1,4 +1,4 @@
-"""The noise of the response, octave by octave, while nothing happens.
+"""The noise of the response and of every channel, octave by octave, while nothing happens.
 
 A floor is the median size of a level's details over groups of 16 scans, smoothed in its logarithm: a slip,
 a tap or a burst of interference in a group moves it by little, and a floor that changes 100-fold is
@@ -54,5 +54,13 @@ class NoiseFloor:
         self._n_groups += 1
         weight = max(_WEIGHT, 1 / self._n_groups)
         self._log += weight * (np.log(np.maximum(median, _LEAST_STEPS)) - self._log)
-        self.sd = np.exp(np.maximum(self._log, self._log[0]))
+        self._set()
         return True
+
+    def scale(self, columns: slice, by: FloatArray) -> None:
+        """Columns are made of other channels from now on: floors (levels, columns) times this."""
+        self._log[:, columns] = np.maximum(self._log[:, columns] + np.log(by), np.log(_LEAST_STEPS))
+        self._set()
+
+    def _set(self) -> None:
+        self.sd = np.exp(np.maximum(self._log, self._log[0]))

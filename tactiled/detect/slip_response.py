@@ -67,6 +67,10 @@ class Response:
         """Taxels (..., taxels) of which every channel is good, from (..., channels)."""
         return np.asarray((~ok).astype(np.float64) @ self._needs.T == 0)
 
+    def worst(self, of_channels: FloatArray) -> FloatArray:
+        """Largest (taxels,) of what is given of each channel that a taxel needs."""
+        return np.asarray((self._needs * of_channels).max(axis=1))
+
     def weights(self, taxels: NDArray[np.bool_]) -> FloatArray:
         """Weights (7, channels) of the means over some taxels (taxels,); zero where there are none.
 

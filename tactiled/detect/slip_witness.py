@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.slip_evidence import Evidence, Stretch
+from tactiled.detect.slip_evidence import Evidence
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion, moved
+from tactiled.detect.slip_stretch import Stretch
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
