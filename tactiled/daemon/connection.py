@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from typing import Protocol
 
 from tactiled.daemon.device import LineErrors
 from tactiled.daemon.source import Port, open_port_in_thread
@@ -17,6 +17,19 @@ _SLOWER = 1.5
 _SETTLED_S = 1.0  # a port that stayed open for so long earned quick tries again when it goes
 
 
+class Listener(Protocol):
+    """Whom a connection tells."""
+
+    def opened(self) -> None:
+        """A port is there, `Connection.write` reaches it."""
+
+    def received(self, data: bytes) -> None:
+        """Bytes, as they come."""
+
+    def lost(self, reason: str) -> None:
+        """Why there is no port; again at each try."""
+
+
 class Connection:
     """Keeps a port open and tells of it.
 
@@ -24,26 +37,11 @@ class Connection:
     ----------
     url : str
     baud : int
-    opened : callable
-        A port is there, `write` reaches it.
-    received : callable
-        Takes bytes as they come.
-    lost : callable
-        Takes the reason why there is no port, again at each try.
     """
 
-    def __init__(
-        self,
-        url: str,
-        baud: int,
-        *,
-        opened: Callable[[], None],
-        received: Callable[[bytes], None],
-        lost: Callable[[str], None],
-    ) -> None:
+    def __init__(self, url: str, baud: int) -> None:
         self.connects = 0
         self._url, self._baud = url, baud
-        self._on_opened, self._on_received, self._on_lost = opened, received, lost
         self._port: Port | None = None
         self._gone: asyncio.Future[str] | None = None
 
@@ -84,7 +82,7 @@ class Connection:
         self._url, self._baud = url, baud
         self._leave("the configuration names another port")
 
-    async def run(self) -> None:
+    async def run(self, listener: Listener) -> None:
         """Never returns; cancel it to close the port."""
         tries, delay_s = 0, QUICK_S
         loop = asyncio.get_running_loop()
@@ -93,11 +91,11 @@ class Connection:
             try:
                 port = await open_port_in_thread(url, self._baud)
             except PortError as error:
-                self._on_lost(str(error))
+                listener.lost(str(error))
             else:
                 opened_s = loop.time()
-                reason = await self._serve(port)
-                self._on_lost(f"{url}: {reason}")
+                reason = await self._serve(port, listener)
+                listener.lost(f"{url}: {reason}")
                 if loop.time() - opened_s > _SETTLED_S:
                     tries, delay_s = 0, QUICK_S
             tries += 1
@@ -105,15 +103,15 @@ class Connection:
                 delay_s = min(delay_s * _SLOWER, SLOWEST_S)
             await asyncio.sleep(delay_s)
 
-    async def _serve(self, port: Port) -> str:
+    async def _serve(self, port: Port, listener: Listener) -> str:
         """From an open port until it is lost; gives the reason."""
         self.connects += 1
         logger.info("%s: open at %d baud", self._url, self._baud)
         self._port = port
         self._gone = asyncio.get_running_loop().create_future()
         try:
-            port.attach(self._on_received, self._leave)
-            self._on_opened()
+            port.attach(listener.received, self._leave)
+            listener.opened()
             return await self._gone
         finally:
             self._port = self._gone = None

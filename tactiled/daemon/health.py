@@ -14,7 +14,14 @@ _STALE_FACTOR = 2.0
 
 
 def status_event(
-    session: Session, health: Health, *, now_s: float, started_s: float, connects: int, warning: str
+    session: Session,
+    health: Health,
+    *,
+    now_s: float,
+    started_s: float,
+    connects: int,
+    inhibited_s: float,
+    warning: str,
 ) -> StatusEvent:
     """How things are at `now_s`; `valid` only where the board runs and its newest scan is fresh."""
     # Before the first scan: nothing newer than our start was ever seen.
@@ -42,6 +49,7 @@ def status_event(
         contact=health.contact,
         slipping=health.slipping,
         uptime_s=now_s - started_s,
+        inhibited_s=inhibited_s,
     )
 
 

@@ -97,6 +97,7 @@ class Link:
             now_s=now_s,
             started_s=started_s,
             connects=connects,
+            inhibited_s=self._pipeline.tuning.inhibited_s(now_s),
             warning=self._line.warning() or warning,
         )
 

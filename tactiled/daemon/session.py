@@ -233,6 +233,11 @@ class Session:
         return self._open and not self._foreign and self.hello is not None
 
     @property
+    def board_serial(self) -> str:
+        """Name of the board, also of one that left; empty while none is known."""
+        return self.hello.board_serial if self.hello is not None else self.params.board_serial or ""
+
+    @property
     def rate_hz(self) -> float:
         """Scan rate as the board said it; 0.0 before it did."""
         return self.hello.rate_hz if self.hello is not None else 0.0

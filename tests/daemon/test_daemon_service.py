@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
 
-from tactiled.daemon import service as service_module
+from tactiled.daemon import outlets as outlets_module
+from tactiled.daemon.datapath import DataPath
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import Service, ServiceParams, serve
 from tactiled.daemon.session import SessionParams
@@ -272,13 +274,13 @@ def test_signals_end_it_well(tmp_path: Path, number: signal.Signals) -> None:
 
 
 def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service_module, "CLOCK_PERIOD_S", 0.1)
+    monkeypatch.setattr(outlets_module, "CLOCK_PERIOD_S", 0.1)
     daemon = Daemon(tmp_path)
 
     async def story(service: Service) -> None:
         await daemon.until(lambda: bool(daemon.rows("status")), "a status")
         real = time.time
-        monkeypatch.setattr(service._clock, "_wall", lambda: real() + 3600.0)
+        monkeypatch.setattr(service._outlets._clock, "_wall", lambda: real() + 3600.0)
         await daemon.until(lambda: daemon.status["timestamp"] > real() + 3590.0, "the new time")
 
     play(daemon, story)
@@ -288,14 +290,14 @@ def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytes
 def test_the_daemon_does_not_spin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: bool) -> None:
     daemon = Daemon(tmp_path)
     turns = 0
-    real = Service._act
+    real = DataPath.act
 
-    def counted(service: Service, commands: list[Command]) -> None:
+    def counted(path: DataPath, commands: Sequence[Command] = ()) -> None:
         nonlocal turns
         turns += 1
-        real(service, commands)
+        real(path, commands)
 
-    monkeypatch.setattr(Service, "_act", counted)
+    monkeypatch.setattr(DataPath, "act", counted)
 
     async def story(_: Service) -> None:
         await daemon.until(lambda: len(daemon.rows("status")) >= 12, "12 statuses")
