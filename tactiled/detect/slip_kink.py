@@ -1,8 +1,13 @@
-"""When a response began to grow: maximum likelihood over the instant and two shapes.
+"""When a response began to grow: the mean and width of its posterior, over instant and shape.
 
 A skin that is dragged at once, or a load that grows evenly, makes a ramp; one that gathers speed, or a pull
-that swells, begins as a parabola. Each instant and shape is one least-squares fit with a free level and size;
-the best has the smallest residual (Kay, Fundamentals of Statistical Signal Processing I, 1993, section 7.5).
+that swells, begins as some power of the time since. Each instant and power is one least-squares fit with a
+free level and size; in white noise the likelihood of both is ``exp(-residual / (2 variance))`` (Kay,
+Fundamentals of Statistical Signal Processing I, 1993, section 7.5). A swelling load is over the noise long
+after it began, and only its shape tells when that was; so shapes are averaged over, not chosen.
+
+"Began to grow" is itself a span, from the first growth to a load that anyone would call one: on a swelling
+load tens of milliseconds. The instant stated is its middle, and half of it is part of the sigma.
 """
 
 from typing import NamedTuple
@@ -11,17 +16,16 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
-_SHAPES = (1, 2)
+# Powers of the time since, one as likely as the next before any reading, by their logarithm. Below 1 is what
+# Mindlin's curve makes of a drag; beyond 3 a beginning is flat for most of its time, and no reading tells it.
+_POWERS = 2.0 ** np.linspace(-0.5, 1.5, 17)
 _LEVEL_SCANS = 8  # before the earliest instant that is tried
-# Scans between the instants that are tried: two or three scans of a ramp tell its shape from a parabola's
-# only when neither is rounded to whole scans. And how many there are at most.
-_FINEST_STEP, _MOST_STEPS = 0.25, 256
-_SCAN_SD = 1 / np.sqrt(12)  # an instant between two scans
-# What real beginnings differ from both shapes: part of the time since. Set where 68 % of onsets on physical
-# scenes (emulator/families, seeds 0 to 11) lie within one sigma.
-# The likelihood's width is that of a known shape; with the shape chosen by the same data it is wider.
-_UNKNOWN_SHAPE = 1.5
-_SHAPE_SD_PART = 0.02
+_INSTANTS = 64  # tried over all that is searched, and again where the likelihood is
+_FINEST_STEP = 0.125  # scans between them
+_UNLIKELY = 1e-4  # of the best: instants that are not tried again
+# What real beginnings differ from all powers, in scans: no fit to the few readings of a jolt shows it.
+_SHAPE_SD = 0.08
+_PARAMETERS = 4  # of a fit: level, size, instant, power
 
 
 class Kink(NamedTuple):
@@ -43,38 +47,42 @@ def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0
     noise : float
         Standard deviation of the response.
     least : float
-        How far it must have risen to have begun: less is nobody's load.
+        How far it has risen when anyone would call it begun.
     """
-    n = len(course)
-    latest = max(2, min(longest, n - _LEVEL_SCANS))
-    step = max(_FINEST_STEP, latest / _MOST_STEPS)
-    delays = np.arange(1.0, latest + step, step)
-    since = np.maximum(np.arange(n) - (n - 1 - delays[:, np.newaxis]), 0.0)
+    latest = float(max(2, min(longest, len(course) - _LEVEL_SCANS)))
     centred = course - course.mean()
-    sizes = np.stack([_size(since**power, centred) for power in _SHAPES])  # (shapes, 2, delays)
-    explained = sizes[:, 0]
-    shape, best = np.unravel_index(int(np.argmax(explained)), explained.shape)
-    row = explained[shape]
-    left = float(centred @ centred) - float(row[best])
-    variance = max(noise**2, left / max(n - 3, 1))
-    delay, sd = float(delays[best]), latest / 8
-    if 0 < best < len(delays) - 1:
-        bend = float(2 * row[best] - row[best - 1] - row[best + 1])
-        if bend > 0:
-            delay += step * float(row[best + 1] - row[best - 1]) / (2 * bend)
-            # The log likelihood is `explained / (2 variance)`; its curvature is the information.
-            sd = min(_UNKNOWN_SHAPE * step * float(np.sqrt(2 * variance / bend)), latest / 2)
-    size = float(sizes[shape, 1, best])
-    unseen = (least / size) ** (1 / _SHAPES[shape]) if size > 0 else 0.0
-    delay = max(delay - unseen, 0.0)
-    return Kink(delay, float(np.sqrt(sd**2 + _SCAN_SD**2 + (_SHAPE_SD_PART * delay) ** 2)))
+    delays = np.linspace(1.0, latest, _INSTANTS)
+    likely = np.flatnonzero(_likelihood(centred, delays, noise)[0].max(axis=0) > _UNLIKELY)
+    first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _INSTANTS - 1)
+    span = float(delays[last] - delays[first])
+    delays = np.linspace(delays[first], delays[last], min(_INSTANTS, 2 + int(span / _FINEST_STEP)))
+    likelihood, sizes = _likelihood(centred, delays, noise)
+    weights = likelihood / likelihood.sum()
+    since = (np.maximum(least / np.maximum(sizes, 1e-12), 0.0)) ** (1 / _POWERS[:, np.newaxis])
+    unseen = np.minimum(since, delays) / 2
+    instants = delays - unseen
+    mean = float((weights * instants).sum())
+    variance = float((weights * ((instants - mean) ** 2 + unseen**2)).sum())
+    step = span / (len(delays) - 1)
+    sd = np.sqrt(variance + step**2 / 12 + _SHAPE_SD**2)
+    return Kink(mean, float(sd))
 
 
-def _size(shapes: FloatArray, centred: FloatArray) -> FloatArray:
-    """Of a rise of each shape (shapes, n): the sum of squares that it takes away, and its size (2, shapes).
+def _likelihood(centred: FloatArray, delays: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
+    """Of each power and delay, over the best; and the size of the rise, a power of scans (powers, delays).
 
-    A fall takes nothing away.
+    A fall explains nothing.
     """
-    shapes = shapes - shapes.mean(axis=1, keepdims=True)
-    overlap, energy = np.maximum(shapes @ centred, 0.0), (shapes**2).sum(axis=1)
-    return np.stack([overlap**2 / energy, overlap / energy])
+    n = len(centred)
+    since = np.maximum(np.arange(n) - (n - 1 - delays[:, np.newaxis]), 0.0)
+    explained, sizes = np.empty((2, len(_POWERS), len(delays)))
+    for k, power in enumerate(_POWERS):
+        shapes = since**power
+        shapes -= shapes.mean(axis=1, keepdims=True)
+        overlap, energy = np.maximum(shapes @ centred, 0.0), np.maximum((shapes**2).sum(axis=1), 1e-12)
+        explained[k], sizes[k] = overlap**2 / energy, overlap / energy
+    total = float(centred @ centred)
+    best = float(explained.max())
+    # Where no shape fits, what is left is no white noise, but its size bounds what can be told.
+    variance = max(noise**2, (total - best) / max(n - _PARAMETERS, 1), 1e-12 * total, 1e-12)
+    return np.exp((explained - best) / (2 * variance)), sizes

@@ -14,10 +14,11 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.slip_after import Verdict
 from tactiled.detect.slip_course import Course
-from tactiled.detect.slip_evidence import Evidence, Growth, Stretch
+from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_kink import Kink, find_kink
 from tactiled.detect.slip_response import PRESSURE, motion
+from tactiled.detect.slip_stretch import Stretch
 from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
 
@@ -26,7 +27,9 @@ DETECTOR = "coherent"
 # slip that follows on a swing of nine tenths of what friction bears still outgrows it by so much.
 _NEWS = 1.1
 _FORGET_S = 4.0  # half of it: a tug or a start of the arm is followed by its like within some seconds
-_BEGUN = 0.004  # shear over pressure at which a load has begun to grow: friction of 0.2 % of the load
+# Shear over pressure at which anyone would say that a load has begun to grow: friction of 0.2 % of the load.
+_BEGUN = 0.004
+_LONGEST = 4  # times the ramp that shows it best: a pull that swells began so long before
 
 
 class _Slip(NamedTuple):
@@ -106,10 +109,11 @@ class Story:
     def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
         size = float(np.sqrt((growth.rise**2).sum()))
         along = growth.rise / size
-        n = min(growth.scans + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
+        longest = _LONGEST * growth.scans
+        n = min(longest + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
         course = motion(now.seen[-n:]) @ along
         least = _BEGUN * float(now.seen[-1, PRESSURE])
-        kink = find_kink(course, 2 * growth.scans, self._evidence.noise(along), least)
+        kink = find_kink(course, longest, self._evidence.noise(along), least)
         said = now.testify(along, growth.change)
         if not is_sure:
             said = dataclasses.replace(said, confidence=said.confidence / 2)

@@ -11,7 +11,6 @@ from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence
 from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
 from tactiled.detect.slip_floor import GROUP_SCANS, NoiseFloor
-from tactiled.detect.slip_kink import find_kink
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
 
@@ -145,11 +144,11 @@ def alarms_per_hour(allowed: float, smooth: float, scans: int, seed: int) -> flo
             state = row.copy()
         held = Held(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_))
         for stretch in evidence.stretches(held):
-            for row in range(256):
+            for row in range(len(stretch.fits)):
                 if index > 400 and evidence.growth(stretch, row, 10**6, 0.0) is not None:
                     alarms += index - last > 30  # one noise, one alarm
                     last = index
-                evidence.learn(stretch.details[row], disturbed=False)
+                evidence.learn(stretch, row, disturbed=False)
                 index += 1
     return alarms * 360_000 / scans
 
@@ -163,34 +162,6 @@ def test_white_noise_raises_no_more_alarms_than_allowed() -> None:
 def test_coloured_noise_raises_few_more(smooth: float, times: float) -> None:
     """Without its octaves the floor would be a third of the noise, and everything an alarm."""
     assert alarms_per_hour(360.0, smooth, 60_000, 7) < 360 * times
-
-
-@given(st.floats(2.2, 40), st.sampled_from([1, 2]), st.floats(1.0, 1e3))
-def test_a_kink_without_noise_is_found_between_scans(delay: float, power: int, size: float) -> None:
-    k = np.arange(100.0)
-    course = size * np.maximum(k - (99 - delay), 0) ** power
-    kink = find_kink(course, 60, 1e-6)
-    assert kink.delay_scans == pytest.approx(delay, abs=0.5)
-    assert abs(kink.delay_scans - delay) < 3 * kink.sd_scans
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=4, max_size=60))
-@settings(max_examples=50)
-def test_a_kink_is_stated_for_anything(course: list[float]) -> None:
-    kink = find_kink(np.array(course), 20, 0.0)
-    assert 0 <= kink.delay_scans <= 40
-    assert 0.28 < kink.sd_scans < 40
-
-
-def test_a_kink_s_sigma_holds_under_noise() -> None:
-    rng = np.random.default_rng(8)
-    k = np.arange(60.0)
-    errors = []
-    for _ in range(400):
-        delay = rng.uniform(8, 20)
-        kink = find_kink(3 * np.maximum(k - (59 - delay), 0) + 3 * rng.normal(size=60), 40, 3.0)
-        errors.append((kink.delay_scans - delay) / kink.sd_scans)
-    assert 0.6 < np.mean(np.abs(errors) < 1) < 0.9
 
 
 def is_only_a_load(travel: float, *, noise: float = 0.0, seed: int = 0, taxels: int = 9) -> bool:
@@ -333,8 +304,10 @@ def test_ramps_have_a_baseline_of_their_own() -> None:
     evidence = Evidence(ARRAY, 100.0, 1.0, 0.05)
     steps = np.full((120, ARRAY.n_channels), 1e6)
     steps += 1e5 * np.clip((np.arange(120)[:, np.newaxis] - 60) / 5, 0, 1) * shown(20.0)
-    (stretch,) = evidence.stretches(Held(np.rint(steps), np.ones(steps.shape, dtype=np.bool_)))
-    assert evidence.growth(stretch, 64, 64, 0.0) is not None
-    assert evidence.growth(stretch, 90, 90, 0.0) is not None
-    assert evidence.growth(stretch, 90, 90 - 66, 0.0) is None
-    assert evidence.growth(stretch, 64, N_BASELINE + 1, 0.0) is None
+    grown = {}
+    for stretch in evidence.stretches(Held(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
+        for scan, since in ((64, 64), (90, 90), (90, 90 - 66), (64, N_BASELINE + 1)):
+            if stretch.scans.start <= scan < stretch.scans.stop:
+                grown[scan, since] = evidence.growth(stretch, scan - stretch.scans.start, since, 0.0)
+    assert [key for key, growth in grown.items() if growth is not None] == [(64, 64), (90, 90)]
+    assert len(grown) == 4
