@@ -13,7 +13,7 @@ import numpy as np
 
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
-from tactiled.recording.replay import Replay
+from tactiled.recording.steps import Replay
 
 
 def export_csv(paths: Sequence[Path], out: Path) -> int:

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.recording.contents import Read
+from tactiled.recording.pace import Pace
 from tactiled.recording.reader import in_order, read_items
-from tactiled.recording.replay import Pace
 
 _POLL_S = 0.02
 _SETTLE_S = 0.2  # drivers throw away what they find in the first moments after opening

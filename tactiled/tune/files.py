@@ -5,7 +5,7 @@ from pathlib import Path
 from tactiled.array import load_array
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
-from tactiled.recording.replay import Replay
+from tactiled.recording.steps import Replay
 from tactiled.recording.table import read_table, to_blocks
 from tactiled.tune.hold import Collector, Recording
 

@@ -17,7 +17,8 @@ from tactiled.recording.export import export_csv
 from tactiled.recording.extent import Extent
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
-from tactiled.recording.replay import Verdict, replay
+from tactiled.recording.replay import replay
+from tactiled.recording.verdict import Verdict
 from tactiled.recording.writer import RecordingWriter
 
 CHUNKS = 6

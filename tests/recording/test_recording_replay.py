@@ -13,8 +13,9 @@ from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
 from tactiled.recording import writer as writer_module
 from tactiled.recording.contents import Input, Read
+from tactiled.recording.pace import Pace
 from tactiled.recording.recover import recover
-from tactiled.recording.replay import Pace, replay
+from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
 from tactiled.recording.scribe import Handed, Scribe
 from tactiled.wire.frames import Hello

@@ -1,0 +1,27 @@
+"""Recorded instants at their own pace, or another."""
+
+import time
+from collections.abc import Callable
+
+
+class Pace:
+    """Waits so that recorded instants pass at `speed` times their own pace; 0 never waits."""
+
+    def __init__(
+        self,
+        speed: float,
+        sleep: Callable[[float], None] = time.sleep,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._speed, self._sleep, self._monotonic = speed, sleep, monotonic
+        self._origin_s: float | None = None
+
+    def wait(self, time_s: float) -> None:
+        """Return when it is time for what happened at `time_s`."""
+        if not self._speed:
+            return
+        now_s = self._monotonic()
+        if self._origin_s is None:
+            self._origin_s = now_s - time_s / self._speed
+        if (rest_s := self._origin_s + time_s / self._speed - now_s) > 0:
+            self._sleep(rest_s)

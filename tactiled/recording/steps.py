@@ -1,0 +1,120 @@
+"""Recordings run again: the same bytes at the same instants through the same pipeline, so the same events.
+
+A file begins where the pipeline was new, or it is a later part of a rotated recording: then its header tells
+what was known of the board, and detectors begin anew, as they do after a restart. Bit by bit the events of a
+later part come again only behind the parts before it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from tactiled.errors import ContractError, DataError
+from tactiled.events.types import Event
+from tactiled.pipeline import Output, Pipeline
+from tactiled.recording.contents import Header, Input, Read, Said
+from tactiled.recording.extent import Extent
+from tactiled.recording.reader import in_order, read_items
+from tactiled.wire.frames import Hello
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that went into the pipeline, what came of it now, and what had come of it live."""
+
+    told: Read | Input
+    now: tuple[Said, ...]
+    live: tuple[Said, ...]
+    is_cut: bool
+    """What had come of it live may be missing: the file ends behind it, or is damaged there."""
+
+    @property
+    def time_s(self) -> float:
+        return self.told.arrival_s if isinstance(self.told, Read) else self.told.time_s
+
+
+class Replay:
+    """The steps of a recording, to be iterated once.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        One file, or consecutive parts of one recording, in any order.
+
+    Attributes
+    ----------
+    header : Header
+        Of the first part.
+    pipeline : Pipeline
+    extents : mapping of Path to Extent
+        How far each file is good, once it has been read.
+
+    Raises
+    ------
+    DataError
+        A file is no recording, or the parts do not follow each other.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        parts = in_order(paths)
+        for (_, before), (path, header) in pairwise(parts):
+            if (header.run, header.part) != (before.run, before.part + 1):
+                raise DataError(
+                    f"{path}: is part {header.part}, and part {header.part - 1} of its run was not given: "
+                    "give consecutive parts of one recording, each once"
+                )
+        self.header: Header = parts[0][1]
+        self.extents = {path: Extent() for path, _ in parts}
+        self.pipeline = Pipeline(self.header.source.layout, self.header.source.array, self.header.pipeline)
+
+    def __iter__(self) -> Iterator[Step]:
+        pipeline = self.pipeline
+        if self.header.hello:
+            pipeline.receive_data(self.header.hello, 0.0)
+        board = pipeline.hello.board_serial if pipeline.hello is not None else ""
+        for path, extent in self.extents.items():
+            for told, live, is_cut in _steps(path, extent):
+                now: list[Said] = []
+                for output in _run(pipeline, told, path):
+                    if isinstance(output, Hello):
+                        board = output.board_serial
+                    elif isinstance(output, Event):
+                        now.append(Said(output, board, told.unix_offset_s, "pipeline"))
+                yield Step(told, tuple(now), live, is_cut)
+
+
+def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]:
+    """Tell the pipeline what it was told then."""
+    if isinstance(told, Read):
+        return pipeline.receive_data(told.data, told.arrival_s)
+    if told.name == "disconnected":
+        pipeline.disconnected()
+    elif told.name in ("damaged", "dropped"):
+        pipeline.interrupted()
+    else:
+        try:
+            return pipeline.command(told.name, told.values(), told.time_s)[1]
+        except (ContractError, KeyError, ValueError):
+            raise DataError(f"{path}: holds {told.name!r}, which this tactiled does not know") from None
+    return ()
+
+
+def _steps(path: Path, extent: Extent) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
+    """What went in, each with the pipeline's events that are recorded behind it."""
+    told: Read | Input | None = None
+    live: list[Said] = []
+    for item in read_items(path, extent):
+        if not isinstance(item, Said):
+            if told is not None:
+                yield told, tuple(live), is_damage(item)
+            told, live = item, []
+        elif item.origin == "pipeline":
+            live.append(item)
+    if told is not None:
+        yield told, tuple(live), True
+
+
+def is_damage(told: Read | Input) -> bool:
+    """Whether this stands for bytes of the file that cannot be read; it has no instant."""
+    return isinstance(told, Input) and told.name == "damaged"

@@ -1,0 +1,110 @@
+"""Whether a recording run again gave the events that were live, and what could not be compared."""
+
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from tactiled.recording import contents
+from tactiled.recording.contents import Input, Said
+from tactiled.recording.steps import Replay, Step, is_damage
+from tactiled.recording.writer import ACTIVE
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the events that were live came again.
+
+    Attributes
+    ----------
+    compared : int
+        Events of the file that were compared.
+    difference : str
+        The first difference, in words; empty where there is none.
+    dropped_reads : int
+        Reads that the recorder had to drop. Behind the first of them nothing is compared.
+    fresh : bool
+        The pipeline was new where the recording begins; else detectors knew more live than now.
+    damaged_bytes : int
+        That cannot be read. Behind the first of them nothing is compared.
+    unread : str
+        What of finished files cannot be read, in words; empty where that is nothing.
+    unfinished : str
+        The same of files that a recorder has not finished.
+    """
+
+    compared: int
+    difference: str
+    dropped_reads: int
+    fresh: bool
+    damaged_bytes: int = 0
+    unread: str = ""
+    unfinished: str = ""
+
+    @property
+    def is_good(self) -> bool:
+        """All that should be there was there, and came again."""
+        return self.compared > 0 and not (self.difference or self.damaged_bytes or self.unread)
+
+    def words(self) -> str:
+        """For the person who asked."""
+        came = "came again bit for bit" if self.is_good else "were compared and came again"
+        words = f"{self.compared} events {came}"
+        if self.difference:
+            words += f", then they differ {self.difference}"
+        if not self.fresh:
+            words += "; this began in the middle of a run: give the parts before it too, if there are any"
+        if self.dropped_reads:
+            words += f"; compared up to where the recorder dropped {self.dropped_reads} reads"
+        if self.damaged_bytes:
+            words += f"; compared up to where {self.damaged_bytes} bytes are damaged"
+        if self.unread:
+            words += f"; not all could be read: {self.unread}"
+        if self.unfinished:
+            words += f"; as far as the file goes: {self.unfinished}"
+        return words
+
+
+class Verifier:
+    """Compares the events of now with those of then, byte by byte."""
+
+    def __init__(self) -> None:
+        self._compared = self._dropped = self._damaged_bytes = 0
+        self._difference = ""
+
+    def compare(self, step: Step) -> None:
+        """The next step; behind the first that cannot be compared none is."""
+        if isinstance(step.told, Input) and step.told.name == "dropped":
+            self._dropped += step.told.values()["reads"]
+        if isinstance(step.told, Input) and is_damage(step.told):
+            self._damaged_bytes += step.told.values()["bytes"]
+        if self._dropped or self._damaged_bytes or self._difference:
+            return
+        for now, live in zip_longest(step.now, step.live):
+            if live is None and step.is_cut:
+                return
+            if now is None or live is None or contents.encode_said(now) != contents.encode_said(live):
+                self._difference = f"at {step.time_s:.6f} s: live {_show(live)}, again {_show(now)}"
+                return
+            self._compared += 1
+
+    def result(self, again: Replay) -> Verdict:
+        """What to say of a replay that has come to its end."""
+        unread: list[str] = []
+        unfinished: list[str] = []
+        for path, extent in again.extents.items():
+            # A recorder that was killed, or still writes, leaves a torn end by right, and no torn middle.
+            by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
+            if not extent.is_whole:
+                (unfinished if by_right else unread).append(f"{path.name}: {extent.words()}")
+        return Verdict(
+            self._compared,
+            self._difference,
+            self._dropped,
+            again.header.fresh,
+            self._damaged_bytes,
+            "; ".join(unread),
+            "; ".join(unfinished),
+        )
+
+
+def _show(said: Said | None) -> str:
+    return "nothing" if said is None else f"{said.board} {said.event}"
