@@ -19,10 +19,10 @@ Every input takes ``now_s`` and returns the commands to send; `deadline_s` says 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from pydantic import Field
 
+from tactiled.daemon.asking import ANSWER_S, Asking
 from tactiled.daemon.diagnosis import LineWatch
 from tactiled.errors import ConfigError
 from tactiled.events.types import BoardState
@@ -30,9 +30,7 @@ from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
 
-ANSWER_S = 0.2  # a hello takes 15 ms at 115200 baud, behind a backlog of FTDI buckets some 50: a lost answer
 FOREIGN_S = 1.0  # how often a wrong or refusing board is asked again: it may be swapped or mended
-MAX_TRIES = 5  # commands unanswered: the board may have rebooted, so who is it?
 SILENT_PERIODS = 5.0  # scans in a row that a board in order does not lose
 SILENT_LEAST_S = 0.05  # and never less than a few FTDI buckets of 16 ms
 _SAME_RATE = 1e-3  # relative: board timers divide, and the wire rounds to millihertz
@@ -55,16 +53,6 @@ class SessionParams(Params):
         description="Scan rate to set, restored after every replug and reboot. Leave it out to take the "
         "board's own. Slip is found from 100 Hz; texture needs twice speed / groove period.",
     )
-
-
-@dataclass(frozen=True)
-class _Pending:
-    """A command that was sent and not answered yet."""
-
-    name: str
-    token: int
-    tries: int
-    again_s: float
 
 
 class Session:
@@ -95,12 +83,12 @@ class Session:
         self._confirms = self._introduces and layout.has("identify")
         self.params = self._checked(params)
         bits = layout.bits("identify", "token") or layout.bits("start", "token") or 16
-        self._token_limit = 1 << bits
+        self._token_bits = bits
         self.reset()
 
     def reset(self) -> None:
         """As new: no port, no board known."""
-        self._token = 0
+        self._asking = Asking(self._token_bits)
         self.hello: Hello | None = None
         """What the last good board said; kept when it leaves, as the name to speak of it."""
         if (assumed := self._layout.file.assumed_hello) is not None:
@@ -111,7 +99,8 @@ class Session:
     def configure(self, params: SessionParams) -> None:
         """Take new parameters; the board is asked again who it is, and what follows from that is done."""
         self.params = self._checked(params)
-        self._refused, self._quiet_until_s = "", 0.0  # what was refused is not what is asked now
+        self._refused = ""  # what was refused is not what is asked now
+        self._asking.keep_quiet(0.0)
         if self._confirms:
             self._known = False
 
@@ -120,7 +109,8 @@ class Session:
     def opened(self, now_s: float) -> list[Command]:
         """The port is open."""
         self._open, self._leaving = True, False
-        self._scan_s = self._asked_s = self._quiet_until_s = now_s
+        self._scan_s = now_s
+        self._asking.reset(now_s)
         # Firmware that never introduces itself is taken at its word, and started if it can be.
         self._known = not self._introduces
         return self._step(now_s)
@@ -128,19 +118,19 @@ class Session:
     def lost(self, reason: str) -> None:
         """The port is gone, or could not be opened."""
         self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
-        self._pending: _Pending | None = None
-        self._foreign = self._refused = self._unanswered = ""
+        self._foreign = self._refused = ""
         self._rate_taken = self._confirmed = False
         self._gone = reason
-        self._scan_s = self._asked_s = self._quiet_until_s = 0.0
+        self._scan_s = 0.0
+        self._asking.reset(0.0)
 
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
         """The board introduced itself."""
-        self._answered("identify", now_s)
+        self._asking.answered("identify", now_s)
         if (foreign := self._foreign_because(hello)) is not None:
             self._foreign = foreign
             self._known = self._running = self._stalled = False
-            self._quiet_until_s = now_s + FOREIGN_S
+            self._asking.keep_quiet(now_s + FOREIGN_S)
             return []
         before = self.hello
         if before is None or (before.board_serial, before.boot_count) != (
@@ -164,13 +154,12 @@ class Session:
 
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
         """The board acknowledged a command."""
-        pending = self._pending
-        if pending is None or (pending.token, pending.name) != (answer.token, answer.command):
+        if not self._asking.awaits(answer):
             return []
         # A busy board is asked again; what answers identify is the hello.
-        if answer.result == "busy" or (pending.name == "identify" and answer.result == "ok"):
+        if answer.result == "busy" or (answer.command == "identify" and answer.result == "ok"):
             return []
-        self._answered(answer.command, now_s)
+        self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
             rate = f" to {self.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
             self._refuse(f"the board refused {answer.command}{rate}: {answer.result}", now_s)
@@ -192,7 +181,7 @@ class Session:
             self._known = True  # the line came back by itself: no board was changed on an open port
         if not self._running and self._known and self._wanted() is None:
             self._running, self._stalled = True, False
-            self._refused = self._unanswered = ""
+            self._refused = self._asking.unanswered = ""
             self._known = self._confirmed or not self._confirms
         return self._step(now_s)
 
@@ -203,7 +192,7 @@ class Session:
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
             self._streaming, self._confirmed, self._known = False, False, not self._confirms
-            self._asked_s = now_s
+            self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # it says it streams and is not heard: start it again
         return self._step(now_s)
@@ -213,7 +202,7 @@ class Session:
         self._leaving = True
         if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
             return []
-        return [self._command("stop")]
+        return [self._asking.command("stop")]
 
     # ---- what follows ------------------------------------------------------------------------------
 
@@ -255,8 +244,7 @@ class Session:
         if self._running:
             return self._scan_s + self.silence_s
         if self._wanted() is not None:
-            again_s = self._pending.again_s if self._pending is not None else -math.inf
-            return max(self._quiet_until_s, again_s)
+            return self._asking.due_s
         return self._overdue_s if self._streaming else math.inf
 
     def reason(self, now_s: float) -> str:
@@ -267,8 +255,8 @@ class Session:
             return self._foreign or self._refused
         if fault := self._line.fault(now_s):
             return fault
-        if self._unanswered:
-            return f"the board sends but does not answer {self._unanswered}: is the line to it broken?"
+        if unanswered := self._asking.unanswered:
+            return f"the board sends but does not answer {unanswered}: is the line to it broken?"
         if self._stalled:
             return f"no scan for {self.silence_s * 1000:.0f} ms or more"
         return "waiting for scans" if self._known else "waiting for the board to introduce itself"
@@ -292,34 +280,15 @@ class Session:
         """The wanted command, unless it is on its way or must wait."""
         name = self._wanted()
         if name is None:
-            self._pending = None
+            self._asking.drop()
             return []
-        tries = 0
-        if self._pending is not None and self._pending.name == name:
-            if now_s < self._pending.again_s:
-                return []
-            tries = self._pending.tries
-        if now_s < self._quiet_until_s:
+        if not self._asking.is_due(name, now_s):
             return []
-        if tries >= MAX_TRIES:
-            self._unanswered = name
+        if self._asking.is_exhausted(name):
+            self._asking.unanswered = name
             if name != "identify" and self._confirms:
-                self._known, name, tries = False, "identify", 0
-        command = self._command(name)
-        self._asked_s = now_s
-        self._pending = _Pending(name, command.token, tries + 1, now_s + ANSWER_S)
-        return [command]
-
-    def _command(self, name: str) -> Command:
-        self._token = (self._token + 1) % self._token_limit
-        return Command(name, self._token, rate_hz=self.params.rate_hz if name == "set_rate" else None)
-
-    def _answered(self, name: str, now_s: float) -> None:
-        self._asked_s = now_s
-        if self._pending is not None and self._pending.name == name:
-            self._pending = None
-        if self._unanswered == name:
-            self._unanswered = ""
+                self._known, name = False, "identify"
+        return [self._asking.ask(name, self.params.rate_hz, now_s)]
 
     def _foreign_because(self, hello: Hello) -> str | None:
         pinned = self.params.board_serial
@@ -335,12 +304,12 @@ class Session:
         self._refused = reason
         self._running = False
         self._known = not self._introduces
-        self._quiet_until_s = now_s + FOREIGN_S
+        self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property
     def _overdue_s(self) -> float:
         """When a board that says it streams should have been heard."""
-        return max(self._asked_s, self._scan_s) + max(ANSWER_S, self.silence_s)
+        return max(self._asking.asked_s, self._scan_s) + max(ANSWER_S, self.silence_s)
 
     def _checked(self, params: SessionParams) -> SessionParams:
         if params.rate_hz is not None and not (self._confirms and self._layout.has("set_rate")):

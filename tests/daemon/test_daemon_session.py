@@ -8,8 +8,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from tactiled.daemon.asking import MAX_TRIES
 from tactiled.daemon.diagnosis import LineWatch, Tally
-from tactiled.daemon.session import FOREIGN_S, MAX_TRIES, Session, SessionParams
+from tactiled.daemon.session import FOREIGN_S, Session, SessionParams
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
 from tactiled.wire.layout import load_layout
