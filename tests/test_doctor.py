@@ -125,7 +125,7 @@ def test_a_good_set_up_passes_and_the_board_is_left_idle(config: Path, tmp_path:
         "board",
         "rate",
         "clock",
-        "groove period and angle",
+        "grooves",
         "disk",
         "endpoint",
     ):

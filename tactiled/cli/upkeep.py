@@ -20,6 +20,7 @@ def check_config(file: Path | None, schema: bool) -> None:
     Example: tactiled check-config /etc/tactiled/left.toml
     """
     from tactiled.config import Config, load_config
+    from tactiled.doctor.unplugged import resolved_in_words
 
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
@@ -29,6 +30,8 @@ def check_config(file: Path | None, schema: bool) -> None:
     setup = load_config(file)
     click.echo(json.dumps(setup.config.model_dump(mode="json")))
     click.echo(f"{file}: good ({setup.array.name}, {setup.layout.name})", err=True)
+    for line in resolved_in_words(setup):
+        click.echo(line, err=True)
 
 
 @click.command()

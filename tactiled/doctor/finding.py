@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 Verdict = Literal["ok", "warn", "fail"]
 
@@ -22,12 +22,15 @@ class Finding:
         What was found.
     remedy : str
         What to do; empty where nothing need be done.
+    values : dict
+        The numbers in `words`, for programs; what JSON can hold.
     """
 
     check: str
     verdict: Verdict
     words: str
     remedy: str = ""
+    values: dict[str, Any] = field(default_factory=dict)
 
 
 def as_text(findings: Sequence[Finding]) -> str:

@@ -1,100 +1,107 @@
-"""Which gratings an array can tell apart for the joint fit, before any board is plugged in.
+"""What doctor and check-config say of grooves, in a user's words: periods, angles, speeds (`ranges`)."""
 
-Two plane waves look alike to an array where their phases differ by the same at every taxel, whole turns
-aside. That depends on the difference dk of their wave vectors alone::
-
-    rival(dk) = rms over taxels of the phase dk . r, wrapped to +-half a turn about its circular mean
-
-Close to dk = 0 that is the beam, within which one estimate spreads. The least value outside of it is what
-phases have to be true to. Waves of period D or more differ by 4 pi / D at most. Where the motion is known,
-frequency ties dk to the motion's normal, and fewer waves compete.
-"""
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import groupby
 
 from tactiled.array import Array
 from tactiled.detect.texture_joint import JointParams
+from tactiled.detect.wave_model import WaveMotion, layout_of
+from tactiled.detect.wave_weigh import has_lever
 from tactiled.doctor.finding import Finding
+from tactiled.doctor.ranges import ALIASED, TILTS_DEG, Range, has_direction, ranges
+from tactiled.events.types import UNKNOWN_SD_DEG
 
-FloatArray = NDArray[np.float64]
-_ALIKE_RAD = 0.03  # three sigma of a channel's phase after a second of ripple 20 dB above noise
-_STEPS_OF_BEAM = 12  # grid points across the beam
-_SHOWN_MM = (0.5, 1.0, 2.0, 5.0)
-
-
-def closest_rivals_rad(
-    array: Array, periods_mm: tuple[float, ...], across_deg: float | None = None
-) -> dict[float, float]:
-    """How far the phases of any two waves of at least a period differ: rms over taxels, radians.
-
-    Parameters
-    ----------
-    array : Array
-    periods_mm : tuple of float
-    across_deg : float, optional
-        The motion is known and along this direction; left out: nothing is known of it.
-    """
-    places = np.stack([array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()])
-    finest_mm = min(periods_mm)
-    step = 2 * np.pi / max(float(np.ptp(places, axis=1).max()), finest_mm) / _STEPS_OF_BEAM
-    sizes = np.arange(1, round(4 * np.pi / finest_mm / step) + 1) * step
-    turns_deg = np.arange(0.0, 180.0, 1.0) if across_deg is None else np.array([across_deg + 90.0])
-    closest = dict.fromkeys(periods_mm, np.inf)
-    for angle in np.deg2rad(turns_deg):
-        apart = _apart_rad(np.outer(sizes, np.cos(angle) * places[0] + np.sin(angle) * places[1]))
-        for period_mm in periods_mm:
-            least = _outside_of_beam(apart[sizes <= 4 * np.pi / period_mm + step / 2])
-            closest[period_mm] = min(closest[period_mm], least)
-    return closest
-
-
-def _apart_rad(phase: FloatArray) -> FloatArray:
-    """Rms of phases about their circular mean: (n, taxels) to (n,)."""
-    mean = np.angle(np.exp(1j * phase).sum(axis=1))[:, None]
-    return np.asarray(np.sqrt((np.angle(np.exp(1j * (phase - mean))) ** 2).mean(axis=1)))
-
-
-def _outside_of_beam(apart: FloatArray) -> float:
-    """Least difference along one direction behind the first hill; 0 where no taxels differ along it."""
-    if apart.max(initial=0.0) < 1e-9:
-        return 0.0
-    falls = np.flatnonzero(np.diff(apart) < 0)
-    return float(apart[falls[0] :].min()) if len(falls) else float(apart[-1])
+_ROUND_MM = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0)  # settings proposed
 
 
 def check_waves(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
     """What the array resolves at this rate; a speed of 0 is not known."""
-    return [_gratings(array, params), _sampled(params, rate_hz, speed_mm_s)]
+    return [_told(array, params, rate_hz, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
 
 
-def _gratings(array: Array, params: JointParams) -> Finding:
-    name = "groove period and angle"
-    periods_mm = tuple(sorted({params.min_period_mm, *_SHOWN_MM}))
-    known = closest_rivals_rad(array, periods_mm, params.direction_deg or 0.0)
-    unknown = closest_rivals_rad(array, periods_mm)
-    if not max(known.values()):
-        return Finding(name, "warn", f"{array.name} has no two taxels side by side: no angle of grooves")
-    shown = ", ".join(f"{known[mm]:.2f} ({unknown[mm]:.2f}) rad from {mm:g} mm on" for mm in _SHOWN_MM)
-    words = f"{array.name}: phases of two gratings differ by {shown}, where speed is known (not known)"
-    if (known if params.speed_mm_s else unknown)[params.min_period_mm] >= _ALIKE_RAD:
-        return Finding(name, "ok", words)
-    return Finding(
-        name, "warn", f"{words}; less than {_ALIKE_RAD:g} rad is often \"ambiguous\"",
-        f"raise detect.texture.min_period_mm ({params.min_period_mm:g}) to what can occur, tell the speed, "
-        "or wear an array with unequal gaps (wang2019-3x3)",
-    )  # fmt: skip
-
-
-def _sampled(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
-    name, top_hz = "groove frequency", rate_hz / 2
+def _told(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+    name = "grooves"
+    direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
+    motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
+    if not has_lever(layout_of(array), motion):
+        words = f"{array.name} has no two taxels side by side: no angle of grooves"
+        return Finding(name, "warn", words, "wear an array with taxels in rows and columns")
+    found = ranges(array, params, rate_hz, speed_mm_s)
+    values = {"speed_mm_s": speed_mm_s, "rate_hz": rate_hz, "ranges": [asdict(one) for one in found]}
+    known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "speed not known"
+    words = f"{array.name}, {known}, tells {_in_words(found)}"
+    pairs = [one.alike for one in found if one.alike]
+    if not pairs:
+        return Finding(name, "ok", words, values=values)
+    (period_mm, angle_deg), (like_mm, like_deg) = pairs[0]
+    words += (
+        f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg looks like {like_mm:.3g} mm at "
+        f"{like_deg:.0f} deg"
+    )
+    remedies = []
     if speed_mm_s <= 0:
-        words = (
-            f"ripples are seen below {top_hz:g} Hz, half the scan rate: periods above speed / {top_hz:g} Hz"
+        remedies.append("tell the speed (detect.texture.speed_mm_s)")
+    elif params.direction_deg is None:
+        remedies.append("tell the direction (detect.texture.direction_deg)")
+    if narrower := _narrower(array, params, rate_hz, speed_mm_s):
+        period_mm, tilt_deg = narrower
+        remedies.append(
+            f"where grooves are so, set detect.texture.min_period_mm = {period_mm:g} and max_tilt_deg = "
+            f"{tilt_deg:g}: then all are told"
         )
-        return Finding(name, "ok", words)
-    finest_mm = speed_mm_s / top_hz
-    words = f"at {speed_mm_s:g} mm/s periods above {finest_mm:.3f} mm are below half the scan rate"
-    if finest_mm <= params.min_period_mm:
-        return Finding(name, "ok", words)
-    return Finding(name, "warn", words, "slide slower, or scan faster (session.rate_hz)")
+    remedies.append("wear an array with unequal gaps (wang2019-3x3)")
+    return Finding(name, "warn", words, "; or ".join(remedies), values)
+
+
+def _in_words(found: Sequence[Range]) -> str:
+    """Neighbouring tilts of one range together."""
+    said = []
+    for periods, group in groupby(
+        found, lambda one: "" if one.is_empty else f"{one.from_mm:.2g} to {one.to_mm:.2g} mm"
+    ):
+        tilts = [f"{one.tilt_deg:g}" for one in group]
+        span = tilts[0] if len(tilts) == 1 else f"{tilts[0]} to {tilts[-1]}"
+        said.append(f"{periods or 'no grooves'} at {span} deg")
+    return f"{', '.join(said)} between groove normal and motion"
+
+
+def _narrower(
+    array: Array, params: JointParams, rate_hz: float, speed_mm_s: float
+) -> tuple[float, float] | None:
+    """Least `min_period_mm`, with the largest `max_tilt_deg` for it, that leave nothing ambiguous."""
+    for period_mm in _ROUND_MM:
+        for tilt_deg in reversed(TILTS_DEG[1:]):
+            if params.min_period_mm < period_mm < params.max_period_mm and tilt_deg <= params.max_tilt_deg:
+                tried = params.model_copy(update={"min_period_mm": period_mm, "max_tilt_deg": tilt_deg})
+                found = ranges(array, tried, rate_hz, speed_mm_s)
+                if not any(one.alike or one.is_empty for one in found):
+                    return period_mm, tilt_deg
+    return None
+
+
+def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+    """Which speeds suit the periods that are set."""
+    name = "sliding speed"
+    window_s, low_mm, high_mm = params.asked.max_window_s, params.min_period_mm, params.max_period_mm
+    fastest_mm_s = ALIASED * rate_hz * low_mm
+    slowest_mm_s = high_mm * params.min_periods / window_s
+    values = {"most_mm_s": fastest_mm_s, "least_mm_s": slowest_mm_s, "most_tilt_deg": params.max_tilt_deg}
+    blind = f"within {90 - params.max_tilt_deg:g} deg of the grooves' own direction none are felt"
+    fast = f"{fastest_mm_s:.3g} mm/s or slower for {low_mm:g} mm"
+    slow = f"{slowest_mm_s:.2g} mm/s or faster for {high_mm:g} mm"
+    if speed_mm_s <= 0:
+        return Finding(name, "ok", f"slide across grooves at {fast}, {slow}; {blind}", values=values)
+    words = []
+    if speed_mm_s > fastest_mm_s:
+        finest_mm = speed_mm_s / (ALIASED * rate_hz)
+        words.append(
+            f"below {finest_mm:.3g} mm ripples are too fast for {rate_hz:g} scans a second (aliased)"
+        )
+    if speed_mm_s < slowest_mm_s:
+        coarsest_mm = speed_mm_s * window_s / params.min_periods
+        words.append(f"above {coarsest_mm:.3g} mm a window of {window_s:g} s holds too few ripples: {slow}")
+    said = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
+    if speed_mm_s <= fastest_mm_s:
+        return Finding(name, "ok", said, values=values)
+    return Finding(name, "warn", said, f"slide at {fast}, or scan faster (session.rate_hz)", values)
