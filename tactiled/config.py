@@ -12,8 +12,8 @@ from tactiled.array import Array, ArrayFile, build
 from tactiled.daemon.exporter import MetricsParams
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import ServiceParams
-from tactiled.daemon.session import SessionParams
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline, PipelineParams

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from tactiled.array import Array
 from tactiled.daemon.diagnosis import LineWatch
 from tactiled.daemon.link import Link
-from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.session import Session
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.emulator.faults import FaultKind, FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.port import Port
@@ -69,9 +70,8 @@ class Rig:
         )
         self.pipeline = Pipeline(layout, array)
         line = LineWatch(layout.name, layout.file.baud)
-        self.session = Session(
-            session or SessionParams(), layout, lambda hello: check_hello(hello, layout, array), line
-        )
+        terms = Terms(session or SessionParams(), layout, lambda hello: check_hello(hello, layout, array))
+        self.session = Session(terms, line)
         self.link = Link(self.pipeline, self.session, line)
         self.connects = 0
         self.bytes_read = 0

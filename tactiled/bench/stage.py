@@ -18,8 +18,8 @@ from tactiled.array import load_array
 from tactiled.client import Client, Message
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import Service, ServiceParams
-from tactiled.daemon.session import SessionParams
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams
 from tactiled.emulator.faults import FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import PtyLink

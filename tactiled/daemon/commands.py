@@ -1,19 +1,18 @@
 """What commands do: settings of the detectors, the rate, the recording. No I/O; time is an argument."""
 
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from tactiled.daemon.requests import Command, Mark, Rate, Record
-from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.session import Session
+from tactiled.daemon.terms import SessionParams, is_same_rate
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
 
 RATE_S = 3.0  # a change of rate is stop, set, ask, start: some 0.1 s; three lost answers take 0.6 s more
-_SAME_RATE = 1e-3  # relative, as the session's: board timers divide
 
 Done = Callable[[str], None]
 """Told the reason why not, empty when it is done."""
@@ -72,7 +71,7 @@ class Commands:
         change, session = self._rate, self._session
         if change is None:
             return
-        if session.state == "running" and math.isclose(session.rate_hz, change.rate_hz, rel_tol=_SAME_RATE):
+        if session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz):
             self._rate = None
             change.done("")
         elif session.state == "no-device":
@@ -113,7 +112,7 @@ class Commands:
         if self._rate is not None:
             done(f"{self._rate.rate_hz:g} Hz is being set: wait for it")
             return
-        before = self._session.params
+        before = self._session.terms.params
         try:
             self._session.configure(before.model_copy(update={"rate_hz": rate_hz}))
         except ConfigError as error:

@@ -26,8 +26,9 @@ from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.report import Report
 from tactiled.daemon.requests import Command as Request
-from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.session import Session
 from tactiled.daemon.source import PortParams, check_url
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.errors import TactiledError
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline, check_hello
@@ -91,9 +92,8 @@ class Service:
         self._layout = layout
         self._reload = reload
         line = LineWatch(layout.name, self._baud, other_layouts(layout))
-        self._session = session = Session(
-            params.session, layout, lambda hello: check_hello(hello, layout, array), line
-        )
+        terms = Terms(params.session, layout, lambda hello: check_hello(hello, layout, array))
+        self._session = session = Session(terms, line)
         link = Link(pipeline, session, line)
         self._connection = connection = Connection(params.port.url, self._baud)
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)

@@ -9,7 +9,7 @@
         '---- lost, from anywhere                 silence --> stalled ------'
 
 There is no script to be at some line of. Whatever happens, what the board needs next follows from what is
-known of it (`_wanted`): identify what is unknown, then make the rate right, then start it. A reboot, a
+known of it (`Terms.wanted`): identify what is unknown, then make the rate right, then start it. A reboot, a
 lost answer or a replug only makes something unknown again, so every setting comes back by itself, and no
 command but ``identify`` ever goes to a board that did not say it is ours. A board that we started is asked
 once more when its scans come: it may have rebooted between its hello and our start, without its settings.
@@ -18,41 +18,16 @@ Every input takes ``now_s`` and returns the commands to send; `deadline_s` says 
 """
 
 import math
-from collections.abc import Callable
-
-from pydantic import Field
 
 from tactiled.daemon.asking import ANSWER_S, Asking
 from tactiled.daemon.diagnosis import LineWatch
-from tactiled.errors import ConfigError
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.events.types import BoardState
-from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Command, Hello
-from tactiled.wire.layout import Layout
 
 FOREIGN_S = 1.0  # how often a wrong or refusing board is asked again: it may be swapped or mended
 SILENT_PERIODS = 5.0  # scans in a row that a board in order does not lose
 SILENT_LEAST_S = 0.05  # and never less than a few FTDI buckets of 16 ms
-_SAME_RATE = 1e-3  # relative: board timers divide, and the wire rounds to millihertz
-
-
-class SessionParams(Params):
-    """Which board, and how it is set."""
-
-    board_serial: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Serial number of the one board to accept, as its hello says it (see `tactiled listen "
-        "--topic info`). Leave it out where only one board can be plugged in; give it where two hands share "
-        "a host, because a left board on the right hand's port is a wrong answer, not a missing one.",
-    )
-    rate_hz: float | None = Field(
-        default=None,
-        gt=0,
-        le=10_000,
-        description="Scan rate to set, restored after every replug and reboot. Leave it out to take the "
-        "board's own. Slip is found from 100 Hz; texture needs twice speed / groove period.",
-    )
 
 
 class Session:
@@ -60,48 +35,30 @@ class Session:
 
     Parameters
     ----------
-    params : SessionParams
-    layout : Layout
-    check : callable
-        Reason why a board is not the one configured, or None (`pipeline.check_hello`).
+    terms : Terms
+        What the board must be.
     line : LineWatch
         Names the likely cause when nothing comes through.
-
-    Raises
-    ------
-    ConfigError
-        A rate is asked of a layout that cannot set or confirm one.
     """
 
-    def __init__(
-        self, params: SessionParams, layout: Layout, check: Callable[[Hello], str | None], line: LineWatch
-    ) -> None:
-        self._layout = layout
-        self._check = check
+    def __init__(self, terms: Terms, line: LineWatch) -> None:
+        self.terms = terms
         self._line = line
-        self._introduces = layout.has("hello")
-        self._confirms = self._introduces and layout.has("identify")
-        self.params = self._checked(params)
-        bits = layout.bits("identify", "token") or layout.bits("start", "token") or 16
-        self._token_bits = bits
         self.reset()
 
     def reset(self) -> None:
         """As new: no port, no board known."""
-        self._asking = Asking(self._token_bits)
-        self.hello: Hello | None = None
+        self._asking = Asking(self.terms.token_bits)
+        self.hello: Hello | None = self.terms.assumed_hello()
         """What the last good board said; kept when it leaves, as the name to speak of it."""
-        if (assumed := self._layout.file.assumed_hello) is not None:
-            fields = assumed.model_dump() | {"channel_offset_s": tuple(assumed.channel_offset_s)}
-            self.hello = Hello(protocol_version=self._layout.file.protocol_version, **fields)
         self.lost("opening the port")
 
     def configure(self, params: SessionParams) -> None:
         """Take new parameters; the board is asked again who it is, and what follows from that is done."""
-        self.params = self._checked(params)
+        self.terms.configure(params)
         self._refused = ""  # what was refused is not what is asked now
         self._asking.keep_quiet(0.0)
-        if self._confirms:
+        if self.terms.confirms:
             self._known = False
 
     # ---- what happens ------------------------------------------------------------------------------
@@ -112,7 +69,7 @@ class Session:
         self._scan_s = now_s
         self._asking.reset(now_s)
         # Firmware that never introduces itself is taken at its word, and started if it can be.
-        self._known = not self._introduces
+        self._known = not self.terms.introduces
         return self._step(now_s)
 
     def lost(self, reason: str) -> None:
@@ -120,23 +77,18 @@ class Session:
         self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
         self._foreign = self._refused = ""
         self._rate_taken = self._confirmed = False
-        self._gone = reason
-        self._scan_s = 0.0
+        self._gone, self._scan_s = reason, 0.0
         self._asking.reset(0.0)
 
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
         """The board introduced itself."""
         self._asking.answered("identify", now_s)
-        if (foreign := self._foreign_because(hello)) is not None:
+        if (foreign := self.terms.foreign_because(hello)) is not None:
             self._foreign = foreign
             self._known = self._running = self._stalled = False
             self._asking.keep_quiet(now_s + FOREIGN_S)
             return []
-        before = self.hello
-        if before is None or (before.board_serial, before.boot_count) != (
-            hello.board_serial,
-            hello.boot_count,
-        ):
+        if self.hello is None or _boot(self.hello) != _boot(hello):
             self._refused = ""  # another board, or the same one anew: let it decide again
         self._foreign = ""
         self.hello, self._known, self._streaming = hello, True, hello.streaming
@@ -145,7 +97,7 @@ class Session:
         self._confirmed = hello.streaming and wanted is None
         if self._rate_taken and wanted in ("stop", "set_rate"):
             self._refuse(
-                f"the board took set_rate to {self.params.rate_hz:g} Hz but says {hello.rate_hz:g} Hz: "
+                f"the board took set_rate to {self.terms.params.rate_hz:g} Hz but says {hello.rate_hz:g} Hz: "
                 "choose a rate that its timer can make",
                 now_s,
             )
@@ -156,12 +108,11 @@ class Session:
         """The board acknowledged a command."""
         if not self._asking.awaits(answer):
             return []
-        # A busy board is asked again; what answers identify is the hello.
         if answer.result == "busy" or (answer.command == "identify" and answer.result == "ok"):
-            return []
+            return []  # a busy board is asked again; what answers identify is the hello
         self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
-            rate = f" to {self.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
+            rate = f" to {self.terms.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
             self._refuse(f"the board refused {answer.command}{rate}: {answer.result}", now_s)
             return []
         self._refused = ""
@@ -182,7 +133,7 @@ class Session:
         if not self._running and self._known and self._wanted() is None:
             self._running, self._stalled = True, False
             self._refused = self._asking.unanswered = ""
-            self._known = self._confirmed or not self._confirms
+            self._known = self._confirmed or not self.terms.confirms
         return self._step(now_s)
 
     def tick(self, now_s: float) -> list[Command]:
@@ -191,7 +142,7 @@ class Session:
             return []
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
-            self._streaming, self._confirmed, self._known = False, False, not self._confirms
+            self._streaming, self._confirmed, self._known = False, False, not self.terms.confirms
             self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # it says it streams and is not heard: start it again
@@ -200,7 +151,7 @@ class Session:
     def stop(self) -> list[Command]:
         """We are leaving: what to tell the board; from now on nothing is restored."""
         self._leaving = True
-        if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
+        if not (self._open and (self._known or self._running or self._stalled) and self.terms.has_stop):
             return []
         return [self._asking.command("stop")]
 
@@ -224,7 +175,7 @@ class Session:
     @property
     def board_serial(self) -> str:
         """Name of the board, also of one that left; empty while none is known."""
-        return self.hello.board_serial if self.hello is not None else self.params.board_serial or ""
+        return self.hello.board_serial if self.hello is not None else self.terms.params.board_serial or ""
 
     @property
     def rate_hz(self) -> float:
@@ -267,43 +218,25 @@ class Session:
         """Name of the command that the board needs next, from all that is known of it."""
         if not self._open or self._leaving:
             return None
-        if not self._known:
-            return "identify" if self._layout.has("identify") else None
-        rate_hz = self.params.rate_hz
-        if rate_hz is not None and not math.isclose(self.rate_hz, rate_hz, rel_tol=_SAME_RATE):
-            return "stop" if self._streaming and self._layout.has("stop") else "set_rate"
-        if not self._streaming and self._layout.has("start"):
-            return "start"
-        return None
+        return self.terms.wanted(self._known, self._streaming, self.rate_hz)
 
     def _step(self, now_s: float) -> list[Command]:
         """The wanted command, unless it is on its way or must wait."""
-        name = self._wanted()
-        if name is None:
+        if (name := self._wanted()) is None:
             self._asking.drop()
             return []
         if not self._asking.is_due(name, now_s):
             return []
         if self._asking.is_exhausted(name):
             self._asking.unanswered = name
-            if name != "identify" and self._confirms:
+            if name != "identify" and self.terms.confirms:
                 self._known, name = False, "identify"
-        return [self._asking.ask(name, self.params.rate_hz, now_s)]
-
-    def _foreign_because(self, hello: Hello) -> str | None:
-        pinned = self.params.board_serial
-        if pinned is not None and hello.board_serial != pinned:
-            return (
-                f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them, "
-                "or mend session.board_serial"
-            )
-        return self._check(hello)
+        return [self._asking.ask(name, self.terms.params.rate_hz, now_s)]
 
     def _refuse(self, reason: str, now_s: float) -> None:
         """The board will not do what it must: say so, and look afresh in a while."""
-        self._refused = reason
-        self._running = False
-        self._known = not self._introduces
+        self._refused, self._running = reason, False
+        self._known = not self.terms.introduces
         self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property
@@ -311,8 +244,7 @@ class Session:
         """When a board that says it streams should have been heard."""
         return max(self._asking.asked_s, self._scan_s) + max(ANSWER_S, self.silence_s)
 
-    def _checked(self, params: SessionParams) -> SessionParams:
-        if params.rate_hz is not None and not (self._confirms and self._layout.has("set_rate")):
-            fault = f"protocol {self._layout.name} cannot set and confirm a rate: leave rate_hz out"
-            raise ConfigError("session.rate_hz", [fault])
-        return params
+
+def _boot(hello: Hello) -> tuple[str, int]:
+    """Which board, and which of its lives."""
+    return hello.board_serial, hello.boot_count

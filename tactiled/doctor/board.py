@@ -11,6 +11,7 @@ from tactiled.daemon.diagnosis import LineWatch, frames_of, other_layouts
 from tactiled.daemon.link import Link
 from tactiled.daemon.session import Session
 from tactiled.daemon.source import Port, open_port_in_thread
+from tactiled.daemon.terms import Terms
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import ScanEvent, StatusEvent
@@ -60,9 +61,8 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
     """Be the daemon for `LISTEN_S`, then put the board back as it was."""
     layout, pipeline = setup.layout, setup.make_pipeline()
     line = LineWatch(layout.name, baud, other_layouts(layout))
-    session = Session(
-        setup.config.session, layout, lambda hello: check_hello(hello, layout, setup.array), line
-    )
+    terms = Terms(setup.config.session, layout, lambda hello: check_hello(hello, layout, setup.array))
+    session = Session(terms, line)
     link, encoder = Link(pipeline, session, line), Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []

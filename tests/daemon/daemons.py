@@ -14,8 +14,8 @@ from boards import LAYOUT, descriptors
 from tactiled.array import load_array
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import Service, ServiceParams
-from tactiled.daemon.session import SessionParams
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams
 from tactiled.pipeline import Pipeline
 
 ARRAY = load_array("wang2019-3x3")

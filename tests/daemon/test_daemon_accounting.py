@@ -7,7 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from tactiled.array import load_array
 from tactiled.bench.rig import Ledger, Rig
 from tactiled.bench.soak import grasps
-from tactiled.daemon.session import SessionParams
+from tactiled.daemon.terms import SessionParams
 from tactiled.emulator.faults import FaultKind, FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.events.types import Event, StatusEvent

@@ -20,8 +20,9 @@ from tactiled.daemon.diagnosis import LineWatch
 from tactiled.daemon.link import SILENT_S, Link
 from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.service import Service
-from tactiled.daemon.session import Session, SessionParams
+from tactiled.daemon.session import Session
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.emulator.faults import FaultAt, FaultParams
 from tactiled.emulator.links import PtyLink
 from tactiled.emulator.scene import Scene, load_scene
@@ -135,7 +136,7 @@ def test_a_half_dead_connection_is_opened_anew(tmp_path: Path) -> None:
 
 def bare_link() -> Link:
     line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
-    session = Session(SessionParams(), LAYOUT, lambda _: None, line)
+    session = Session(Terms(SessionParams(), LAYOUT, lambda _: None), line)
     return Link(Pipeline(LAYOUT, ARRAY), session, line)
 
 

@@ -20,8 +20,8 @@ from tactiled.daemon import outlets as outlets_module
 from tactiled.daemon.datapath import DataPath
 from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.service import Service, ServiceParams, serve
-from tactiled.daemon.session import SessionParams
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Command
 

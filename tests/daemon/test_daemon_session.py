@@ -10,7 +10,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from tactiled.daemon.asking import MAX_TRIES
 from tactiled.daemon.diagnosis import LineWatch, Tally
-from tactiled.daemon.session import FOREIGN_S, Session, SessionParams
+from tactiled.daemon.session import FOREIGN_S, Session
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
 from tactiled.wire.layout import load_layout
@@ -30,7 +31,7 @@ class Bench:
     def __init__(self, params: SessionParams | None = None, board: SimBoard | None = None) -> None:
         self.now_s = 1000.0
         self.line = LineWatch("tactiled-board", 115200)
-        self.session = Session(params or SessionParams(), LAYOUT, fits, self.line)
+        self.session = Session(Terms(params or SessionParams(), LAYOUT, fits), self.line)
         self.board = board or SimBoard()
         self.down_broken = self.up_broken = False
         self.sent: list[Command] = []
@@ -318,7 +319,7 @@ def test_new_parameters_take_effect_while_running() -> None:
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
     layout = load_layout("legacy-9")
-    session = Session(SessionParams(), layout, fits, LineWatch("legacy-9", 57600))
+    session = Session(Terms(SessionParams(), layout, fits), LineWatch("legacy-9", 57600))
     assert session.opened(10.0) == []
     assert (session.state, session.deadline_s) == ("syncing", math.inf)
     assert session.scanned(10.1) == []
@@ -332,7 +333,7 @@ def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
 
 def test_a_rate_for_firmware_that_cannot_set_one_is_a_config_error() -> None:
     with pytest.raises(ConfigError, match=r"session\.rate_hz.*leave rate_hz out"):
-        Session(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits, LineWatch("x", 1))
+        Terms(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits)
 
 
 class AnyHistory(RuleBasedStateMachine):
