@@ -27,9 +27,10 @@ from tactiled.detect.contact import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.quantise import Quantiser
+from tactiled.detect.quantise import Held, Quantiser
 from tactiled.detect.slip_evidence import Evidence
 from tactiled.detect.slip_story import Story
+from tactiled.detect.slip_stuck import Stuck
 from tactiled.detect.slip_witness import Witness
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
@@ -93,6 +94,7 @@ class CoherentSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
+        self._stuck = Stuck(self._array)
 
     def _start(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
@@ -127,11 +129,16 @@ class CoherentSlip:
         events: list[Event] = [*self._story.cut_off(self._last_time_s)] if self._rate_hz else []
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
+        stuck = self._stuck  # what is broken stays so over a gap
         self.reset()
+        self._stuck = stuck
         return events
 
     def _process_piece(self, block: ScanBlock) -> list[Event]:
         held = self._quantiser.process(block)
+        stuck = self._stuck.process(held.steps)
+        if stuck.any():
+            held = Held(held.steps, held.ok & ~stuck)
         pressure = self._tracker.measure(block, held)
         gate = pressure.rows()
         events: list[Event] = []

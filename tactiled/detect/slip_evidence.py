@@ -44,6 +44,8 @@ _LOOKS_A_SCAN = 4.0
 # tilting load leaks more than an even one.
 _COMMON = 0.25
 _UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there is none
+# A rise along which pressure doubles is a press: at a slant, within what friction bears, its shear grows as well.
+_PRESS = 0.5
 _NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
@@ -144,6 +146,7 @@ class Evidence:
             (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
             & (size >= _NEWS * self._least * pressure)
             & (size >= leak * np.abs(rises[:, AXES]))
+            & (rises[:, AXES] <= _PRESS * pressure)
         )
 
     def growth(self, stretch: Stretch, scan: int, since: int, least: float) -> Growth | None:
@@ -184,7 +187,8 @@ class Evidence:
         """Standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
         newest = len(stretch.details) - len(stretch.fits) + scan
         before = newest - self._filters.lengths[:, np.newaxis] - np.arange(BEFORE_SCANS)
-        sizes = np.abs(stretch.details[before]).mean(axis=1) / _MEAN_OF_NORMAL  # (ramps, 3, levels)
+        details = stretch.details[before, :AXES]
+        sizes = np.abs(details).mean(axis=1) / _MEAN_OF_NORMAL  # (ramps, 3, levels)
         sizes[..., _FINE_LEVELS:] = 0.0
         return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
 

@@ -27,6 +27,12 @@ class NoiseFloor:
     ----------
     levels, columns : int
     rate_hz : float
+
+    Attributes
+    ----------
+    sd : (levels, columns) float64
+    newest : (levels, columns) float64
+        Of the newest group alone.
     """
 
     def __init__(self, levels: int, columns: int, rate_hz: float) -> None:
@@ -37,10 +43,11 @@ class NoiseFloor:
         self._n_frozen = 0
         self._n_rows = 0
         self._disturbed = False
-        self.sd = np.exp(self._log)
+        self._set()
+        self.newest = self.sd
 
     def take(self, details: FloatArray, disturbed: bool) -> bool:
-        """Take in one scan's details (columns, levels); True where that changed the floor."""
+        """Take in one scan's details (columns, levels); True where a group is whole."""
         self._details[self._n_rows] = details
         self._n_rows += 1
         self._disturbed |= disturbed
@@ -48,17 +55,18 @@ class NoiseFloor:
             return False
         disturbed, self._disturbed, self._n_rows = self._disturbed, False, 0
         self._n_frozen = self._n_frozen + 1 if disturbed else 0
-        if 0 < self._n_frozen <= self._freeze_groups and self._n_groups:
-            return False
         median = np.median(np.abs(self._details), axis=0).T / _MEDIAN_OF_NORMAL
+        self.newest = np.maximum(median, _LEAST_STEPS)
+        if 0 < self._n_frozen <= self._freeze_groups and self._n_groups:
+            return True
         self._n_groups += 1
         weight = max(_WEIGHT, 1 / self._n_groups)
-        self._log += weight * (np.log(np.maximum(median, _LEAST_STEPS)) - self._log)
+        self._log += weight * (np.log(self.newest) - self._log)
         self._set()
         return True
 
-    def scale(self, columns: slice, by: FloatArray) -> None:
-        """Columns are made of other channels from now on: floors (levels, columns) times this."""
+    def scale(self, by: FloatArray, columns: slice = slice(None)) -> None:
+        """Something other than time changes floors: (levels, columns) times this."""
         self._log[:, columns] = np.maximum(self._log[:, columns] + np.log(by), np.log(_LEAST_STEPS))
         self._set()
 

@@ -7,7 +7,9 @@ nine. Weights by noise would gain little more and bend the response, of which ea
 
 Each channel has its own noise floor, from the coif1 levels of all channels; so has each axis, from its own.
 Channels' floors alone would take noise that they share (a reference, a cable, a hum) for independent and
-call it slip; axes' floors alone cannot tell which channel is noisy, nor what noise is left without it.
+call it slip; axes' floors alone cannot tell which channel is noisy, nor what noise is left without it, nor
+noise that grew at once from motion. Motion and pressure add up along an axis, noise of each channel's own
+does not: where channels say that it grew and axes have no more than that makes, all floors grow at once.
 """
 
 import itertools
@@ -26,10 +28,14 @@ from tactiled.detect.wavelet import BankParams, SwtBank
 
 Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
+_COMMON = AXES + 1  # axes of motion, and pressure
 BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip_evidence`)
 # Taxels are chosen anew so often: noise is known after some groups, and each choice cuts a stretch.
 _CHOOSE_SCANS = 4 * GROUP_SCANS
 _NOISY, _QUIET_AGAIN = 5.0, 3.0
+# Less is followed soon enough; and times what noise of channels makes of four axes: in groups of white noise
+# they have 0.8 to 1.3 of it, three and more when a slip or a tap moves all taxels.
+_GREW, _INCOHERENT = 2.0, 1.6
 # Steps of noise that never matter: a 13th bit of full scale. The last bit of a 12-bit ADC comes and goes.
 _NO_NOISE = 2.0 ** (READING_BITS - 13)
 
@@ -52,8 +58,8 @@ class Stretch:
         What rose along each ramp; the last is the pressure.
     fits : (n, ramps) bool
         What may count as evidence.
-    details : (history + n, 3, levels) float64
-        Of the axes, with those of the scans before.
+    details : (history + n, 4, levels) float64
+        Of the axes and of pressure, with those of the scans before.
     channels : (n, channels, levels) float64
         Details of each channel.
     """
@@ -97,9 +103,9 @@ class Stretches:
         self.filters = Filters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
-        self._floor = NoiseFloor(len(LEVELS), AXES + array.n_channels, rate_hz)
+        self._floor = NoiseFloor(len(LEVELS), _COMMON + array.n_channels, rate_hz)
         self._steps = np.zeros((0, array.n_channels))
-        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, AXES, len(LEVELS)))
+        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _COMMON, len(LEVELS)))
         self._newest_bad = np.full(array.n_taxels, -self.filters.window - 1)
         self._n_seen = 0
         self._noisy = np.zeros(array.n_taxels, dtype=np.bool_)
@@ -140,7 +146,7 @@ class Stretches:
 
     def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
         """Taxels with far more noise than most that are read; they become quiet again when well below."""
-        noise = self._response.worst(self._floor.sd[0, AXES:])
+        noise = self._response.worst(self._floor.sd[0, _COMMON:])
         usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
         self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
 
@@ -149,30 +155,40 @@ class Stretches:
     ) -> Stretch:
         jump = np.zeros(self.weights.shape[0])
         if (taxels != self.taxels).any():
-            before, noise = responses(self.weights, self._steps[-1:]), self._made_of_channels()
+            before, noise = responses(self.weights, self._steps[-1:]), self._made_of(self._floor.sd)
             self._choose(taxels)
             jump = (responses(self.weights, self._steps[-1:]) - before)[0]
-            now = self._made_of_channels()
+            now = self._made_of(self._floor.sd)
             known = (noise > 0) & (now > 0)
-            self._floor.scale(slice(0, AXES), np.where(known, now, 1.0) / np.where(known, noise, 1.0))
+            self._floor.scale(
+                np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _COMMON)
+            )
         n = len(steps)
         steps = np.concatenate([self._steps, steps])
         self._steps = steps[n:]
         seen = responses(self.weights, steps)
         axes = np.concatenate([motion(seen), seen[:, PRESSURE:]], axis=1)
         ramps, details = self.filters.apply(axes)
-        details = np.concatenate([self._details, details[:, :AXES]])
+        details = np.concatenate([self._details, details])
         self._details = details[n:]
         rises = ramps * self.filters.rise_scale
         fits = self._fits(rises, axes[self.filters.window - 1 :])
         return Stretch(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
 
-    def _made_of_channels(self) -> FloatArray:
-        """Noise (levels, 3) of the axes if that of every channel were its own."""
-        of_channels = self._floor.sd[:, AXES:]
-        return np.asarray(np.sqrt(of_channels**2 @ motion(self.weights.T) ** 2))
+    def _made_of(self, noise: FloatArray) -> FloatArray:
+        """Noise (levels, 4) of axes and pressure, if that of each channel (levels, 4 + channels) is its own."""
+        weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
+        return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
 
     def learn(self, stretch: Stretch, row: int, *, disturbed: bool) -> bool:
         """Noise of a scan of a stretch, and whether something happened; True where that changed a floor."""
-        axes = stretch.details[len(stretch.details) - len(stretch.channels) + row]
-        return self._floor.take(np.concatenate([axes, stretch.channels[row]]), disturbed)
+        common = stretch.details[len(stretch.details) - len(stretch.channels) + row]
+        if not self._floor.take(np.concatenate([common, stretch.channels[row]]), disturbed):
+            return False
+        newest = self._floor.newest
+        grew = np.median((newest / self._floor.sd)[:, _COMMON:], axis=1)
+        if grew[0] > _GREW:
+            made = np.maximum(self._made_of(newest)[0], 1.0)
+            if np.mean((newest[0, :_COMMON] / made) ** 2) < _INCOHERENT**2:
+                self._floor.scale(np.maximum(grew, 1.0)[:, np.newaxis])
+        return True

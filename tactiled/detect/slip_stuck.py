@@ -1,0 +1,107 @@
+"""Channels that are stuck: readings that are valid and say nothing.
+
+A wire that came off, an input that is held by its neighbour, a multiplexer that does not switch: the reading
+stays where it is. Two things tell it from a quiet channel, whose converter lawfully repeats a code for as
+long as noise and load stay within it.
+
+1. It had noise. Of the `_HISTORY` scans before the code began to repeat, readings turned back in
+   `_TURNED` or more. White noise of a last bit or more turns back in half of all scans and repeats a code in
+   at most 0.4 of them, so that `_LONG` repeats in a row come by chance once in 1e15 scans; noise that only
+   flips the last bit turns back in a quarter at most. Where noise stops everywhere at once, as when a motor
+   stops, most channels rest, and none is stuck.
+2. It stays while a press moves the others of its taxel, all of them and one way, by `_PRESSED_VOLTS` or
+   more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side; a press leaves none.
+
+A channel works again with its first reading that differs.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.quantise import Quantiser
+
+_HISTORY, _TURNED = 128, 52  # 0.4 of all: 3.3 standard deviations above a last bit that flips
+_LONG = 40  # 0.4^40 is 1e-16
+_MOST = 1 / 3  # of the channels: where more rest, the noise has stopped
+_PRESSED_VOLTS = 0.15  # what `contact` takes for the least of a press
+_LEAST_SIDES = 3
+
+
+class Stuck:
+    """Follows all channels.
+
+    Parameters
+    ----------
+    array : Array
+    """
+
+    def __init__(self, array: Array) -> None:
+        self._pressed_steps = _PRESSED_VOLTS / Quantiser(array).volts_per_step
+        self._sign = array.sign
+        n = array.n_channels
+        self._sides = _sides(array)
+        """(channels, others): the other sides of a channel's taxel, itself where it has none."""
+        self._judged = np.array([len({*row} - {c}) >= _LEAST_SIDES - 1 for c, row in enumerate(self._sides)])
+        self._run = np.zeros(n, dtype=np.int64)  # repeats so far
+        self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
+        self._last: FloatArray | None = None
+        self._way = np.zeros(n)  # of the last change
+        self._turns = np.zeros((_HISTORY, n), dtype=np.int64)
+        self._n_turns = np.zeros(n, dtype=np.int64)
+        self._noisy = np.zeros(n, dtype=np.bool_)  # before the code began to repeat
+
+    def process(self, steps: FloatArray) -> NDArray[np.bool_]:
+        """Which of the readings (n, channels) are stuck; chunking does not matter."""
+        n = len(steps)
+        if self._last is None:
+            self._last = steps[0]
+            self._began = (steps[0] * self._sign)[self._sides]
+        before = self._last[np.newaxis]
+        change = np.sign(np.diff(np.concatenate([before, steps]), axis=0))
+        self._last = steps[-1].copy()
+        rows = np.arange(n)[:, np.newaxis]
+        newest_change = np.maximum.accumulate(np.where(change != 0, rows, -1), axis=0)  # -1: before the block
+        in_block = newest_change >= 0
+        run = np.where(in_block, rows - newest_change, self._run + rows + 1)
+        self._run = run[-1]
+
+        turned = (change != 0) & (change == -self._ways(change))
+        turns = np.concatenate([self._turns, turned])
+        self._turns = turns[n:]
+        n_turns = self._n_turns + np.cumsum(turned - turns[:n], axis=0)
+        self._n_turns = n_turns[-1]
+        at = np.maximum(newest_change, 0)
+        noisy = np.where(in_block, np.take_along_axis(n_turns, at, axis=0) >= _TURNED, self._noisy)
+        self._noisy = noisy[-1]
+        rests = noisy & (run >= _LONG)
+        stuck = rests & (rests.mean(axis=1, keepdims=True) <= _MOST)
+
+        others = (steps * self._sign)[:, self._sides]  # (n, channels, others)
+        place = np.broadcast_to(at[..., np.newaxis], others.shape)
+        began = np.where(in_block[..., np.newaxis], np.take_along_axis(others, place, axis=0), self._began)
+        self._began = began[-1]
+        return np.asarray(stuck | (self._judged & self._pressed(others - began)))
+
+    def _ways(self, change: FloatArray) -> FloatArray:
+        """Direction (n, channels) of the last change of the scan before."""
+        n = len(change)
+        rows = np.arange(n + 1)[:, np.newaxis]
+        ways = np.concatenate([self._way[np.newaxis], change])
+        newest = np.maximum.accumulate(np.where(ways != 0, rows, 0), axis=0)
+        ways = np.take_along_axis(ways, newest, axis=0)
+        self._way = ways[-1]
+        return np.asarray(ways[:-1])
+
+    def _pressed(self, moved: FloatArray) -> NDArray[np.bool_]:
+        up, down = moved >= self._pressed_steps, moved <= -self._pressed_steps
+        return np.asarray(up.all(axis=-1) | down.all(axis=-1))
+
+
+def _sides(array: Array) -> NDArray[np.int64]:
+    is_side = np.array(array.channel_kind) == "side"
+    channels = np.arange(array.n_channels)
+    same = (array.channel_taxel[:, np.newaxis] == array.channel_taxel) & is_side & is_side[:, np.newaxis]
+    others = [np.flatnonzero(same[c] & (channels != c)) for c in channels]
+    most = max(1, *(len(row) for row in others))
+    return np.array([np.resize(row if len(row) else c, most) for c, row in enumerate(others)])
