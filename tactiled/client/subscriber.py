@@ -28,12 +28,12 @@ class _Judged:
 
     def __init__(
         self,
-        endpoint: str,
-        topics: Sequence[str],
-        board: str | None,
-        stale_after_s: float,
-        control: str | None,
-        keys: Path | str | None,
+        endpoint: str = DEFAULT_ENDPOINT,
+        topics: Sequence[str] = (),
+        board: str | None = None,
+        stale_after_s: float = STALE_AFTER_S,
+        control: str | None = None,
+        keys: Path | str | None = None,
     ) -> None:
         self._endpoint = endpoint
         self._topics = tuple(topics)
@@ -126,17 +126,6 @@ class Client(_Judged):
     ConfigError
         The endpoint is none, or there are no keys in the file.
     """
-
-    def __init__(
-        self,
-        endpoint: str = DEFAULT_ENDPOINT,
-        topics: Sequence[str] = (),
-        board: str | None = None,
-        stale_after_s: float = STALE_AFTER_S,
-        control: str | None = None,
-        keys: Path | str | None = None,
-    ) -> None:
-        super().__init__(endpoint, topics, board, stale_after_s, control, keys)
 
     async def __aenter__(self) -> Self:
         self._context = zmq.asyncio.Context()

@@ -7,22 +7,10 @@ import time
 from pathlib import Path
 
 import zmq
+from said import SLIP, STATUS
 
 from tactiled import resources
 from tactiled.events import codec
-from tactiled.events.types import SlipEvent, StatusEvent
-
-STATUS = StatusEvent(
-    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.01, clock_sd_s=0.0,
-    clock_rate_ppm=0.0, rate_hz=100.0, scans=1, frames_corrupt=0, scans_missing=0, scans_duplicate=0,
-    restarts=0, bytes_in=0, bytes_framed=0, bytes_discarded=0, bytes_pending=0, connects=1,
-    contact="sliding", slipping=True, uptime_s=1.0,
-)  # fmt: skip
-SLIP = SlipEvent(
-    time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01, direction_deg=30.0,
-    direction_sd_deg=2.0, confidence=1.0, taxels=(4,), detector="test", statistic=1.0, threshold=0.5,
-    valid=True, detected_s=0.0,
-)  # fmt: skip
 
 
 def test_the_printed_subscriber_works(tmp_path: Path) -> None:
