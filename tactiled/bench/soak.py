@@ -10,26 +10,25 @@ import resource
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from tactiled.array import load_array
+from tactiled.bench.ledger import Ledger
 from tactiled.bench.report import table
-from tactiled.bench.rig import Account, Ledger, Rig
-from tactiled.emulator.faults import FaultCounts, FaultParams
+from tactiled.bench.rig import Rig
+from tactiled.bench.soak_outcome import Onset, Outcome, Stretch
+from tactiled.emulator.faults import FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.phases import Hold, Lift, Press, Rest, Slide
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.truth import Truth
 from tactiled.events.types import ContactEvent, Event, SlipEvent
-from tactiled.pipeline import Health
 from tactiled.wire.layout import load_layout
 
 HOUR_S = 3600.0
 _TENTHS = 10  # looks at memory and clock
-_NEAR_S = 2.0  # an onset this near to a true slide is that slide's
 _LATE_S = 0.1  # samples.late_after_s: evidence older than this must not make a valid slip
 _STALE_FACTOR = 2.0  # as the status has it: valid up to twice the silence that is a stall ...
 _CLOCK_MARGIN_S = 0.005  # ... by estimated instants, which may err by this
@@ -42,83 +41,6 @@ FAULTS = FaultParams(
     unplug_s=3.0,
 )  # fmt: skip
 BUNCHED = FAULTS.model_copy(update={"bunch_s": 0.016})
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A length of board time under one line."""
-
-    name: str
-    rate_hz: float
-    duration_s: float
-    faults: FaultParams
-    seed: int = 0
-
-
-@dataclass(frozen=True)
-class Onset:
-    """Of a valid slip.
-
-    Attributes
-    ----------
-    at_s : float
-    is_contact_known : bool
-        The contact that slipped was seen from its beginning.
-    is_stale : bool
-        Its evidence was handled too late.
-    """
-
-    at_s: float
-    is_contact_known: bool
-    is_stale: bool
-
-
-@dataclass
-class Outcome:
-    """What a stretch came to."""
-
-    stretch: Stretch
-    account: Account
-    health: Health
-    counts: FaultCounts
-    bytes_read: int = 0
-    true_slips: int = 0
-    slips_found: int = 0
-    false_slips: int = 0
-    unsure_slips: int = 0
-    """False ones out of a contact whose beginning nobody saw: there the end of a slide may look like one."""
-    stale_slips: int = 0
-    """Whose evidence was handled too late."""
-    rms_s: list[float] = field(default_factory=list)
-    """Errors of instants, tenth by tenth."""
-    rss_mb: list[float] = field(default_factory=list)
-    blocks: list[int] = field(default_factory=list)
-    """Objects that Python holds."""
-    took_s: float = 0.0
-
-    @property
-    def unaccounted(self) -> int:
-        """Scans that nobody accounts for, or losses that were not counted as they were."""
-        account = self.account
-        known = account.delivered + account.lost_in_runs + account.lost_at_restarts
-        return abs(account.taken - known) + abs(account.lost_in_runs - self.health.scans_missing)
-
-    @property
-    def faults(self) -> list[str]:
-        """What is not as it must be; empty when all is."""
-        account, health = self.account, self.health
-        decided = health.bytes_framed + health.bytes_discarded + health.bytes_pending
-        checks = {
-            "scans are not accounted for": self.unaccounted,
-            "bytes do not add up": not health.bytes_in == decided == self.bytes_read,
-            "a scan was published twice": account.repeated,
-            "an instant was wrong": account.mistimed,
-            "old news were called fresh": account.false_fresh,
-            "a slip was false": self.false_slips,
-            "a valid slip came of old scans": self.stale_slips,
-            "reboots were not counted as such": health.restarts != self.counts.reboots,
-        }
-        return [words for words, wrong in checks.items() if wrong]
 
 
 def grasps(duration_s: float) -> Scene:
@@ -178,24 +100,8 @@ def soak(stretch: Stretch, say: Callable[[str], None]) -> Outcome:
     outcome.took_s = time.perf_counter() - took_s
     outcome.health = rig.pipeline.health()
     outcome.bytes_read = rig.bytes_read
-    _score(outcome, Truth(scene, rig.port.board.scene_start_s or 0.0), onsets)
+    outcome.score(Truth(scene, rig.port.board.scene_start_s or 0.0), onsets)
     return outcome
-
-
-def _score(outcome: Outcome, truth: Truth, onsets: list[Onset]) -> None:
-    """Which slips were found, and which never were."""
-    found = set()
-    for onset in onsets:
-        near = [
-            k
-            for k, slip in enumerate(truth.slips)
-            if slip.onset_s - _NEAR_S <= onset.at_s <= slip.end_s + _NEAR_S
-        ]
-        found.update(near)
-        outcome.false_slips += not near and onset.is_contact_known
-        outcome.unsure_slips += not near and not onset.is_contact_known
-        outcome.stale_slips += onset.is_stale
-    outcome.true_slips, outcome.slips_found = len(truth.slips), len(found)
 
 
 def bench_soak(say: Callable[[str], None], *, quick: bool) -> str:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from tactiled.bench.rig import Ledger
-from tactiled.bench.soak import BUNCHED, Outcome, Stretch, soak
+from tactiled.bench.ledger import Ledger
+from tactiled.bench.soak import BUNCHED, soak
+from tactiled.bench.soak_outcome import Outcome, Stretch
 from tactiled.emulator.scanning import ScanTruth
 from tactiled.events.types import ScanEvent
 

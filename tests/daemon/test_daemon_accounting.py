@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tactiled.array import load_array
-from tactiled.bench.rig import Ledger, Rig
+from tactiled.bench.ledger import Ledger
+from tactiled.bench.rig import Rig
 from tactiled.bench.soak import grasps
 from tactiled.daemon.terms import SessionParams
 from tactiled.emulator.faults import FaultKind, FaultParams
