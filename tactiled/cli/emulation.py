@@ -57,7 +57,7 @@ def emulate(
     from tactiled.emulator.faults import FaultParams
     from tactiled.emulator.identity import BoardParams
     from tactiled.emulator.named import named_scene
-    from tactiled.emulator.shell import run_emulator
+    from tactiled.emulator.process import run_emulator
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)

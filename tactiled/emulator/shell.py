@@ -1,4 +1,4 @@
-"""The emulator as a process: real time on a real pty or TCP port.
+"""The emulator in real time, on a real pty or TCP port.
 
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness never adds up; the loop sleeps in ``select`` until the
 next one or until the host writes. Scene time starts with the board's first ``start`` command; the report
@@ -8,18 +8,15 @@ says when that was.
 import contextlib
 import os
 import select
-import signal
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
-from tactiled.emulator.control import ControlLines, contact_report, control_link
+from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.faults import FaultKind, FaultParams
 from tactiled.emulator.identity import BoardParams, worn_array
-from tactiled.emulator.links import Link, make_link
+from tactiled.emulator.links import Link
 from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.port import Port
 from tactiled.emulator.prepare import prepare
@@ -198,55 +195,3 @@ class Emulator:
                 **contact_report(self._port.contact, scan.began_s - (self._port.board.scene_start_s or 0.0)),
             }
         )
-
-
-def run_emulator(
-    scene: Scene,
-    layout: Layout,
-    *,
-    link: Path | None = None,
-    tcp: str | None = None,
-    board: BoardParams | None = None,
-    faults: FaultParams | None = None,
-    seed: int = 0,
-    report: Report,
-    with_scans: bool = False,
-    control: str | None = None,
-) -> None:
-    """Run an `Emulator` until SIGTERM or SIGINT; its pty appears as `link`, or it listens on `tcp`.
-
-    `control` is ``unix:///PATH`` or ``tcp://HOST:PORT``, where a controller moves the grip.
-
-    Raises
-    ------
-    ConfigError
-        What was asked for does not fit together, or the link cannot be made.
-    """
-    emulator = Emulator(
-        scene,
-        layout,
-        make_link(link, tcp),
-        board=board,
-        faults=faults,
-        seed=seed,
-        report=report,
-        with_scans=with_scans,
-        control=None if control is None else control_link(control),
-    )
-    with _stopped_by_signals(emulator.stop):
-        emulator.run()
-
-
-@contextlib.contextmanager
-def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """SIGTERM and SIGINT call `stop` meanwhile; handlers can only be set in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGTERM, signal.SIGINT)
-    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
