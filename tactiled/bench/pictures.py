@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.bench.texture_log import draw_answers
+from tactiled.bench.texture_log import answer_in_words, draw_answers, draw_folded, draw_map
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slip_wavelet import level_at
 from tactiled.detect.spectrum import spectrum
@@ -22,7 +22,7 @@ from tactiled.samples.block import ScanBlock
 
 FloatArray = NDArray[np.float64]
 TRUE, FOUND, QUIET = "#1a7f37", "#c0392b", "#777777"
-CHANNELS = ("#1f4e79", "#e07b00", "#6aa4d8", "#b38f00", "#5b3a8c", "#2b8a8a")
+CHANNELS = ("#1f4e79", "#e07b00", "#6aa4d8", "#5b3a8c", "#b38f00", "#2b8a8a")
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: Truth | None = None,
 ) -> None:
-    """Voltages of a taxel, its wavelet coefficients, texture as it was answered, and the last one's spectrum.
+    """Voltages of a taxel, its wavelet coefficients, grooves as they were answered, and how well they fit.
 
     Parameters
     ----------
@@ -70,10 +70,11 @@ def draw_log(
     taxel = _liveliest(array, volts)
     channels = np.flatnonzero(array.channel_taxel == taxel)
     last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
-    rows = ["vv", "cc"] + ["pa"] * bool(textures) + ["".join((last_row * 2)[:2])] * bool(last_row)
+    rows = ["vv", "cc"] + ["pa", "mf"] * bool(textures) + ["".join((last_row * 2)[:2])] * bool(last_row)
     figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
     axes = figure.subplot_mosaic("\n".join(rows))
-    figure.suptitle(f"{title}: taxel {taxel} of {array.name}")
+    answer = answer_in_words(said, onsets)
+    figure.suptitle(f"{title}: taxel {taxel} of {array.name}" + f"\n{answer}" * bool(answer))
     _draw_volts(axes["v"], array, channels, time_s - origin_s, volts)
     _draw_coefficients(axes["c"], array, channels, time_s, volts, params)
     for name in "vc":
@@ -83,6 +84,8 @@ def draw_log(
         axes[name].set_xlabel("time (s)")
     if textures:
         draw_answers(axes["p"], axes["a"], said, origin_s)
+        draw_map(axes["m"], array, textures[-1], onsets)
+        draw_folded(axes["f"], array, time_s, volts, channel_offset_s, textures[-1], onsets)
     if onsets:
         _draw_onset(axes["o"], channels, time_s, volts, channel_offset_s, onsets, truth)
     if textures:
@@ -204,11 +207,11 @@ def _draw_spectrum(
         axis.axvline(truth.frequency_hz, color=TRUE, lw=2.5, alpha=0.6, label=truth.label)
     label = (
         f"estimate: {event.frequency_hz:.2f} Hz\nD = {event.period_mm:.3f} mm, "
-        f"angle {event.angle_deg:.1f}°\n(window {event.window_s:g} s)"
+        f"angle {event.angle_deg:.1f}°\n(window {event.window_s:.3g} s)"
     )
     axis.axvline(event.frequency_hz, color=FOUND, lw=1.2, label=label)
     axis.set_xlim(0, max(4 * event.frequency_hz, 1.0))
     axis.set_xlabel("frequency (Hz)")
     axis.set_ylabel("amplitude (mV)")
-    axis.set_title("the grooves", fontsize=10)
+    axis.set_title("spectrum of the last window", fontsize=10)
     axis.legend(frameon=False, fontsize=9, loc="upper right")

@@ -50,8 +50,11 @@ def _draw_threshold(axes: Axes, trials: Sequence[Trial], is_known: bool) -> None
                 words = f"{found.angle:.2f}\n{found.period:.2f}" + "!" * (found.wrong > 0)
                 axes.text(j, i, words, ha="center", va="center", fontsize=8)
     image = axes.imshow(part, origin="lower", aspect="auto", cmap="RdYlGn", vmin=0, vmax=1, alpha=0.7)
-    if len(windows) > 1 and len(snrs) > 1:
-        axes.contour(np.nan_to_num(part), levels=[0.9], colors="black", linewidths=2)
+    is_answered = np.nan_to_num(part) >= 0.9
+    for i, j in zip(*np.nonzero(is_answered[:, 1:] != is_answered[:, :-1]), strict=True):
+        axes.plot([j + 0.5, j + 0.5], [i - 0.5, i + 0.5], color="black", lw=2)
+    for i, j in zip(*np.nonzero(is_answered[1:] != is_answered[:-1]), strict=True):
+        axes.plot([j - 0.5, j + 0.5], [i + 0.5, i + 0.5], color="black", lw=2)
     axes.set_xticks(range(len(snrs)), [f"{snr_db:g}" for snr_db in snrs])
     axes.set_yticks(range(len(windows)), [f"{window_s:g}" for window_s in windows])
     axes.set(xlabel="dB a channel", ylabel="window (s)")
