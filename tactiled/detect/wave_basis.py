@@ -7,12 +7,14 @@ them (Frisch, Waugh, Lovell). So one pass over the window makes a small table fo
 questions about wave vectors, phases and amplitudes are asked of the tables.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactiled.array import FloatArray
 
+_NEXT_RAD = 0.75 * np.pi  # of turn: lines less than so many periods of the window apart are one
 _STRAIGHT = 1  # order of the least trend: level and slope
 
 
@@ -34,7 +36,9 @@ class Window:
     half_way : float
     duration_s : float
     trend : (n, terms) float64
-        Orthonormal polynomials.
+        Orthonormal polynomials, and lines that were taken out.
+    gone : tuple of float
+        Turns of those lines.
     """
 
     volts: FloatArray
@@ -43,15 +47,22 @@ class Window:
     half_way: float
     duration_s: float
     trend: FloatArray
+    gone: tuple[float, ...] = ()
 
     @property
     def n(self) -> int:
         return len(self.trend)
 
-    def without(self, turn: float, n_harmonics: int) -> "Window":
-        """The same with a line and its harmonics taken to be part of the trend."""
-        angle = np.outer(self.way.mean(axis=0), turn * np.arange(1, n_harmonics + 1))
-        return self._without(np.concatenate([np.cos(angle), np.sin(angle)], axis=1))
+    def without(self, turn: float, multiples: Iterable[int]) -> "Window":
+        """The same with lines at multiples of a frequency taken to be part of the trend."""
+        turns = [turn * multiple for multiple in multiples]
+        angle = np.outer(self.way.mean(axis=0), turns)
+        left = self._without(np.concatenate([np.cos(angle), np.sin(angle)], axis=1))
+        return replace(left, gone=(*self.gone, *turns))
+
+    def is_gone(self, turn: float) -> bool:
+        """Whether a line next to this one was taken out, so that nothing can be said of it."""
+        return any(abs(turn - other) < _NEXT_RAD for other in self.gone)
 
     def curved(self, order: int) -> "Window":
         """The same with polynomials of up to `order` taken to be part of the trend."""

@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, make_window, tabulate
+from tactiled.detect.wave_harmonics import foreign_lines
+from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import inflation
+from tactiled.detect.wave_pair import find_pair
 from tactiled.detect.wave_refine import Refined, refine
-from tactiled.detect.wave_ripple import strongest
-from tactiled.detect.wave_search import search, together
+from tactiled.detect.wave_ripple import Ripple, strongest
+from tactiled.detect.wave_search import phasors_at, search, together
 from tactiled.detect.wave_solve import Solver
 from tactiled.detect.wave_weigh import has_lever, reading, weighed
+from tactiled.events.types import Candidate
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
@@ -26,8 +30,9 @@ _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mir
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
 _WAVES = ("ok", "ambiguous")
 _OWN_HARMONICS = 8  # of a grating, none of which is a second one
+_MOST_ALONG = 3  # readings of a line, whose components along the motion two waves of its frequency may share
 _SECOND_DB = 20.0  # weaker ones beside a grating may be what the model does not describe of it
-Line = tuple[float, int]  # turn, and how many harmonics
+Line = tuple[float, list[int]]  # turn, and which multiples of it are its own
 
 
 def fit_wave(
@@ -90,8 +95,7 @@ def _fit(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams)
     first, line = _strongest_wave(window, layout, motion, params)
     if line is None or first.status not in _WAVES:
         return first
-    turn, n_harmonics = line[0], max(line[1], int(min(_OWN_HARMONICS, np.pi / line[0] / window.largest_step)))
-    second, other = _strongest_wave(window.without(turn, n_harmonics), layout, motion, params)
+    second, other = _strongest_wave(window.without(*line), layout, motion, params)
     if other is None or second.status not in _WAVES or second.snr_db < first.snr_db - _SECOND_DB:
         return first
     # Anew without the other, which was noise to it.
@@ -110,30 +114,26 @@ def _strongest_wave(
         for line in readings:
             if line.periods < params.min_periods:
                 return WaveFit("too-few-periods", window.frequency_hz(line.turn)), None
-            found = _wave(line.window, layout, motion, params, line.turn, line.variance)
+            found = _wave(line, layout, motion, params)
             if found is not None:
                 return found
-        window = window.without(readings[0].turn, 1)
+        window = window.without(readings[-1].turn, [1])
     return WaveFit("low-snr"), None
 
 
 def _wave(
-    window: Window,
-    layout: Layout,
-    motion: WaveMotion,
-    params: WaveParams,
-    turn: float,
-    variance: FloatArray,
+    ripple: Ripple, layout: Layout, motion: WaveMotion, params: WaveParams
 ) -> tuple[WaveFit, Line] | None:
     """The wave of a line, as it is or as the mirror image of one too fast to be sampled; or None."""
+    window, turn, variance = ripple.window, ripple.turn, ripple.variance
     if not has_lever(layout, motion):
-        return WaveFit("ambiguous", window.frequency_hz(turn)), (turn, 1)
+        return WaveFit("ambiguous", window.frequency_hz(turn)), (turn, [1])
     tables = tabulate(window, turn, 1)
     least = together(window, tables, layout, variance)
     found = search(window, tables, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
     is_wave = best is not None and best.is_wave
-    if best is None or not is_wave or (motion.has_speed and best.stray.any()):
+    if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.stray.any())):
         # Too fast to be sampled, a ripple shows as a slower one, whose phases suit no wave well.
         whole_turn = 2 * np.pi / window.largest_step
         for fast in (whole_turn - turn, whole_turn + turn):
@@ -142,23 +142,63 @@ def _wave(
                 image = refine(window, layout, motion, params, other[0])
                 if image.is_wave:
                     hz = window.frequency_hz(float(image.waves.turn[0]))
-                    return WaveFit("aliased", hz, image.snr_db), (turn, 1)
+                    return WaveFit("aliased", hz, image.snr_db), (turn, [1])
     if best is None or not is_wave:
         if motion.has_speed and has_lever(layout, motion.without_speed):
-            return _wave(window, layout, motion.without_speed, params, turn, variance)
+            return _wave(ripple, layout, motion.without_speed, params)
         return None
-    line = float(best.waves.turn[0]), best.tables.n_harmonics
+    line = _own(window, layout, motion, params, best)
     fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
     if line[0] * window.largest_step > 2 * np.pi * _ALIASED:
         return replace(fit, status="aliased"), line
     fit = _answer(fit, best, window, layout, motion)
     fit = weighed(fit, best, found, window, layout, motion, params)
+    if fit.status == "ok" and (pair := _pair(fit, best, found, window, layout, motion, params)):
+        return replace(WaveFit("ambiguous", fit.frequency_hz, fit.snr_db), candidates=pair), line
     if fit.status == "ambiguous" and motion.has_speed and has_lever(layout, motion.without_speed):
         # Phases that leave one reading only, whatever the motion, belie what is said of it.
-        loose = _wave(window, layout, motion.without_speed, params, turn, variance)
+        loose = _wave(ripple, layout, motion.without_speed, params)
         if loose is not None and loose[0].status == "ok":
             return loose
     return fit, line
+
+
+def _own(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, best: Refined) -> Line:
+    """The lines of a wave, also those too weak to go by."""
+    turn = float(best.waves.turn[0])
+    n_most = int(np.clip(np.pi / turn / window.largest_step, 1, _OWN_HARMONICS))
+    n_most = next((h - 1 for h in range(2, n_most + 1) if window.is_gone(h * turn)), n_most)
+    tables = tabulate(window, turn, n_most)
+    foreign = foreign_lines(window, layout, motion, params, best.waves, tables, best.variance)
+    return turn, [h for h in range(1, n_most + 1) if h not in foreign or h <= best.tables.n_harmonics]
+
+
+def _pair(
+    fit: WaveFit,
+    best: Refined,
+    found: Waves,
+    window: Window,
+    layout: Layout,
+    motion: WaveMotion,
+    params: WaveParams,
+) -> tuple[Candidate, ...]:
+    """Two waves of one frequency, where they explain the line and one does not."""
+    along = best.waves.k @ motion.heading
+    if not motion.has_speed:
+        along = np.concatenate([along, found.k[:_MOST_ALONG] @ motion.heading])
+        along = along[np.unique(np.round(along * np.ptp(layout.x_mm)), return_index=True)[1]]
+    variance = 2 * best.variance * fit.colour / window.n
+    z = phasors_at(window, best.tables, 1)
+    pair = find_pair(z, variance, layout, motion, params, best.waves.k[0], along)
+    if pair is None:
+        return ()
+    shares = pair.power / pair.power.sum()
+    return tuple(
+        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(share))
+        for k, share in zip(pair.k, shares, strict=True)
+        if k.any()
+        for period_mm, angle_deg in [reading(k)]
+    )
 
 
 def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion: WaveMotion) -> WaveFit:

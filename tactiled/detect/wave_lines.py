@@ -12,6 +12,8 @@ _PADDING = 4  # bins a period of the window: the largest is then within 1/8 of a
 _NEIGHBOURS = 40  # bins to either side in which noise is taken to be of one density
 LEAST_CYCLES = 0.5  # slower ones are a straight trend
 _SLOW_CYCLES = 8  # below, a line and its image at the negative frequency are one hump under a Hann window
+_FLOOR_PLACES = 4  # beside a frequency, a period of the window apart, tell the noise there
+_CLEAR = 0.75  # periods of the window: nearer to a line or to the trend, noise has been taken with it
 _NEAR = 3  # of them, belong to the line itself: a Hann window's main lobe and a little
 # White noise passes for a line once in so many windows.
 _FALSE_LINE = 1e-6
@@ -70,9 +72,38 @@ def find_lines(window: Window) -> Lines:
     return Lines(cycles, pooled, needed, variance)
 
 
+def floor_beside(window: Window, turn: float, variance: FloatArray, line: float) -> float:
+    """Noise at a frequency over the variance it is said to have, as its neighbours tell it.
+
+    Noise of a real skin falls with frequency, at the most as that of a random walk (1 / f^2): what is read
+    off higher neighbours is taken to rise so towards the frequency; what is read off lower ones counts as is.
+
+    Parameters
+    ----------
+    window : Window
+        Without the line at `line` (a turn) and its harmonics.
+    turn : float
+    """
+    here, apart = turn / np.pi, line / np.pi
+    there = here + np.array([-2.0, -1.0, 1.0, 2.0, 3.0, 4.0])
+    clear = np.abs(there - np.maximum(np.round(there / apart), 1) * apart) >= min(_CLEAR, apart / 2)
+    clear &= np.array([not window.is_gone(np.pi * place) for place in there])
+    there = there[(there >= _CLEAR) & (there < window.n / 2 - 1) & clear][:_FLOOR_PLACES]
+    if not len(there):
+        return np.inf
+    rises = np.maximum(there / here, 1.0) ** 2
+    powers = _least_squares_power(window, np.pi * there, variance)
+    return float((powers * rises).mean())
+
+
 def _slow_power(window: Window, cycles: FloatArray, variance: FloatArray) -> FloatArray:
     """The same by least squares, sine and cosine with the slow part taken out: (bins,)."""
     turns = np.pi * np.maximum(cycles, cycles[1] / 2) * (window.n - 1) / window.n
+    return _least_squares_power(window, turns, variance)
+
+
+def _least_squares_power(window: Window, turns: FloatArray, variance: FloatArray) -> FloatArray:
+    """Mean over channels of power over noise at frequencies, 1 for noise: (turns,)."""
     angle = np.outer(turns, window.way.mean(axis=0))
     basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (bins, 2, n)
     basis -= (basis @ window.trend) @ window.trend.T

@@ -93,7 +93,7 @@ def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:
 def _beside(window: Window, best: Refined) -> FloatArray:
     """Noise of the places beside the line as products of the tables: (samples, channels, functions)."""
     turn, n_harmonics = float(best.waves.turn[0]), best.tables.n_harmonics
-    left = window.without(turn, n_harmonics)
+    left = window.without(turn, range(1, n_harmonics + 1))
     cycles = turn / np.pi
     away = np.arange(-2 * _PLACES, 2 * _PLACES + 1)
     there = cycles + away

@@ -1,21 +1,21 @@
 """The best wave near a start, with all its harmonics, and what noise and strays are then left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window, tabulate
+from tactiled.detect.wave_harmonics import foreign_lines, line_powers, n_seen, noise_variance
 from tactiled.detect.wave_linear import Waves
-from tactiled.detect.wave_lines import LEAST_VARIANCE
 from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
 from tactiled.detect.wave_solve import Solver
 
 _FALSE_LINE = 1e-6  # noise passes for one more line so often
-_HIGHEST = 0.45  # of the scan rate: a harmonic above may fall on another
 _REFINEMENTS = 4  # noise and strays are known from the one before
 _CONVERGED = 1e-5  # radians, and radians a millimetre
+_FARTHEST = np.pi  # of turn from the start: a period of the window is beyond what tables describe
 _LEAST_TIED = 0.4  # a wave explains all but this part of what its channels do by themselves
 
 
@@ -57,28 +57,21 @@ class Refined:
         return 10 * float(np.log10(max(snr, 1e-10)))
 
 
-def _harmonics(window: Window, turn: float, params: WaveParams) -> int:
-    """The highest harmonic that is seen."""
-    highest = min(params.max_harmonics, int(2 * np.pi * _HIGHEST / (turn * window.largest_step)))
-    if highest < 2:
-        return 1
-    tables = tabulate(window, turn, highest)
-    variance = noise_variance(window, tables)
-    information = np.linalg.inv(tables.gram[:, : 2 * highest, : 2 * highest])
-    parts = tables.phasors()
-    level = stats.chi2.isf(_FALSE_LINE, 2 * len(parts))
-    for h in range(highest, 1, -1):
-        pair = slice(2 * h - 2, 2 * h)
-        own = np.linalg.solve(information[:, pair, pair], parts[:, pair, np.newaxis])[..., 0]
-        if float(((own * parts[:, pair]).sum(axis=1) / variance).sum()) > level:
-            return h
-    return 1
-
-
 def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, start: Waves) -> Refined:
-    """The maximum next to a start, with the harmonics that are seen."""
+    """The maximum next to a start, with the harmonics that are seen and are the wave's own."""
+    n_harmonics = n_seen(window, float(start.turn[0]), params)
+    while True:
+        best = _climbed(window, layout, motion, start, n_harmonics)
+        foreign = foreign_lines(window, layout, motion, params, best.waves, best.tables, best.variance)
+        if not foreign or n_harmonics == 1:
+            return best
+        if np.argmax(line_powers(best.tables, best.variance)) > 0:
+            return replace(best, is_wave=False)
+        n_harmonics = max(foreign[0] - 1, 1)
+
+
+def _climbed(window: Window, layout: Layout, motion: WaveMotion, start: Waves, n_harmonics: int) -> Refined:
     best = start
-    n_harmonics = _harmonics(window, float(best.turn[0]), params)
     stray = np.zeros((len(np.unique(layout.kind)), n_harmonics))
     for _ in range(_REFINEMENTS):
         tables = tabulate(window, float(best.turn[0]), n_harmonics)
@@ -92,11 +85,5 @@ def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParam
     free = float((tables.explained() / variance).sum())
     tied = float(Solver(window, layout, motion, variance).solve(tables, best.k, best.turn, 2).gain[0])
     is_wave = free - tied < max(_LEAST_TIED * free, stats.chi2.isf(_FALSE_LINE, len(variance) * n_harmonics))
+    is_wave &= abs(float(best.turn[0] - start.turn[0])) < _FARTHEST
     return Refined(best, tables, variance, stray, is_wave, window.n)
-
-
-def noise_variance(window: Window, tables: Tables) -> FloatArray:
-    """Of what the tables' own phasors leave of each channel."""
-    rest = (window.volts**2).sum(axis=1) - tables.explained()
-    n_free = max(window.n - window.trend.shape[1] - 2 * tables.n_harmonics, 1)
-    return np.asarray(np.maximum(rest / n_free, LEAST_VARIANCE))

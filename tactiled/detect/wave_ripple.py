@@ -12,9 +12,9 @@ from scipy import stats
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, tabulate
-from tactiled.detect.wave_lines import LEAST_CYCLES, find_lines
+from tactiled.detect.wave_harmonics import noise_variance
+from tactiled.detect.wave_lines import LEAST_CYCLES, find_lines, floor_beside
 from tactiled.detect.wave_model import WaveParams
-from tactiled.detect.wave_refine import noise_variance
 
 # Periods from which on a cubic takes little of the ripple: below, errors grow beyond the bound of the line.
 _FEW = 2.5
@@ -35,11 +35,14 @@ class Ripple:
         Phase of the fundamental for 1 of way, radians.
     variance : (channels,) float64
         Of the noise, volts^2.
+    is_line : bool
+        Whether it is the line itself, not a slower one that the line may be a harmonic of.
     """
 
     window: Window
     turn: float
     variance: FloatArray
+    is_line: bool
 
     @property
     def periods(self) -> float:
@@ -54,39 +57,47 @@ class Ripple:
 
 
 def strongest(window: Window, params: WaveParams) -> list[Ripple]:
-    """The strongest line of a window, read as a slow ripple, a faster one or both, the better first."""
+    """The strongest line of a window, read as a slow ripple, a faster one or both, the better first.
+
+    A line that may be the harmonic of a slower one is read as that first, and then as it is.
+    """
     slow = _strongest(window, params, 0.0)
     fast = _strongest(window.curved(params.trend_order), params, _FEW)
-    if slow is None or slow.periods >= _FEW:
-        return [] if fast is None else [fast]
-    if fast is None:
-        return [slow]
-    return sorted((slow, fast), key=lambda ripple: ripple.left(fast.variance, params))
+    if not slow or slow[0].periods >= _FEW:
+        return fast
+    if not fast:
+        return slow
+    return sorted((*slow, *fast), key=lambda ripple: ripple.left(fast[0].variance, params))
 
 
-def _strongest(window: Window, params: WaveParams, least_periods: float) -> Ripple | None:
-    """The strongest line of so many periods or more."""
+def _strongest(window: Window, params: WaveParams, least_periods: float) -> list[Ripple]:
+    """Readings of the strongest line of so many periods or more."""
     lines = find_lines(window)
     for peak in lines.peaks():
-        turn = np.pi * float(lines.cycles[peak]) * (window.n - 1) / window.n
-        turn = _fundamental(window, _centred(window, turn, lines.variance), params, least_periods)
+        line = np.pi * float(lines.cycles[peak]) * (window.n - 1) / window.n
+        line = _centred(window, line, lines.variance)
+        turn = _fundamental(window, line, params, least_periods)
         if turn >= np.pi * least_periods:
-            return Ripple(window, turn, lines.variance)
-    return None
+            turns = [turn] if turn == line else [turn, line]
+            return [Ripple(window, each, lines.variance, each == line) for each in turns]
+    return []
 
 
 def _fundamental(window: Window, turn: float, params: WaveParams, least_periods: float) -> float:
     """The line's own turn, or that of the line that it is a harmonic of."""
     n_harmonics = _sampled_harmonics(window, turn, params)
     alone = tabulate(window, turn, n_harmonics).explained()
+    left = window.without(turn, range(1, n_harmonics + 1))
     for part in range(params.max_harmonics, 1, -1):
-        if turn / part < np.pi * max(least_periods, LEAST_CYCLES):
+        if turn / part < np.pi * max(least_periods, LEAST_CYCLES) or window.is_gone(turn / part):
             continue
         # As many harmonics of either: what the line's own explain is no sign of a slower one.
         tables = tabulate(window, turn / part, max(part, n_harmonics))
         variance = noise_variance(window, tables)
         more = float(((tables.explained() - alone) / variance).sum())
-        level = stats.chi2.isf(_FALSE_LINE, 2 * (part - 1) * len(variance))
+        # Drift that is no polynomial is strongest where a slower line would be.
+        floor = max(1.0, floor_beside(left, turn / part, variance, turn))
+        level = floor * stats.chi2.isf(_FALSE_LINE, 2 * (part - 1) * len(variance))
         if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
             return turn / part
     return turn

@@ -37,10 +37,12 @@ def search(
         The best must explain more than this (`together`).
     """
     heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
-    along, across = _grid(window, tables, layout, motion, params, variance)
+    slack = tables.turn_sd(variance)
+    along, across = _grid(window, tables.turn, slack, layout, motion, params)
     if not len(along) or not len(across):
         return _none()
-    scores = _scores(tables, window, layout, heading, along, across, variance)
+    z = phasors_at(window, tables, 1)
+    scores = _scores(z, layout, heading, along, across, variance)
     a, b = np.meshgrid(along, across, indexing="ij")
     size = np.hypot(a, b)
     allowed = (size <= 2 * np.pi / params.min_period_mm) & (size >= 2 * np.pi / params.max_period_mm)
@@ -57,9 +59,7 @@ def search(
     solver = Solver(window, layout, motion, variance)
     found = solver.solve(tables, k, solver.likely_turn(k, tables.turn, _SLACK_SIGMAS))
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
-    here, there = found.k[:1] @ heading, found.k[:1] @ normal
-    best = _scores(tables, window, layout, heading, here, there, variance)
-    return found if best[0, 0] > least else _none()
+    return found if score(z, layout, found.k[0], variance) > least else _none()
 
 
 def together(window: Window, tables: Tables, layout: Layout, variance: FloatArray) -> float:
@@ -67,17 +67,38 @@ def together(window: Window, tables: Tables, layout: Layout, variance: FloatArra
 
     It may look like a wave whose phases are nearly whole turns; but no wave suits it better than this.
     """
-    nowhere = np.zeros(1)
-    return float(_scores(tables, window, layout, np.array([1.0, 0.0]), nowhere, nowhere, variance)[0, 0])
+    return score(phasors_at(window, tables, 1), layout, np.zeros(2), variance)
 
 
-def _grid(
+def phasors_at(window: Window, tables: Tables, harmonic: int) -> FloatArray:
+    """Amplitude and phase of each channel by itself, as if sampled at once: (channels,) complex128."""
+    parts = tables.phasors()
+    late = np.exp(-1j * harmonic * tables.turn * window.lag)
+    return np.asarray((parts[:, 2 * harmonic - 2] - 1j * parts[:, 2 * harmonic - 1]) * late)
+
+
+def score(z: FloatArray, layout: Layout, k: FloatArray, variance: FloatArray) -> float:
+    """Power over noise that a wave vector explains of phasors, in amplitudes squared."""
+    return float(_scores(z, layout, np.array([1.0, 0.0]), k[:1], k[1:], variance)[0, 0])
+
+
+def best_score(
+    z: FloatArray,
+    turn: float,
     window: Window,
-    tables: Tables,
     layout: Layout,
     motion: WaveMotion,
     params: WaveParams,
     variance: FloatArray,
+) -> tuple[float, int]:
+    """The same by the best wave vector there is, and how many were tried."""
+    along, across = _grid(window, turn, 0.0, layout, motion, params)
+    scores = _scores(z, layout, motion.heading, along, across, variance)
+    return float(scores.max(initial=0.0)), max(scores.size, 1)
+
+
+def _grid(
+    window: Window, turn: float, turn_sd: float, layout: Layout, motion: WaveMotion, params: WaveParams
 ) -> tuple[FloatArray, FloatArray]:
     """Components of the wave vector along the motion and across it."""
     rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
@@ -88,10 +109,10 @@ def _grid(
     if not motion.has_speed:
         along = across[across > 0] if motion.has_direction else across
         return np.asarray(along), np.asarray(across)
-    exact = tables.turn / window.half_way
+    exact = turn / window.half_way
     by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
     by_direction = largest * np.radians(motion.direction_sd_deg)
-    slack = float(np.linalg.norm([by_speed, by_direction, tables.turn_sd(variance) / window.half_way]))
+    slack = float(np.linalg.norm([by_speed, by_direction, turn_sd / window.half_way]))
     reach = _SLACK_SIGMAS * slack if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0.0
     first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
     along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
@@ -99,8 +120,7 @@ def _grid(
 
 
 def _scores(
-    tables: Tables,
-    window: Window,
+    z: FloatArray,
     layout: Layout,
     heading: FloatArray,
     along: FloatArray,
@@ -108,8 +128,6 @@ def _scores(
     variance: FloatArray,
 ) -> FloatArray:
     """What a wave would explain if amplitudes were those that channels show by themselves."""
-    parts = tables.phasors()
-    z = (parts[:, 0] - 1j * parts[:, 1]) * np.exp(-1j * tables.turn * window.lag)
     x = layout.x_mm * heading[0] + layout.y_mm * heading[1]
     y = layout.y_mm * heading[0] - layout.x_mm * heading[1]
     scores = np.zeros((len(along), len(across)))

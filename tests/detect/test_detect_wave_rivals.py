@@ -1,0 +1,119 @@
+"""The joint fit of one window where another reading suits nearly as well: colour, harmonics, crossing."""
+
+import numpy as np
+import pytest
+from gratings import ARRAY, Grating, MotionOf, Slide, assert_right, fit, motions, off
+from scipy import signal
+
+from tactiled.array import FloatArray
+from tactiled.detect.wave_model import WaveFit
+
+_OFFSETS_S = np.linspace(0, 0.007, 36)
+
+
+def drifting(slide: Slide, pole: float, snr_db: float) -> FloatArray:
+    """Readings in noise of first order, each channel's own."""
+    rng = np.random.default_rng(7000 + slide.seed)
+    white = rng.normal(size=(len(slide.times()) + 500, 36))
+    noise = signal.lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)[500:]
+    size = slide.gratings[0].amplitude / np.sqrt(2 * 10 ** (snr_db / 10))
+    return np.asarray(slide.volts(ARRAY, _OFFSETS_S) + size * noise)
+
+
+def is_near(found: WaveFit, grating: Grating) -> bool:
+    by_mm, by_deg = off(found, grating)
+    return abs(by_mm) < 0.05 * grating.period_mm and abs(by_deg) < 5
+
+
+@motions
+@pytest.mark.parametrize("pole", [0.9, 0.97])
+def test_drift_that_is_random_makes_no_slower_fundamental(motion_of: MotionOf, pole: float) -> None:
+    """Below a line such noise is strong, and may pass for what the line is a harmonic of."""
+    n_ok = 0
+    for seed in range(8):
+        grating = Grating(1.0 + 0.1 * seed, -40 + 10.0 * seed)
+        slide = Slide((grating,), duration_s=2.0, speed_mm_s=3.0, noise=0.0, seed=seed)
+        found = fit(slide, motion_of(slide), volts=drifting(slide, pole, 10.0))
+        if found.status == "ok":
+            n_ok += 1
+            assert is_near(found, grating)
+            assert found.colour > 1.0
+    assert n_ok > 4
+
+
+@motions
+@pytest.mark.parametrize("part", [2, 3])
+@pytest.mark.parametrize("is_finer_stronger", [True, False])
+def test_a_second_grating_at_a_multiple_of_the_frequency_is_no_harmonic(
+    motion_of: MotionOf, part: int, is_finer_stronger: bool
+) -> None:
+    coarse_mm, coarse_deg, fine_deg = 2.4, 25.0, -35.0
+    fine_mm = coarse_mm / part * np.cos(np.radians(fine_deg)) / np.cos(np.radians(coarse_deg))
+    sizes = (0.02, 0.05) if is_finer_stronger else (0.05, 0.02)
+    coarse, fine = Grating(coarse_mm, coarse_deg, sizes[0]), Grating(fine_mm, fine_deg, sizes[1])
+    slide = Slide((coarse, fine), duration_s=5.0)
+    found = fit(slide, motion_of(slide))
+    first, second = (fine, coarse) if is_finer_stronger else (coarse, fine)
+    assert found.second is not None
+    assert_right(found, first)
+    assert_right(found.second, second)
+
+
+@motions
+@pytest.mark.parametrize("ratio", [1.0, 0.6, 0.3])
+@pytest.mark.parametrize("angle_deg", [20.0, 35.0, 50.0])
+def test_crossed_grooves_are_not_taken_for_others_between_them(
+    motion_of: MotionOf, ratio: float, angle_deg: float
+) -> None:
+    """Both make ripples of one frequency; amplitudes of channels are free, and alone could tell."""
+    gratings = Grating(1.3, angle_deg, 0.05), Grating(1.3, -angle_deg, 0.05 * ratio, phase_rad=1.0)
+    slide = Slide(gratings, duration_s=4.0)
+    found = fit(slide, motion_of(slide))
+    assert found.status == "ambiguous" or (ratio < 1 and is_near(found, gratings[0]))
+
+
+@motions
+def test_crossed_grooves_are_both_named(motion_of: MotionOf) -> None:
+    """Of channels that are alike: gains of each channel's own may leave more pairs than one."""
+    slide = Slide((), duration_s=4.0)
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + _OFFSETS_S)
+    y = ARRAY.y_mm[ARRAY.channel_taxel]
+    along, across = 2 * np.pi / 1.3 * np.cos(np.radians(40)), 2 * np.pi / 1.3 * np.sin(np.radians(40))
+    own = np.sin(np.nan_to_num(ARRAY.azimuth_deg))
+    waves = 0.05 * np.cos(along * x + across * y + own) + 0.02 * np.cos(along * x - across * y + 1 - own)
+    found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, _OFFSETS_S) + waves)
+    assert found.status == "ambiguous"
+    strong, weak = found.candidates
+    for candidate, angle_deg in ((strong, 40.0), (weak, -40.0)):
+        assert candidate.period_mm == pytest.approx(1.3, abs=0.05)
+        assert candidate.angle_deg == pytest.approx(angle_deg, abs=2.0)
+    assert strong.weight > weak.weight
+
+
+@motions
+@pytest.mark.parametrize("part", [0.3, 0.7])
+def test_a_vibration_at_the_ripples_frequency_is_no_gratings_business(
+    motion_of: MotionOf, part: float
+) -> None:
+    for angle_deg in (-20.0, 10.0, 45.0):
+        grating = Grating(1.2, angle_deg)
+        slide = Slide((grating,))
+        hertz = slide.speed_mm_s * np.cos(np.radians(angle_deg)) / grating.period_mm
+        time_s = slide.times()[:, np.newaxis] + _OFFSETS_S
+        hum = part * grating.amplitude * np.cos(2 * np.pi * hertz * time_s + 1.0)
+        found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, _OFFSETS_S) + hum)
+        assert found.status == "ambiguous" or is_near(found, grating)
+
+
+@motions
+def test_gains_may_differ_from_channel_to_channel_by_any_amount(motion_of: MotionOf) -> None:
+    """One wave whose gains are anything is one wave."""
+    for seed in range(12):
+        grating = Grating(1.4, -30.0 + 5 * seed)
+        slide = Slide((grating,), noise=0.0, duration_s=3.0, seed=seed)
+        rng = np.random.default_rng(seed)
+        gain = rng.uniform(0.1, 2.0, 36)
+        noise = 0.005 * rng.normal(size=(len(slide.times()), 36))
+        assert_right(
+            fit(slide, motion_of(slide), volts=slide.volts(ARRAY, _OFFSETS_S) * gain + noise), grating
+        )
