@@ -2,8 +2,8 @@
 
 While all slips, shear goes with pressure, so their ratio is followed, once it has come to rest at its
 limit. It drops when the motion ends with a recoil, turns back, or breaks away again; it grows when the skin
-sticks again under a growing load. What drops has ended, be it by recoil or by turning back: that is known
-when little of the shear is left.
+sticks again under a growing load. What drops has ended, be it by recoil, by a load taken off or by turning
+back: that is known when there is shear the other way.
 
 A skin that just stops keeps its shear: friction bears at rest what it bore in motion. No reading of a smooth
 plate changes (in the demo's scene none by 0.01 mV, and the rubber creeps on at 0.1 mV/s as before), so the
@@ -19,7 +19,8 @@ FELL_PART = 0.15  # of the rise: more than creep and unequal taxels make of a lo
 NOISE_SDS = 6.0  # a fall within the noise is none
 # An extreme lasts until the response has left it by more than ripple and noise.
 NEAR_PART, NEAR_SDS = 0.03, 3.0
-_LEFT_PART = 0.3  # of gross slip's shear: skins and rubber that just stop keep more
+# Of gross slip's shear, the other way: a load that is taken off leaves less, one that turns leaves as much.
+_REVERSED_PART = 0.1
 _RESTED_S = 0.1
 _TURN_DEG = 30.0
 TURNED_S = 0.2  # as `heading`: a tap that shoves the skin aside is over sooner
@@ -64,26 +65,33 @@ class Recoil:
     rate_hz : float
     least : float
         Shear over pressure of a change that counts.
-    reversed_below : float or None
-        Shear over pressure of a slip the other way; None after gross slip, where little that is left says so.
+    reversed_below : float
+        Shear over pressure of a slip the other way.
+    may_grow : bool
+        What grows again is another slip.
     """
 
     def __init__(
-        self, low: Extreme, high: Extreme, rate_hz: float, least: float, reversed_below: float | None
+        self,
+        low: Extreme,
+        high: Extreme,
+        rate_hz: float,
+        least: float,
+        reversed_below: float,
+        *,
+        may_grow: bool,
     ) -> None:
         self._low, self._high = low, high
         self._rate_hz, self._least = rate_hz, least
-        self._reversed_below = reversed_below
+        self._reversed_below, self._may_grow = reversed_below, may_grow
 
     def step(self, index: int, shear: float, level: float, noise: float) -> Verdict | None:
         """A scan: shear and its rising side's level over pressure, and the noise of both."""
-        reversed_below = self._reversed_below
-        left = level < _LEFT_PART * self._high.value if reversed_below is None else shear < reversed_below
-        if left:
+        if shear < self._reversed_below:
             return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
         if level < self._low.value - max(NEAR_PART * self._high.value, NEAR_SDS * noise):
             self._low = Extreme(level, index)
-        if reversed_below is None and level - self._low.value > max(self._least, NOISE_SDS * noise):
+        if self._may_grow and level - self._low.value > max(self._least, NOISE_SDS * noise):
             return Verdict("again", self._low.index, (index - self._low.index) / 2)
         if index - self._low.index > _RESTED_S * self._rate_hz:
             return Verdict("rests", self._low.index, 0.0)
@@ -143,7 +151,8 @@ class Gross:
 
     def recoil(self, index: int, level: float) -> Recoil:
         """What follows where shear fell back at a scan."""
-        return Recoil(Extreme(level, index), self._high, self._rate_hz, self._least, None)
+        below = -max(self._least, _REVERSED_PART * self._high.value)
+        return Recoil(Extreme(level, index), self._high, self._rate_hz, self._least, below, may_grow=True)
 
     def _has_turned(self, index: int, sides: tuple[float, float, float]) -> Verdict | None:
         """Friction points along the motion: the response turns with it."""

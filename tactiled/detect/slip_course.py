@@ -93,7 +93,7 @@ class Course:
         self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
         self._start = self._risen(start)
         self._even = self._risen(even)
-        self._begun = index - delay
+        self._begun, self._delay = index - delay, delay
         self._steepest = slope
         self._rate_hz = rate_hz
         self._least, self._gross = least, gross
@@ -106,16 +106,6 @@ class Course:
         self._n_flat = self._n_turned = 0
         self._after: Gross | Recoil | None = None
 
-    @property
-    def is_gross(self) -> bool:
-        """Whether all slips now."""
-        return isinstance(self._after, Gross)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether shear fell back."""
-        return isinstance(self._after, Recoil)
-
     def shift(self, by: FloatArray) -> None:
         """Other taxels make the response from now on, which jumps by (7,)."""
         jump = self._risen(by)
@@ -125,6 +115,15 @@ class Course:
     def excursion(self, row: FloatArray) -> float:
         """How far shear went, over the pressure of the newest response (7,)."""
         return (self._top.value - self._start) / float(row[PRESSURE])
+
+    def look_back(self, seen: FloatArray, steps: FloatArray) -> None:
+        """Take the taxels' shares from before the slip was known, of what `step` is given."""
+        shears = motion(seen) @ self.along
+        first = max(len(seen) - 1 - int(self._delay), self._least_line)
+        for row in range(first, len(seen)):
+            newest = steps[row + 1 - self._least_line : row + 1]
+            scans = row - (len(seen) - 1 - self._delay)
+            self._limit.take(float(shears[row]) - self._start_shear, scans, newest)
 
     def _risen(self, row: FloatArray) -> float:
         sides = row[:PRESSURE].tolist()
@@ -186,7 +185,7 @@ class Course:
             level = response / pressure - self._even
             low, high = Extreme(level, index), Extreme(level, self._top.index)
             reversed_below = -max(self._gross, self._least)
-            self._after = Recoil(low, high, self._rate_hz, self._least, reversed_below)
+            self._after = Recoil(low, high, self._rate_hz, self._least, reversed_below, may_grow=False)
             return Verdict("back", self._top.index, since / 2)
         # The largest that is sure, not the largest that noise made.
         self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)

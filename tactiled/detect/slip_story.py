@@ -6,13 +6,13 @@ from the scan where the last slip ended, and shear that came and went of late mu
 """
 
 import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip_after import Verdict
+from tactiled.detect.slip_again import OUTGROWS_S, Shake, Swings
 from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_filters import N_BASELINE
@@ -23,10 +23,6 @@ from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "coherent"
-# Shear that came and went is no news for a while: a hum or a shaking arm is said once, not at each swing. A
-# slip that follows on a swing of nine tenths of what friction bears still outgrows it by so much.
-_NEWS = 1.1
-_FORGET_S = 4.0  # half of it: a tug or a start of the arm is followed by its like within some seconds
 # Shear over pressure at which anyone would say that a load has begun to grow: friction of 0.2 % of the load.
 _BEGUN = 0.004
 _LONGEST = 4  # times the ramp that shows it best: a pull that swells began so long before
@@ -58,12 +54,13 @@ class Story:
         self._slip: _Slip | None = None
         self._recoil: _Slip | None = None  # one that has ended and may be turning back
         self._told = 0  # what was until this scan is told, or was no contact
-        self._came_and_went = (0.0, 0)  # shear over pressure, and when
+        self._swings = Swings(rate_hz)
+        self._shake: Shake | None = None  # what the slip goes on as
 
     @property
     def is_gross(self) -> bool:
         """Whether all of the contact slips now."""
-        return self._slip is not None and self._slip.course.is_gross
+        return self._slip is not None and self._slip.event.kind == "gross"
 
     def shift(self, jump: FloatArray) -> None:
         """Other taxels make the response from now on, which jumps by (7,)."""
@@ -80,11 +77,13 @@ class Story:
     def lift(self, now: Witness) -> list[SlipEvent]:
         """A scan without contact."""
         self._told = now.index
-        self._recoil = None
+        self._recoil = self._shake = None
         return [] if self._slip is None else [self._end(now, now.time_s)]
 
     def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
         """A scan in contact; `is_sure` where the contact's beginning was seen."""
+        if self._shake is not None:
+            return self._go_on(self._shake, now)
         if (slip := self._slip or self._recoil) is not None:
             verdict = slip.course.step(
                 now.index, now.seen, now.steps, self._evidence.noise(slip.course.along)
@@ -92,19 +91,21 @@ class Story:
             if verdict is None:
                 return []
             return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
-        least = self._shaken(now.index) * float(now.seen[-1, PRESSURE])
-        growth = self._evidence.growth(stretch, row, now.index - self._told, least)
-        return [] if growth is None else [self._onset(growth, now, is_sure)]
+        since, pressure = now.index - self._told, float(now.seen[-1, PRESSURE])
+        growth = self._evidence.growth(stretch, row, since, 0.0)
+        if growth is None:
+            return []
+        if (least := self._swings.least(now.index)) > 0:
+            growth = self._evidence.growth(stretch, row, since, least * pressure)
+        if growth is None:
+            self._swings.go_on(now.index)
+            return []
+        return [self._onset(growth, now, is_sure)]
 
     @property
     def happens(self) -> bool:
         """Whether what is seen now is no noise."""
         return self._slip is not None or self._recoil is not None
-
-    def _shaken(self, index: int) -> float:
-        """Shear over pressure that came and went of late."""
-        size, at = self._came_and_went
-        return size * math.pow(2.0, -(index - at) / (_FORGET_S * self._rate_hz))
 
     def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
         size = float(np.sqrt((growth.rise**2).sum()))
@@ -158,7 +159,9 @@ class Story:
             gross=self._gross_shear,
             limit=now.limit(along, kink.delay_scans),
         )
+        course.look_back(now.seen, now.steps)
         self._slip = _Slip(event, course, statistic)
+        self._swings.begin(now.index)
         return event
 
     def _conclude(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
@@ -170,11 +173,14 @@ class Story:
         if verdict.fate == "gross":
             return [self._deepen(verdict, now, at_s)]
         slip, was_gross = self._slip, self._slip.event.kind == "gross"
+        excursion = slip.course.excursion(now.seen[-1])
+        if self._swings.are_many:
+            self._shake = Shake(now.index, _shear(now), excursion, self._rate_hz, self._least_shear)
+            return []
         if verdict.fate == "back":
             self._recoil = slip
         if verdict.fate == "back" and not was_gross:
-            size = _NEWS * slip.course.excursion(now.seen[-1])
-            self._came_and_went = (max(size, self._shaken(now.index)), now.index)
+            self._swings.came_and_went(excursion, now.index)
         events = [self._end(now, at_s)]
         self._told = int(verdict.at_index)
         if verdict.fate in ("again", "turned"):
@@ -182,6 +188,24 @@ class Story:
             goes_on = was_gross and verdict.fate == "turned"
             towards = _unit(motion(now.seen[-1])) if goes_on else now.along(since)
             events += self._resume(verdict, now, towards, slip.statistic)
+        return events
+
+    def _go_on(self, shake: Shake, now: Witness) -> list[SlipEvent]:
+        """A scan of a slip that goes back and forth."""
+        assert self._slip is not None
+        shear, slip = _shear(now), self._slip
+        noise = self._evidence.noise(slip.course.along) / float(now.seen[-1, PRESSURE])
+        is_outgrown = shake.is_outgrown(now.index, shear)
+        if not is_outgrown and not shake.rests(now.index, shear, noise):
+            return []
+        since = OUTGROWS_S * self._rate_hz if is_outgrown else now.index - shake.rests_since
+        self._shake = None
+        self._told = int(now.index - since)
+        self._swings.came_and_went(shake.largest, now.index)
+        events = [self._end(now, now.time_s - since / self._rate_hz)]
+        if is_outgrown:
+            verdict = Verdict("again", now.index - since, since / 2)
+            events += self._resume(verdict, now, now.along(since), slip.statistic)
         return events
 
     def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
@@ -222,6 +246,11 @@ class Story:
         event = self._slip.event
         self._slip = None
         return _ended(event, ended_s, now.time_s, valid=not now.is_late)
+
+
+def _shear(now: Witness) -> FloatArray:
+    """Motion (3,) over pressure of the newest scan."""
+    return motion(now.seen[-1]) / max(float(now.seen[-1, PRESSURE]), 1.0)
 
 
 def _unit(vector: FloatArray) -> FloatArray:

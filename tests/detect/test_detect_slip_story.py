@@ -1,0 +1,101 @@
+"""What is said of one slip and of many: no chatter, no news where there is none, nothing lost."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from touches import pieces, run, slips, splits
+
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.slip_coherent import SETTINGS, CoherentSlip
+from tactiled.events.types import SlipEvent
+from tactiled.samples.block import ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+SHEAR = np.sign(ARRAY.shear_weights().sum(axis=1))  # (2, channels)
+
+
+def held(shear: FloatArray, direction_deg: float = 30.0, seed: int = 2) -> ScanBlock:
+    """A press of 1.2 V over half a second, and shear (n,) in volts by which opposed channels move."""
+    theta = np.radians(direction_deg)
+    t = np.arange(len(shear))[:, np.newaxis] / 100.0
+    volts = 1.2 * np.clip((t - 0.5) / 0.5, 0, 1)
+    volts = volts + shear[:, np.newaxis] * (np.cos(theta) * SHEAR[0] + np.sin(theta) * SHEAR[1])
+    return regular_block(volts + 1e-3 * np.random.default_rng(seed).normal(size=volts.shape), 100.0)
+
+
+def said(block: ScanBlock, setting: str = "balanced") -> list[SlipEvent]:
+    return slips(CoherentSlip(ARRAY, SETTINGS[setting]).process(block))
+
+
+def words(events: list[SlipEvent]) -> list[str]:
+    return [event.kind if event.state == "onset" else "end" for event in events]
+
+
+def ramp(t: FloatArray, start_s: float, takes_s: float) -> FloatArray:
+    return np.asarray(np.clip((t - start_s) / takes_s, 0, 1))
+
+
+T = np.arange(1000) / 100.0
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize(("hz", "volts"), [(2.0, 0.15), (2.0, 0.3), (7.0, 0.3), (1.0, 0.6)])
+def test_a_shake_is_said_a_few_times_and_then_goes_on_until_it_rests(
+    hz: float, volts: float, setting: str
+) -> None:
+    t = np.arange(3000) / 100.0
+    events = said(held(volts * np.sin(2 * np.pi * hz * t) * (t > 5) * (t < 25)), setting)
+    onsets = [event for event in events if event.state == "onset"]
+    assert 0 < len(onsets) <= 8
+    assert onsets[-1].detected_s < 9
+    assert events[-1].state == "end"
+    assert events[-1].time_s == pytest.approx(25, abs=0.3)
+
+
+def test_a_shake_that_is_outgrown_has_not_hidden_the_slip() -> None:
+    t = np.arange(2000) / 100.0
+    shake = 0.15 * np.sin(2 * np.pi * 3 * t) * (t > 5) * (t < 15)
+    events = said(held(shake + 0.9 * ramp(t, 12, 0.3)))
+    late = [event for event in events if event.state == "onset" and event.detected_s > 11.9]
+    assert late
+    assert late[0].detected_s < 12.3
+
+
+@pytest.mark.parametrize("takes_s", [0.1, 0.2, 1.0])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_load_that_is_taken_off_after_gross_slip_is_no_slip(takes_s: float, setting: str) -> None:
+    slides = 0.6 * ramp(T, 4, 0.2) * (1 - ramp(T, 7, takes_s))
+    assert words(said(held(slides), setting)) == ["incipient", "gross", "end"]
+
+
+def test_a_slide_that_turns_back_ends_and_is_another() -> None:
+    events = said(held(0.6 * ramp(T, 4, 0.2) - 1.2 * ramp(T, 7, 0.2)))
+    assert words(events) == ["incipient", "gross", "end", "incipient", "gross"]
+    assert events[3].detected_s < 7.2
+
+
+def test_a_slip_after_the_load_was_taken_off_is_another() -> None:
+    slides = 0.6 * ramp(T, 4, 0.2) * (1 - ramp(T, 6, 0.2)) + 0.6 * ramp(T, 8, 0.2)
+    events = said(held(slides))
+    assert words(events) == ["incipient", "gross", "end", "incipient", "gross"]
+    assert 8 < events[3].detected_s < 8.1
+
+
+def test_two_slips_50_ms_apart_are_two_where_the_skin_springs_back_in_between() -> None:
+    """Without a recoil nothing in the signal says that the first has stopped."""
+    first, second = 0.3 * ramp(T, 4, 0.05) - 0.2 * ramp(T, 4.1, 0.03), 0.3 * ramp(T, 4.18, 0.05)
+    events = said(held(first + second))
+    assert words(events) == ["incipient", "gross", "end", "incipient", "gross"]
+    assert events[3].detected_s < 4.25
+    without = 0.3 * ramp(T, 4, 0.05) + 0.3 * ramp(T, 4.1, 0.05)
+    assert words(said(held(without))) == ["incipient", "gross"]
+
+
+SHAKE = held(0.3 * np.sin(2 * np.pi * 2 * T) * (T > 4) * (T < 7))
+
+
+@given(cuts=splits(len(SHAKE)))
+@settings(deadline=None, max_examples=5)
+def test_a_shake_is_the_same_however_it_is_cut(cuts: list[int]) -> None:
+    pieced = run(CoherentSlip(ARRAY), pieces(SHAKE, cuts))
+    assert pieced == CoherentSlip(ARRAY).process(SHAKE)
