@@ -3,43 +3,62 @@
 Physical scenes with known truth (`slip_scenes`), played without noise and read at several noises. Every
 detector (`slip_rivals`) is set to the same rate of false alarms in a hold; the bound is an oracle that knows
 the shape of the coming onset (`slip_oracle`). Thresholds and levels are tuned on seeds of their own
-(`TUNE_SEED` and following); what is reported is of seeds that nothing was set on (`REPORT_SEED`).
+(`TUNE_SEED` and following); what is reported is of seeds that nothing was set on (`REPORT_SEED`), and of
+families that nothing was set on beside (`families.HELD_OUT_SLIPPING`, `HELD_OUT_QUIET`).
 """
 
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tactiled.bench import slip_tables
 from tactiled.bench.pool import workers
-from tactiled.bench.slip_cost import Cost, costs
-from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level, measure
-from tactiled.bench.slip_noise import Tail, oracle_tail, rule_tails
+from tactiled.bench.progress import Progress
+from tactiled.bench.slip_cost import costs
+from tactiled.bench.slip_latency import fastest_level, measure
+from tactiled.bench.slip_noise import oracle_tail, rule_maxima, rule_pieces, rule_tails
 from tactiled.bench.slip_oracle import Oracle
 from tactiled.bench.slip_picture import draw_slip
-from tactiled.bench.slip_quiet import HELD, Counted, count
-from tactiled.bench.slip_rivals import PER_HOUR, Knobs, rivals
-from tactiled.bench.slip_scenes import LEAD_S, NOISES_V, Played, play, slipping_families
+from tactiled.bench.slip_quiet import HELD, Quiet, count, quiet_families
+from tactiled.bench.slip_report import Measured, numbers_of, text_of
+from tactiled.bench.slip_rivals import Knobs, at_noise
+from tactiled.bench.slip_scenes import NOISES_V, Played, play, slipping_families, tuned_families
 from tactiled.emulator.families import QUIET, Family
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
 TUNE_SEED = 1001
 # Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: none of those
-# is reported. The families are the same: none was kept apart.
+# is reported.
 REPORT_SEED = 5001
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
+# Seconds of one core, for the bar: a second of a held object, an hour of noise for all rules, a slip for all
+# detectors.
+_HELD_S, _NOISE_S, _SLIP_S = 0.4, 3.0, 1.0
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is measured: seeds, hours of white noise, readings of each scene without slip."""
+
+    tune: int
+    slips: int
+    quiet: int
+    noise_hours: float
+    readings: int
+    cost_scans: int
+
+
+QUICK = Sizes(tune=1, slips=2, quiet=1, noise_hours=0.5, readings=1, cost_scans=500)
+FULL = Sizes(tune=2, slips=10, quiet=5, noise_hours=4.0, readings=3, cost_scans=3000)
 
 
 def bench_slip(
     say: Callable[[str], None], *, quick: bool, picture: Path | None = None, numbers: Path | None = None
 ) -> str:
-    """Latency, false alarms, errors of direction and onset, cost, and the curve to choose from.
+    """Aims, latency, false alarms, errors of direction and onset, cost, and the curve to choose from.
 
     Parameters
     ----------
@@ -52,161 +71,112 @@ def bench_slip(
     numbers : Path, optional
         JSON to write: every number, case by case.
     """
-    seeds, quiet_seeds, draws, hours = (2, 1, 1, 0.5) if quick else (12, 16, 3, 4.0)
-    tune_seeds = range(TUNE_SEED, TUNE_SEED + seeds // 2)
-    report_seeds = range(REPORT_SEED, REPORT_SEED + seeds)
-    alarm_seeds = range(REPORT_SEED, REPORT_SEED + quiet_seeds)
-    with workers() as pool:
-        knobs, oracle = _tune(say, pool, tune_seeds, hours)
-        names = list(rivals(knobs))
-        tasks = [
-            (family, seed, knobs, oracle, names) for family in slipping_families() for seed in report_seeds
-        ]
-        cases = [case for part in _each(say, pool, measure, tasks, "slips") for case in part]
-        quiet = [(family, seed, draws, knobs, names) for family in QUIET for seed in alarm_seeds]
-        counted = _summed(_each(say, pool, count, quiet, "scenes without slip"))
-    cost = costs(play(HELD, QUIET[HELD], 1), knobs, scans=500 if quick else 3000)
+    found = _measured(say, QUICK if quick else FULL)
     if picture is not None:
-        draw_slip(picture, cases, counted, knobs)
+        draw_slip(picture, found.cases, found.quiet, found.knobs)
     if numbers is not None:
-        seeds_used = {
+        numbers.write_text(json.dumps(numbers_of(found), indent=1, allow_nan=False))
+    return text_of(found)
+
+
+def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
+    tune_seeds = range(TUNE_SEED, TUNE_SEED + sizes.tune)
+    slip_seeds = range(REPORT_SEED, REPORT_SEED + sizes.slips)
+    quiet_seeds = range(REPORT_SEED, REPORT_SEED + sizes.quiet)
+    tuned, slips, quiet = tuned_families(), slipping_families(), quiet_families()
+    to_tune = [(name, seed) for name in tuned for seed in tune_seeds]
+    to_measure = [(name, seed) for name in slips for seed in slip_seeds]
+    to_count = [(name, seed) for name in quiet for seed in quiet_seeds]
+    work = [
+        _NOISE_S * sizes.noise_hours,
+        sum(_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune),
+        sum(_play_s(slips[name], seed) + _SLIP_S for name, seed in to_measure),
+        sum(_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count),
+    ]
+    progress = Progress(say, sum(work))
+    with workers() as pool:
+        each = _Each(pool, progress)
+        pieces = rule_pieces(sizes.noise_hours)
+        tails = rule_tails(
+            each(
+                "noise",
+                rule_maxima,
+                [(piece, NOISE_SEED) for piece in range(pieces)],
+                [work[0] / pieces] * pieces,
+            )
+        )
+        shapes = [Oracle(_first_that_slips(name, tuned[name])) for name in _ORACLE_SHAPES]
+        oracle = oracle_tail(shapes, sizes.noise_hours, NOISE_SEED)
+        untuned = Knobs(tails, {})
+        cases = each(
+            "slips to tune on",
+            measure,
+            [(name, seed, untuned, oracle, ()) for name, seed in to_tune],
+            [_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune],
+        )
+        knobs = Knobs(tails, fastest_level(list(itertools.chain(*cases)), "any channel"))
+        names = list(dict.fromkeys(name for noise_v in NOISES_V for name in at_noise(knobs, noise_v)))
+        cases = each(
+            "slips",
+            measure,
+            [(name, seed, knobs, oracle, names) for name, seed in to_measure],
+            [_play_s(slips[name], seed) + _SLIP_S for name, seed in to_measure],
+        )
+        without = Quiet()
+        for part in each(
+            "scenes without slip",
+            count,
+            [(name, seed, sizes.readings, knobs, names) for name, seed in to_count],
+            [_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count],
+        ):
+            without.add(part)
+    progress.close()
+    return Measured(
+        seeds={
             "tune": list(tune_seeds),
-            "slips": list(report_seeds),
-            "quiet": list(alarm_seeds),
-            "noise": NOISE_SEED,
-        }
-        numbers.write_text(json.dumps(plain(seeds_used, knobs, oracle, cases, counted, cost), indent=1))
-    return _text(cases, counted, cost, knobs, tune_seeds, report_seeds, alarm_seeds, hours)
+            "slips": list(slip_seeds),
+            "quiet": list(quiet_seeds),
+            "noise": [NOISE_SEED],
+        },
+        noise_hours=sizes.noise_hours,
+        knobs=knobs,
+        oracle=oracle,
+        cases=list(itertools.chain(*cases)),
+        quiet=without,
+        cost=costs(play(HELD, QUIET[HELD], TUNE_SEED), knobs, scans=sizes.cost_scans),
+    )
 
 
-def _tune(
-    say: Callable[[str], None], pool: ProcessPoolExecutor, seeds: range, hours: float
-) -> tuple[Knobs, Tail]:
-    say(f"thresholds: {hours:g} h of noise")
-    tails = rule_tails(hours, NOISE_SEED)
-    families = slipping_families()
-    shapes = [Oracle(_first_that_slips(name, families[name])) for name in _ORACLE_SHAPES]
-    oracle = oracle_tail(shapes, hours, NOISE_SEED)
-    untuned = Knobs(tails, {})
-    tasks = [(family, seed, untuned, oracle, ()) for family in families for seed in seeds]
-    cases = [case for part in _each(say, pool, measure, tasks, "slips to tune on") for case in part]
-    return Knobs(tails, fastest_level(cases, "any channel")), oracle
+class _Each:
+    """Work for a pool: the longest first, so that no worker waits for the last; results in order."""
+
+    def __init__(self, pool: ProcessPoolExecutor, progress: Progress) -> None:
+        self._pool, self._progress = pool, progress
+
+    def __call__(
+        self, what: str, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], takes_s: Sequence[float]
+    ) -> list[Any]:
+        order = sorted(range(len(tasks)), key=lambda k: -takes_s[k])
+        found: list[Any] = [None] * len(tasks)
+        results = self._pool.map(work, *zip(*(tasks[k] for k in order), strict=True))
+        for k, result in zip(order, results, strict=True):
+            found[k] = result
+            self._progress.advance(what, takes_s[k])
+        return found
+
+
+def _play_s(family: Family, seed: int) -> float:
+    """About what it takes to play a scene."""
+    scene = family(seed)
+    return _HELD_S * (scene.duration_s if scene.held_object is not None else 0.05 * scene.duration_s)
+
+
+def _count_s(family: str, readings: int) -> float:
+    """About what it takes to read a scene; a hold is long, and has more noises and the faults."""
+    return (4.0 + 4.0 * readings) * (1.0 if family == HELD else 0.06)
 
 
 def _first_that_slips(name: str, family: Family) -> Played:
     """Of the tuning seeds: a middle taxel that holds on keeps a turn from being gross."""
     played = (play(name, family, seed) for seed in itertools.count(TUNE_SEED))
     return next(p for p in played if p.slip is not None)
-
-
-def _each(
-    say: Callable[[str], None],
-    pool: ProcessPoolExecutor,
-    work: Callable[..., Any],
-    tasks: list[Any],
-    what: str,
-) -> Iterator[Any]:
-    """Results in order of the tasks, with a line of progress at every tenth of them."""
-    step = max(len(tasks) // 10, 1)
-    for done, result in enumerate(pool.map(work, *zip(*tasks, strict=True)), 1):
-        if done % step == 0 or done == len(tasks):
-            say(f"{what}: {done} of {len(tasks)}")
-        yield result
-
-
-def _summed(parts: Iterator[Counted]) -> Counted:
-    every = Counted()
-    for part in parts:
-        for key, alarms in part.items():
-            every[key] = every[key] + alarms if key in every else alarms
-    return every
-
-
-def _text(
-    cases: list[Case],
-    counted: Counted,
-    cost: dict[str, Cost],
-    knobs: Knobs,
-    tune_seeds: range,
-    report_seeds: range,
-    alarm_seeds: range,
-    hours: float,
-) -> str:
-    names = list(rivals(knobs))
-    levels = ", ".join(f"{knobs.window_level[noise]} at {1e3 * noise:g} mV" for noise in NOISES_V)
-    return "\n\n".join(
-        [
-            f"Tuned on seeds {_range(tune_seeds)} and {hours:g} h of white noise (seed {NOISE_SEED}); "
-            f"reported on seeds {_range(report_seeds)} (slips) and {_range(alarm_seeds)} (no slips). "
-            f"Thresholds: {PER_HOUR:g} false alarm an hour in a hold. Level of the plain window: {levels}. "
-            f"Every hold is {LEAD_S:g} s longer than its family's.",
-            "First event after the shear began, to the end of the scan that showed it. before gross: of "
-            "slips that take 50 ms or more to become gross. incipient: median / p95 since 10 % slipped, of "
-            "so many that said it. gross: median distance from 90 %. early, on the press: false alarms "
-            "before the shear.",
-            slip_tables.latency_table(cases, names),
-            "First event of steady slides by speed and noise, median / p95.",
-            slip_tables.speed_table(cases, names),
-            f"First event by family, median / p95, at {1e3 * slip_tables.FAMILY_NOISE_V:g} mV.",
-            slip_tables.family_table(cases, names),
-            "The worst of each.",
-            slip_tables.worst_table(cases, names),
-            "Direction, onset (against the beginning of shear) and gross instant, with the share inside one "
-            "stated sigma.",
-            slip_tables.estimate_table(cases, names),
-            "False alarms a minute; told: where the daemon knows of the gripper's and arm's own motion, if "
-            "that helps; gross: so many said that all slips; right: so many said that a part slips, when it "
-            "did. A false slip that does not end hides all after it.",
-            slip_tables.quiet_table(counted, names),
-            slip_tables.hold_table(counted, {name: rival.per_hour for name, rival in rivals(knobs).items()}),
-            "Cost, 36 channels.",
-            slip_tables.cost_table(cost),
-        ]
-    )
-
-
-def _range(seeds: range) -> str:
-    return f"{seeds[0]}..{seeds[-1]}"
-
-
-def plain(
-    seeds: dict[str, Any],
-    knobs: Knobs,
-    oracle: Tail,
-    cases: list[Case],
-    counted: Counted,
-    cost: dict[str, Cost],
-) -> dict[str, Any]:
-    """Everything as JSON knows it: no NaN."""
-
-    def number(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
-    return {
-        "seeds": seeds,
-        "false_alarms_per_hour": PER_HOUR,
-        "curve_per_hour": CURVE_PER_HOUR,
-        "window_level": {f"{noise:g}": level for noise, level in knobs.window_level.items()},
-        "tails": {f"{rule}, level {level}": asdict(tail) for (rule, level), tail in knobs.tails.items()},
-        "oracle_tail": asdict(oracle),
-        "slips": [
-            {
-                "family": case.family,
-                "seed": case.seed,
-                "noise_v": case.noise_v,
-                "becoming_s": case.becoming_s,
-                "oracle_s": [number(s) for s in case.oracle_s],
-                "rules_s": {f"{r}, level {n}": [number(s) for s in v] for (r, n), v in case.rule_s.items()},
-                "found": {
-                    name: {field: number(value) for field, value in asdict(found).items()}
-                    for name, found in case.found.items()
-                },
-            }
-            for case in cases
-        ],
-        "quiet": [
-            {"family": family, "noise_v": noise_v, "detector": name, **asdict(alarms)}
-            for (family, noise_v, name), alarms in counted.items()
-        ],
-        "cost": {name: asdict(one) for name, one in cost.items()},
-    }

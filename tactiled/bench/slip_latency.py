@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
+from tactiled.bench.slip_limit import growth_by
 from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_oracle import Oracle
-from tactiled.bench.slip_rivals import PER_HOUR, Knobs, rivals
+from tactiled.bench.slip_rivals import PER_HOUR, Knobs, at_noise
 from tactiled.bench.slip_rules import LEVELS, traces
 from tactiled.bench.slip_scenes import NOISES_V, RATE_HZ, SCAN_SPAN_S, Played, play, slipping_families
 from tactiled.bench.slip_score import Found, median, score_slip
@@ -34,6 +35,8 @@ class Case:
         Latency of each threshold rule.
     becoming_s : float
         From `t_shear` to `t_gross`.
+    growth : (latencies,) float64
+        Of shear over pressure, noise-free, by `slip_limit.LATENCIES_S` after `t_shear`.
     """
 
     family: str
@@ -43,6 +46,7 @@ class Case:
     oracle_s: FloatArray
     rule_s: dict[tuple[str, int], FloatArray]
     becoming_s: float
+    growth: FloatArray
 
 
 def measure(family: str, seed: int, knobs: Knobs, oracle: Tail, names: Sequence[str]) -> list[Case]:
@@ -51,18 +55,19 @@ def measure(family: str, seed: int, knobs: Knobs, oracle: Tail, names: Sequence[
     Parameters
     ----------
     names : sequence of str
-        Detectors to run: those of `rivals`.
+        Detectors to run, of `at_noise`.
     """
     played = play(family, slipping_families()[family], seed)
     if played.slip is None:
         return []
     test, array, cases = Oracle(played), load_array("wang2019-3x3"), []
+    growth = growth_by(array, played, played.slip.shear_s)
     for noise_v in NOISES_V:
         block = played.read(noise_v, draw=1)
-        known = rivals(knobs)
         found = {
-            name: score_slip(known[name].build(array, noise_v).process(block), played, played.slip)
-            for name in names
+            name: score_slip(rival.build(array, noise_v).process(block), played, played.slip)
+            for name, rival in (at_noise(knobs, noise_v) if names else {}).items()
+            if name in names
         }
         rule_s = {
             key: _first_s(trace[test.first :], knobs.tails[key], test.first, played)
@@ -70,7 +75,7 @@ def measure(family: str, seed: int, knobs: Knobs, oracle: Tail, names: Sequence[
         }
         oracle_s = _first_s(test.trace(block, noise_v), oracle, test.first, played)
         becoming_s = played.slip.gross_s - played.slip.shear_s
-        cases.append(Case(family, seed, noise_v, found, oracle_s, rule_s, becoming_s))
+        cases.append(Case(family, seed, noise_v, found, oracle_s, rule_s, becoming_s, growth))
     return cases
 
 

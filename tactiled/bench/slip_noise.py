@@ -6,7 +6,7 @@ Gaussian process, BSTJ 24, 1945; of the maximum of several, the slope is the sam
 largest maxima that were seen; `Tail.seen_to_per_hour` says down to which rate that is measurement.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from tactiled.emulator.electronics import adc_counts
 
 FloatArray = NDArray[np.float64]
 
-_PIECE_S = 600.0  # played at once: bounds memory
+PIECE_S = 600.0  # played at once: bounds memory
 _FITTED = 300  # largest maxima that the line is fitted to: the slope is then good to about 6 %
 _HOLD_V = 1.2  # reading of a channel in a hold of 20 N: noise does not reach either end of the ADC
 NOISE_V = 1e-3  # above the rounding of the ADC; in units of sigma the tail is the same for all
@@ -65,18 +65,25 @@ def maxima(trace: FloatArray) -> FloatArray:
     return np.asarray(whole.reshape(-1, step).max(axis=1))
 
 
-def rule_tails(hours: float, seed: int, array: str = "wang2019-3x3") -> dict[tuple[str, int], Tail]:
-    """Tails of every rule at every level."""
+Maxima = dict[tuple[str, int], FloatArray]
+
+
+def rule_pieces(hours: float) -> int:
+    """Pieces of `PIECE_S` in so many hours."""
+    return max(1, round(hours * 3600 / PIECE_S))
+
+
+def rule_maxima(piece: int, seed: int, array: str = "wang2019-3x3") -> Maxima:
+    """`maxima` of every rule at every level in one piece of a hold."""
     worn = load_array(array)
-    found: dict[tuple[str, int], list[FloatArray]] = {}
-    for piece in range(max(1, round(hours * 3600 / _PIECE_S))):
-        noise = np.random.default_rng([seed, piece]).standard_normal(
-            (round(_PIECE_S * RATE_HZ), worn.n_channels)
-        )
-        counts = adc_counts(_HOLD_V + NOISE_V * noise, ADC_BITS, LSB_V * 2**ADC_BITS)
-        for key, trace in traces(worn, block_of(counts), NOISE_V).items():
-            found.setdefault(key, []).append(maxima(trace))
-    return _fitted(found)
+    noise = np.random.default_rng([seed, piece]).standard_normal((round(PIECE_S * RATE_HZ), worn.n_channels))
+    counts = adc_counts(_HOLD_V + NOISE_V * noise, ADC_BITS, LSB_V * 2**ADC_BITS)
+    return {key: maxima(trace) for key, trace in traces(worn, block_of(counts), NOISE_V).items()}
+
+
+def rule_tails(pieces: Sequence[Maxima]) -> dict[tuple[str, int], Tail]:
+    """Tails of every rule at every level."""
+    return {key: _fitted([piece[key] for piece in pieces]) for key in pieces[0]}
 
 
 def oracle_tail(oracles: Sequence[Oracle], hours: float, seed: int) -> Tail:
@@ -86,12 +93,9 @@ def oracle_tail(oracles: Sequence[Oracle], hours: float, seed: int) -> Tail:
     for number, oracle in enumerate(oracles):
         noise = np.random.default_rng([seed, number, 7]).standard_normal((share, oracle.n_combinations))
         found.append(maxima(oracle.noise_trace(noise)))
-    return _fitted({("oracle", 0): found})["oracle", 0]
+    return _fitted(found)
 
 
-def _fitted(found: Mapping[tuple[str, int], Sequence[FloatArray]]) -> dict[tuple[str, int], Tail]:
-    tails = {}
-    for key, parts in found.items():
-        every = np.concatenate(parts)
-        tails[key] = fit_tail(every, len(every) * HOLD_OFF_S / 3600)
-    return tails
+def _fitted(parts: Sequence[FloatArray]) -> Tail:
+    every = np.concatenate(parts)
+    return fit_tail(every, len(every) * HOLD_OFF_S / 3600)

@@ -1,25 +1,28 @@
 """False alarms of ``tactiled bench slip``: hours of what is no slip, with and without being told of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tactiled.array import load_array
 from tactiled.bench.slip_faults import FAULTS, Stream
-from tactiled.bench.slip_rivals import Knobs, rivals
+from tactiled.bench.slip_limit import Exceeded, exceeded
+from tactiled.bench.slip_rivals import Knobs, at_noise
 from tactiled.bench.slip_scenes import NOISES_V, RATE_HZ, Announcement, Played, play
 from tactiled.bench.slip_score import tally
 from tactiled.detect.base import Detector
 from tactiled.detect.bridge import Bridge
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
-from tactiled.emulator.families import QUIET
+from tactiled.emulator.families import HELD_OUT_QUIET, QUIET, Family
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock
 
 QUIET_NOISES_V = (0.3e-3, 3e-3)
 HELD = "persistent-contact"  # what line faults are done to
+# Pulled by somebody else, or at every step: no controller can tell of it beforehand.
+OUTSIDE = ("cable-tug", "walking", "hand-over")
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class Alarms:
     ----------
     hours : float
         Of board time.
+    apart_hours : float
+        The same without what differs from other readings by its noise alone.
     false, gross, on_press, partial : int
         As in `slip_score.Tally`.
     told_false : int
@@ -37,6 +42,7 @@ class Alarms:
     """
 
     hours: float
+    apart_hours: float
     false: int
     gross: int
     on_press: int
@@ -46,6 +52,7 @@ class Alarms:
     def __add__(self, other: "Alarms") -> "Alarms":
         return Alarms(
             self.hours + other.hours,
+            self.apart_hours + other.apart_hours,
             self.false + other.false,
             self.gross + other.gross,
             self.on_press + other.on_press,
@@ -53,38 +60,83 @@ class Alarms:
             self.told_false + other.told_false,
         )
 
+    def again(self, other: "Alarms") -> "Alarms":
+        """The same scenes, read at another noise."""
+        return replace(self + other, apart_hours=max(self.apart_hours, other.apart_hours))
+
 
 Counted = dict[tuple[str, float, str], Alarms]  # by family, noise and detector
 
 
-def count(family: str, seed: int, draws: int, knobs: Knobs, names: Sequence[str]) -> Counted:
-    """A scene without gross slip, read `draws` times at each of `QUIET_NOISES_V`.
+@dataclass(frozen=True)
+class Quiet:
+    """What scenes without slip showed.
 
-    A hold, at every noise of the slips, and once with each line fault.
+    Attributes
+    ----------
+    counted : Counted
+    exceeded : dict of str to Exceeded
+        By family.
+    motions : dict of str to int
+        Scenes that were played, by family; each is read several times, with another noise.
     """
-    played = play(family, QUIET[family], seed)
+
+    counted: Counted = field(default_factory=Counted)
+    exceeded: dict[str, Exceeded] = field(default_factory=dict)
+    motions: dict[str, int] = field(default_factory=dict)
+
+    def add(self, other: "Quiet") -> None:
+        """Take in what other scenes showed."""
+        for key, alarms in other.counted.items():
+            self.counted[key] = self.counted[key] + alarms if key in self.counted else alarms
+        for name, one in other.exceeded.items():
+            self.exceeded[name] = self.exceeded[name] + one if name in self.exceeded else one
+        for name, n in other.motions.items():
+            self.motions[name] = self.motions.get(name, 0) + n
+
+
+def quiet_families() -> dict[str, Family]:
+    """Those that detectors were tuned on, and those held out."""
+    return QUIET | HELD_OUT_QUIET
+
+
+def count(family: str, seed: int, readings: int, knobs: Knobs, names: Sequence[str]) -> Quiet:
+    """A scene without gross slip, read with so many noises at each of `QUIET_NOISES_V`.
+
+    By settings every time, by other detectors once: theirs are many. A hold is read at every noise of the
+    slips, and once with each line fault.
+    """
+    played = play(family, quiet_families()[family], seed)
     if played.slip is not None:
-        return {}
-    array, known, found = load_array("wang2019-3x3"), rivals(knobs), Counted()
+        return Quiet()
+    array, found = load_array("wang2019-3x3"), Quiet()
+    found.exceeded[family], found.motions[family] = exceeded(array, played), 1
     for noise_v in NOISES_V if family == HELD else QUIET_NOISES_V:
-        for draw in range(draws):
-            counts = played.counts(noise_v, draw)
+        known = {name: rival for name, rival in at_noise(knobs, noise_v).items() if name in names}
+        for draw in range(readings):
             streams: dict[str, Stream] = {family: [played.read(noise_v, draw)]}
             if family == HELD and draw == 0 and noise_v in QUIET_NOISES_V:
-                rng = np.random.default_rng([seed, draw, 11])
-                streams |= {name: fault(counts, rng) for name, fault in FAULTS.items()}
+                streams |= _faulty(played, noise_v)
+                found.exceeded.update(dict.fromkeys(FAULTS, found.exceeded[family]))
             for stream_name, stream in streams.items():
-                for name in names:
-                    alarms = _alarms(known[name].build(array, noise_v), stream, played)
-                    key = (stream_name, noise_v, name)
-                    found[key] = found[key] + alarms if key in found else alarms
+                for name, rival in known.items():
+                    if draw == 0 or rival.is_setting:
+                        is_apart = draw == 0 or family == HELD  # nothing moves there: noise is all there is
+                        alarms = _alarms(rival.build(array, noise_v), stream, played, is_apart=is_apart)
+                        found.add(Quiet({(stream_name, noise_v, name): alarms}))
     return found
 
 
-def _alarms(detector: Detector, stream: Stream, played: Played) -> Alarms:
+def _faulty(played: Played, noise_v: float) -> dict[str, Stream]:
+    rng = np.random.default_rng([played.seed, 0, 11])
+    return {name: fault(played.counts(noise_v, 0), rng) for name, fault in FAULTS.items()}
+
+
+def _alarms(detector: Detector, stream: Stream, played: Played, *, is_apart: bool) -> Alarms:
     untold, told = run(detector, stream, played.announcements)
     hours = sum(len(item) for item in stream if isinstance(item, ScanBlock)) / RATE_HZ / 3600
-    return Alarms(hours, *tally(untold, played), tally(told, played).false)
+    said = tally(untold, played)
+    return Alarms(hours, hours if is_apart else 0.0, *said, tally(told, played).false)
 
 
 class _Alone(Bridge):

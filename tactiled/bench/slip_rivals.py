@@ -11,12 +11,14 @@ import numpy as np
 
 from tactiled.array import Array
 from tactiled.bench.slip_noise import Tail
-from tactiled.bench.slip_rules import WindowRule, coefficient_sd_v
+from tactiled.bench.slip_rules import COHERENT, coefficient_sd_v, coherent_rule, window_rule
 from tactiled.detect.base import Detector
 from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold: the rate at which latencies are compared
+SWEEP_PER_HOUR = (1.0, 10.0, 60.0, 300.0, 1800.0)  # within what users may ask for
+SWEEP_NOISE_V = 0.3e-3  # the board's own
 PAPER_LEVEL = 3  # at 100 Hz: `detect.slip_wavelet.level_at`
 
 
@@ -35,10 +37,13 @@ class Rival:
         Array and noise (volts) to a new detector.
     per_hour : callable
         Noise (volts) to the false alarms an hour in a hold at which it is set.
+    is_setting : bool
+        Users choose among these: their false alarms are counted over more hours than the others'.
     """
 
     build: Callable[[Array, float], Detector]
     per_hour: Callable[[float], float] = _compared
+    is_setting: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,10 @@ def rivals(knobs: Knobs) -> dict[str, Rival]:
 
     def window(array: Array, noise_v: float) -> Detector:
         level = knobs.window_level[noise_v]
-        return WindowRule(array, level, volts("any channel", level, noise_v))
+        return window_rule(array, level, volts("any channel", level, noise_v))
+
+    def levels(array: Array, noise_v: float) -> Detector:
+        return coherent_rule(array, noise_v, knobs.tails[COHERENT].threshold(PER_HOUR))
 
     def published_per_hour(noise_v: float) -> float:
         threshold = SlipParams().threshold_volts / coefficient_sd_v(PAPER_LEVEL, noise_v)
@@ -77,9 +85,25 @@ def rivals(knobs: Knobs) -> dict[str, Rival]:
         "paper, 0.002 V": Rival(lambda array, _: WaveletSlip(array), published_per_hour),
         "paper, threshold tuned": Rival(retuned),
         "pywt.swt window": Rival(window),
-        **{f"coherent, {name}": _coherent(params) for name, params in SETTINGS.items()},
+        "coherent, coif1 levels": Rival(levels),
+        **{f"coherent, {name}": _coherent(params, is_setting=True) for name, params in SETTINGS.items()},
     }
 
 
-def _coherent(params: CoherentParams) -> Rival:
-    return Rival(lambda array, _: CoherentSlip(array, params), lambda _: params.false_alarms_per_hour)
+def sweep() -> dict[str, Rival]:
+    """The coherent detector at every rate of `SWEEP_PER_HOUR`: the curve on which the settings lie."""
+    return {
+        f"coherent, {per_hour:g} an hour": _coherent(CoherentParams(false_alarms_per_hour=per_hour))
+        for per_hour in SWEEP_PER_HOUR
+    }
+
+
+def at_noise(knobs: Knobs, noise_v: float) -> dict[str, Rival]:
+    """`rivals`, and `sweep` where it is drawn."""
+    return rivals(knobs) | (sweep() if noise_v == SWEEP_NOISE_V else {})
+
+
+def _coherent(params: CoherentParams, *, is_setting: bool = False) -> Rival:
+    return Rival(
+        lambda array, _: CoherentSlip(array, params), lambda _: params.false_alarms_per_hour, is_setting
+    )

@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pywt
-from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.bench.slip_levels import COHERENT_LEVELS, CoherentLevels
 from tactiled.bench.slip_scenes import read_sd_v
-from tactiled.detect.wavelet import BankParams, SwtBank, border_scans, delay_scans, taps
+from tactiled.detect.wavelet import BankParams, Coefficients, SwtBank, border_scans, delay_scans, taps
 from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -23,6 +23,7 @@ LEVELS = (1, 2, 3, 4, 5, 6)
 HOLD_OFF_S = 0.2
 
 Rule = Callable[[Array, FloatArray], FloatArray]
+Statistic = Callable[[Coefficients], FloatArray]
 
 
 def any_channel(array: Array, coefficients: FloatArray) -> FloatArray:
@@ -63,6 +64,9 @@ RULES: dict[str, Rule] = {
 }
 
 
+COHERENT = ("coherent levels", 0)  # the key of `slip_levels`, which is of no one level
+
+
 def coefficient_sd_v(level: int, noise_v: float) -> float:
     """Sigma of a channel's coefficient in a hold: white noise through the level's filter."""
     return read_sd_v(noise_v) * float(np.linalg.norm(taps(level)))
@@ -77,6 +81,7 @@ def traces(array: Array, block: ScanBlock, noise_v: float) -> dict[tuple[str, in
         scaled = np.where(answer.usable[:, k], scaled, 0.0)
         for name, rule in RULES.items():
             out[name, level] = rule(array, scaled)
+    out[COHERENT] = CoherentLevels(array, read_sd_v(noise_v)).score(answer)
     return out
 
 
@@ -90,48 +95,58 @@ def window_coefficients(window: FloatArray, level: int) -> FloatArray:
     return np.array([detail[-1 - delay_scans(level)] for detail in details])
 
 
-class WindowRule:
-    """A slip event whenever any channel's coefficient is large, told nothing of contact: a `Detector`.
+class ThresholdRule:
+    """A slip event whenever a rule's statistic is large, told nothing of contact: a `Detector`.
 
     Parameters
     ----------
     array : Array
-    level : int
-    threshold_volts : float
+    levels : tuple of int
+        Of the bank; the last says where in the past an onset may lie.
+    begin : callable
+        Begins anew: what then makes one number a scan, (n,), of the bank's answers in turn.
+    threshold : float
+    name : str
     """
 
-    def __init__(self, array: Array, level: int, threshold_volts: float) -> None:
-        self._array = array
-        self._level = level
-        self._threshold_volts = threshold_volts
+    def __init__(
+        self,
+        array: Array,
+        levels: tuple[int, ...],
+        begin: Callable[[], Statistic],
+        threshold: float,
+        name: str,
+    ) -> None:
+        self._begin, self._threshold, self._name = begin, threshold, name
+        self._levels = levels
         self._weights = array.shear_weights().sum(axis=1)
-        self._bank = SwtBank(array, BankParams(levels=(level,)))
+        self._bank = SwtBank(array, BankParams(levels=levels))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen."""
         self._bank.reset()
+        self._statistic = self._begin()
         self._crossed_s = -np.inf
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """One onset for each run of crossings."""
         answer = self._bank.process(item)
         if isinstance(item, Gap):
-            self._crossed_s = -np.inf
+            self.reset()
             return []
-        volts = np.where(answer.usable[:, 0], answer.volts[:, 0], 0.0)
+        statistic = self._statistic(answer)
         events: list[Event] = []
-        for n in np.flatnonzero(np.abs(volts).max(axis=1) >= self._threshold_volts):
+        for n in np.flatnonzero(statistic >= self._threshold):
             now_s = float(item.time_s[n])
             if now_s - self._crossed_s > HOLD_OFF_S:
-                events.append(self._onset(now_s, item.rate_hz, volts[n]))
+                events.append(self._onset(now_s, item.rate_hz, answer.volts[n, -1], float(statistic[n])))
             self._crossed_s = now_s
         return events
 
-    def _onset(self, now_s: float, rate_hz: float, volts: FloatArray) -> SlipEvent:
+    def _onset(self, now_s: float, rate_hz: float, volts: FloatArray, statistic: float) -> SlipEvent:
         x, y = self._weights @ volts
-        size = np.abs(volts)
-        back_s = border_scans(self._level) / rate_hz  # the onset is anywhere in the filter
+        back_s = border_scans(self._levels[-1]) / rate_hz  # the onset is anywhere in the filter
         return SlipEvent(
             time_s=now_s - back_s / 2,
             state="onset",
@@ -141,16 +156,28 @@ class WindowRule:
             direction_deg=float(np.rad2deg(np.arctan2(y, x))),
             direction_sd_deg=UNKNOWN_SD_DEG,
             confidence=0.5,
-            taxels=tuple(np.unique(self._array.channel_taxel[size >= self._threshold_volts]).tolist()),
-            detector="pywt-swt-window",
-            statistic=float(size.max()),
-            threshold=self._threshold_volts,
+            taxels=(),
+            detector=self._name,
+            statistic=statistic,
+            threshold=self._threshold,
             valid=True,
             detected_s=now_s,
         )
 
 
-def crossings(trace: NDArray[np.float64], threshold: float, rate_hz: float) -> int:
-    """Runs of crossings in a trace, as `WindowRule` counts them."""
-    at = np.flatnonzero(trace >= threshold)
-    return int(len(at) > 0) + int((np.diff(at) > HOLD_OFF_S * rate_hz).sum())
+def window_rule(array: Array, level: int, threshold_volts: float) -> ThresholdRule:
+    """Any channel at one level: the plain sliding window."""
+
+    def largest(answer: Coefficients) -> FloatArray:
+        return any_channel(array, np.where(answer.usable[:, 0], answer.volts[:, 0], 0.0))
+
+    return ThresholdRule(array, (level,), lambda: largest, threshold_volts, "pywt-swt-window")
+
+
+def coherent_rule(array: Array, noise_v: float, threshold: float) -> ThresholdRule:
+    """All of `COHERENT_LEVELS` at once, told the noise."""
+
+    def begin() -> Statistic:
+        return CoherentLevels(array, read_sd_v(noise_v)).score
+
+    return ThresholdRule(array, COHERENT_LEVELS, begin, threshold, "coherent-levels")

@@ -39,6 +39,7 @@ SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
 NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
 # A load rests where it changed by less than this part of the grip (as in `slipwatch`) in so many seconds.
 _RESTS, _RESTS_S = 0.002, 0.1
+_MOTOR_STARTS_S = 0.5  # from standing to its speed
 _GRID_S = 0.005  # step of the plates' contact models: truth is no finer
 
 
@@ -162,7 +163,12 @@ def speed_name(speed_mm_s: float) -> str:
 
 
 def slipping_families() -> dict[str, Family]:
-    """The physical families, and steady slides at each of `SPEEDS_MM_S`."""
+    """The physical families, steady slides at each of `SPEEDS_MM_S`, and the families held out."""
+    return tuned_families() | families.HELD_OUT_SLIPPING
+
+
+def tuned_families() -> dict[str, Family]:
+    """Those that detectors were tuned on, by other seeds than are reported."""
     speeds = {speed_name(speed): at_speed(speed) for speed in SPEEDS_MM_S}
     return {name: f for name, f in families.SLIPPING.items() if name != "steady-slide"} | speeds
 
@@ -210,4 +216,6 @@ def announcements(scene: Scene) -> tuple[Announcement, ...]:
         start_s += phase.duration_s
     if scene.name.startswith("arm-acceleration"):
         said += [Announcement("inhibit", d.start_s, d.duration_s) for d in scene.disturbances]
+    if scene.name.startswith("motor-hum"):  # the gripper knows when its motor begins to run
+        said.append(Announcement("inhibit", scene.disturbances[0].start_s, _MOTOR_STARTS_S))
     return tuple(said)

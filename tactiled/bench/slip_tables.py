@@ -1,6 +1,6 @@
 """Tables of ``tactiled bench slip``."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,19 +8,17 @@ from numpy.typing import NDArray
 from tactiled.bench.report import table
 from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case
-from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted
 from tactiled.bench.slip_rivals import PER_HOUR
 from tactiled.bench.slip_scenes import NOISES_V, SPEEDS_MM_S, speed_name
 from tactiled.bench.slip_score import coverage, median, quantile
+from tactiled.emulator.families import HELD_OUT_SLIPPING
 
 FloatArray = NDArray[np.float64]
 
 ORACLE = "oracle"
 FAMILY_NOISE_V = 1e-3  # of the table by family: between the board's own 0.3 mV and a noisy cable's 3 mV
-# Pulled by somebody else: no controller can tell of it beforehand.
-OUTSIDE = ("cable-tug",)
 # Slips that take this long to become gross are those that an event can come before.
-_SLOW_S = 0.05
+SLOW_S = 0.05
 _NONE = "-"
 
 
@@ -60,7 +58,7 @@ def latency_table(cases: Sequence[Case], names: Sequence[str]) -> str:
 
 def _events(cases: Sequence[Case], name: str) -> list[str]:
     found = [case.found[name] for case in cases]
-    slow = [case.found[name].to_gross_s for case in cases if case.becoming_s >= _SLOW_S]
+    slow = [case.found[name].to_gross_s for case in cases if case.becoming_s >= SLOW_S]
     gross = np.array([one.gross_s for one in found])
     incipient = np.array([one.incipient_s for one in found])
     said = np.isfinite(incipient)
@@ -83,7 +81,8 @@ def family_table(cases: Sequence[Case], names: Sequence[str]) -> str:
         mine = [case for case in some if case.family == family]
         becoming = _ms(float(np.median([case.becoming_s for case in mine])))
         cells = [_spread(first_s(mine, name)) for name in (ORACLE, *names)]
-        rows.append([family, f"{len(mine)}", becoming, *cells])
+        name = f"{family}, held out" if family in HELD_OUT_SLIPPING else family
+        rows.append([name, f"{len(mine)}", becoming, *cells])
     return table(["family", "slips", "shear to gross", ORACLE, *names], rows)
 
 
@@ -135,54 +134,6 @@ def estimate_table(cases: Sequence[Case], names: Sequence[str]) -> str:
     return table(head, rows)
 
 
-def quiet_table(counted: Counted, names: Sequence[str]) -> str:
-    """False alarms a minute by family, told and not told; the mean of a noise last."""
-    families = list(dict.fromkeys(family for family, _, _ in counted))
-    rows = []
-    for noise_v in QUIET_NOISES_V:
-        for family in families:
-            some = [counted[family, noise_v, name] for name in names]
-            whose = f"{family} (nobody's to tell)" if family in OUTSIDE else family
-            rows.append([f"{1e3 * noise_v:g} mV", whose, f"{60 * some[0].hours:.1f} min", *_alarms(some)])
-        mine = [family for family in families if family not in OUTSIDE]
-        minutes = 60 * sum(counted[family, noise_v, names[0]].hours for family in mine)
-        means = [per_hour(counted, noise_v, name) for name in names]
-        cells = [_rate(false / 60, told / 60) for false, told in means]
-        rows.append(
-            [f"{1e3 * noise_v:g} mV", f"mean of all but {', '.join(OUTSIDE)}", f"{minutes:.1f} min", *cells]
-        )
-    return table(["noise", "family", "of", *names], rows)
-
-
-def hold_table(counted: Counted, per_hour: Mapping[str, Callable[[float], float]]) -> str:
-    """False alarms in holds against the rate that each detector is set to."""
-    rows = []
-    for name, asked in per_hour.items():
-        cells = []
-        for noise_v in NOISES_V:
-            alarms = counted[HELD, noise_v, name]
-            said = alarms.false - alarms.on_press
-            pressing = f", {alarms.on_press} on the press" if alarms.on_press else ""
-            cells.append(f"{said} of {asked(noise_v) * alarms.hours:.3g}{pressing}")
-        rows.append([name, *cells])
-    hours = counted[HELD, NOISES_V[0], next(iter(per_hour))].hours
-    return (
-        f"In {hours:.2g} h of holds at each noise, false alarms said of expected; after one on the press "
-        "that never ends, none is said any more.\n\n"
-        + table(["detector", *(f"{1e3 * noise_v:g} mV" for noise_v in NOISES_V)], rows)
-    )
-
-
-def per_hour(counted: Counted, noise_v: float, name: str) -> tuple[float, float]:
-    """False alarms an hour, untold and told: mean of the families but `OUTSIDE`, all of one weight."""
-    mine = [
-        alarms
-        for (family, noise, who), alarms in counted.items()
-        if (noise, who) == (noise_v, name) and family not in OUTSIDE
-    ]
-    return tuple(np.mean([(a.false / a.hours, a.told_false / a.hours) for a in mine], axis=0).tolist())
-
-
 def worst_table(cases: Sequence[Case], names: Sequence[str], most: int = 5) -> str:
     """Slips said latest or not at all, by detector: where to look."""
     rows = []
@@ -208,7 +159,7 @@ def _late_s(case: Case, name: str) -> float:
     return latency if np.isfinite(latency) else np.inf
 
 
-def cost_table(costs: dict[str, Cost]) -> str:
+def cost_table(costs: Mapping[str, Cost]) -> str:
     """Microseconds a scan live, and scans a second in blocks."""
     plain = costs["pywt.swt, plain"]
     rows = [
@@ -216,20 +167,6 @@ def cost_table(costs: dict[str, Cost]) -> str:
         for name, cost in costs.items()
     ]
     return table(["detector", "a scan, live", "scans a second in blocks", "plain over this, live"], rows)
-
-
-def _alarms(some: Sequence[Alarms]) -> list[str]:
-    cells = []
-    for one in some:
-        minutes = 60 * one.hours
-        gross = f", {one.gross} gross" if 0 < one.gross < one.false else ""
-        partial = f" (+{one.partial} right)" if one.partial else ""
-        cells.append(f"{_rate(one.false / minutes, one.told_false / minutes)}{gross}{partial}")
-    return cells
-
-
-def _rate(false: float, told: float) -> str:
-    return f"{false:.3f}" + (f"; told {told:.3f}" if told < false else "")
 
 
 def _middle(error: FloatArray) -> float:

@@ -1,22 +1,27 @@
 """The baseline is the plain transform, and the oracle is a bound that holds its rate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tactiled.array import load_array
 from tactiled.bench.slip_faults import FAULTS
 from tactiled.bench.slip_latency import measure
-from tactiled.bench.slip_noise import Tail, fit_tail, maxima, oracle_tail, rule_tails
+from tactiled.bench.slip_noise import Tail, fit_tail, maxima, oracle_tail, rule_maxima, rule_tails
 from tactiled.bench.slip_oracle import Oracle
 from tactiled.bench.slip_quiet import run
-from tactiled.bench.slip_rivals import Knobs, rivals
+from tactiled.bench.slip_rivals import Knobs, rivals, sweep
 from tactiled.bench.slip_rules import (
+    COHERENT,
     LEVELS,
     RULES,
-    WindowRule,
     coefficient_sd_v,
+    coherent_rule,
     traces,
     window_coefficients,
+    window_rule,
 )
 from tactiled.bench.slip_scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
 from tactiled.detect.base import Detector
@@ -54,8 +59,8 @@ def test_the_bank_is_the_plain_transform_of_the_window(level: int, slide: Played
 
 def test_window_rule_says_what_its_threshold_says(slide: Played) -> None:
     block = slide.read(0.3e-3, draw=1)
-    events = WindowRule(WANG, 2, 3e-3).process(block)
-    chunked = WindowRule(WANG, 2, 3e-3)
+    events = window_rule(WANG, 2, 3e-3).process(block)
+    chunked = window_rule(WANG, 2, 3e-3)
     assert [e for n in range(len(block)) for e in chunked.process(block[n : n + 1])] == events
     first = next(e for e in events if isinstance(e, SlipEvent) and e.detected_s > 4)
     trace = traces(WANG, block, 0.3e-3)["any channel", 2] * coefficient_sd_v(2, 0.3e-3)
@@ -72,7 +77,32 @@ def test_rules_have_unit_noise() -> None:
         # A Rayleigh variable of unit scale: mean of squares 2.
         assert np.mean(found["whole array", level][400:] ** 2) == pytest.approx(2.0, rel=0.15)
     assert all((found["opposed channel", n] <= found["any channel", n]).all() for n in LEVELS)
-    assert {rule for rule, _ in found} == set(RULES)
+    assert {rule for rule, _ in found} == {*RULES, COHERENT[0]}
+
+
+def test_coherent_levels_are_matched_to_a_kink_in_any_direction() -> None:
+    weights = WANG.shear_weights().sum(axis=1)
+    # A load that grows evenly from scan 400 on, along 30 degrees: what the rule is built for.
+    way = np.cos(np.deg2rad(30)) * weights[0] + np.sin(np.deg2rad(30)) * weights[1]
+    ramp = np.maximum(np.arange(600.0) - 400, 0)[:, np.newaxis] * way / np.linalg.norm(way) * 1e-3
+    block = replace_volts(block_of(np.full((600, 36), 1600)), 1.2 + ramp)
+    trace = traces(WANG, block, 1e-3)[COHERENT]
+    assert trace[300:401].max() < 1e-6
+    assert trace[402] < trace[406] < trace[412] < trace[425]  # evidence grows with what has been seen
+    # Of unit noise, however the levels overlap: a mean square of 2 an age, and the largest of 18 is above.
+    noise = np.random.default_rng(4).standard_normal((30_000, 36))
+    quiet = traces(WANG, replace_volts(block_of(np.full((30_000, 36), 1600)), 1.2 + 1e-3 * noise), 1e-3)
+    assert 1.5 < np.median(quiet[COHERENT][400:]) < 3.0
+    threshold = 5.5
+    events = coherent_rule(WANG, 1e-3, threshold).process(block)
+    (onset,) = [e for e in events if isinstance(e, SlipEvent)][:1]
+    assert onset.detected_s * 100 == pytest.approx(int(np.argmax(trace >= threshold)))
+    assert onset.direction_deg % 180 == pytest.approx(30.0, abs=0.5)
+
+
+def replace_volts(block: ScanBlock, volts: NDArray[np.float64]) -> ScanBlock:
+    """The same scans, not rounded by an ADC."""
+    return replace(block, volts=volts)
 
 
 def test_a_tail_is_recovered() -> None:
@@ -90,7 +120,7 @@ def test_the_oracle_keeps_its_rate_and_is_never_later_than_a_rule(slide: Played)
     noise = np.random.default_rng(9).standard_normal((180_000, oracle.n_combinations))
     alarms = (maxima(oracle.noise_trace(noise)) > tail.threshold(100.0)).sum()  # in half an hour: 50
     assert 25 < alarms < 85
-    tails = rule_tails(hours=0.17, seed=1)
+    tails = rule_tails([rule_maxima(0, seed=1)])
     for case in measure("1 mm/s", 1, Knobs(tails, dict.fromkeys(NOISES_V, 2)), tail, ()):
         rules = np.array([case.rule_s[key] for key in tails])
         assert (np.nan_to_num(rules, nan=np.inf) >= case.oracle_s - 0.02).all()
@@ -154,8 +184,8 @@ def test_what_is_announced_is_not_valid_from_the_motion_s_beginning(slide: Playe
 
 
 def test_every_rival_is_a_detector_and_says_its_rate() -> None:
-    tails = {(rule, level): WIDE for rule in RULES for level in LEVELS}
-    for rival in rivals(Knobs(tails, dict.fromkeys(NOISES_V, 2))).values():
+    tails = {(rule, level): WIDE for rule in RULES for level in LEVELS} | {COHERENT: WIDE}
+    for rival in (rivals(Knobs(tails, dict.fromkeys(NOISES_V, 2))) | sweep()).values():
         detector: Detector = rival.build(WANG, 1e-3)
         detector.process(block_of(np.full((50, 36), 1600)))
         assert rival.per_hour(1e-3) > 0
