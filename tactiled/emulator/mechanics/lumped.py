@@ -86,8 +86,9 @@ class Lumped:
         refuse_grooves("lumped", surface, "a load curve has no ridges to ride on")
         self._surface = surface
         self._n_taxels = n_taxels
-        self._edge_load, self._edge_way = load_n(_RING_EDGES_MM), _way_mm(_RING_EDGES_MM)
-        self._edge_stiffness = _stiffness_n_mm(_RING_EDGES_MM)
+        self._edges = np.stack(
+            [_RING_EDGES_MM, load_n(_RING_EDGES_MM), _way_mm(_RING_EDGES_MM), _stiffness_n_mm(_RING_EDGES_MM)]
+        )
         self._normal_side, self._tangential_side = _mean_weights(SideWeights(azimuth_deg, readout))
         self.reset()
 
@@ -133,39 +134,55 @@ class Lumped:
         way = _way_mm(depth)
         # A ring that comes into contact, or leaves it, within a step makes a part of the step's way only.
         grown = np.diff(way, axis=0, prepend=self._way_mm[None])
-        area, borne, stiffness = self._rings(depth if grown.any() else depth[-1:])
+        rings = _rings_within(float(depth.max()))  # the others bear nothing in this run
+        area, borne, stiffness = self._rings(depth if grown.any() else depth[-1:], rings)
         changes = np.abs(grown) > _SAME * way
         if changes.any():
-            more = np.diff(borne, axis=0, prepend=self._borne_n[None])
+            more = np.diff(borne, axis=0, prepend=self._borne_n[None, :, :rings])
             secant = more / np.where(changes, grown, 1.0)[..., None]
             stiffness = np.where(changes[..., None], secant, stiffness)
-        self._borne_n, self._way_mm = borne[-1].copy(), way[-1].copy()
-        change = -stiffness[:, None] * np.moveaxis(moved_mm, -1, 1)[..., None]
+        self._borne_n[:, :rings], self._borne_n[:, rings:] = borne[-1], 0.0
+        self._way_mm = way[-1].copy()
+        # What each step would add to the rings, and in its place, step by step, what they hold after it.
+        held = -stiffness[:, None] * np.moveaxis(moved_mm, -1, 1)[..., None]
         limit = borne * (capacity / np.maximum(borne.sum(axis=-1), _TOUCHING))[..., None]
-        floor = np.maximum(limit, _TOUCHING)
-        held, trial, size = np.empty_like(change), self._held_n, np.empty(limit.shape)
-        for k in range(len(limit)):
-            trial = trial + change[k]
-            x, y = trial * trial
-            np.sqrt(x + y, out=size[k])
-            trial = np.multiply(trial, limit[k] / np.maximum(size[k], floor[k]), out=held[k])
-        self._held_n = trial.copy()
-        slipping = np.where(size > limit * _GIVES, area, 0.0).sum(axis=-1)
+        floor, size = np.maximum(limit, _TOUCHING), np.empty(limit.shape)
+        before, square, part = self._held_n[..., :rings], np.empty(held.shape[1:]), np.empty(limit.shape[1:])
+        x, y = square
+        for trial, bound, least, force in zip(held, limit, floor, size, strict=True):
+            trial += before
+            np.square(trial, out=square)
+            np.add(x, y, out=force)
+            np.sqrt(force, out=force)
+            np.maximum(force, least, out=part)
+            np.divide(bound, part, out=part)
+            trial *= part
+            before = trial
+        self._held_n[..., :rings], self._held_n[..., rings:] = before, 0.0
+        limit *= _GIVES
+        slipping = np.where(size > limit, area, 0.0).sum(axis=-1)
         slipping /= np.maximum(area.sum(axis=-1), _TOUCHING)
         return np.moveaxis(held.sum(axis=-1), 1, -1), np.minimum(slipping, 1.0)
 
-    def _rings(self, depth_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Rings (..., r) of contacts (...) at an indentation: area, load in N, stiffness in N/mm.
+    def _rings(self, depth_mm: FloatArray, rings: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The first rings (..., r) of contacts (...) at an indentation: area, load in N, stiffness in N/mm.
 
         A ball's contact area grows as the indentation, so area is in mm of that.
         """
         deep = depth_mm[..., None]
         load, way, stiffness = load_n(deep), _way_mm(deep), _stiffness_n_mm(deep)
-        below = np.minimum(self._edge_stiffness, stiffness)
+        edge, edge_load, edge_way, edge_stiffness = self._edges[:, :rings]
+        below = np.minimum(edge_stiffness, stiffness)
         # The integral of (D - s) dN'(s) over a ring, by parts.
-        borne = np.minimum(self._edge_load, load) + below * np.maximum(way - self._edge_way, 0.0)
-        area = np.diff(np.minimum(_RING_EDGES_MM, deep), append=deep)
+        borne = np.minimum(edge_load, load) + below * np.maximum(way - edge_way, 0.0)
+        area = np.diff(np.minimum(edge, deep), append=deep)
         return area, np.maximum(np.diff(borne, append=load), 0.0), np.diff(below, append=stiffness)
+
+
+def _rings_within(depth_mm: float) -> int:
+    """How many rings a contact has, in eights: sums then round as those over all rings do."""
+    touched = int(np.searchsorted(_RING_EDGES_MM, depth_mm))
+    return min(max(-(-touched // 8), 1) * 8, len(_RING_EDGES_MM))
 
 
 def _way_mm(depth_mm: FloatArray) -> FloatArray:
