@@ -62,9 +62,10 @@ def emulate(
 
     played = named_scene(scene)
     if explains:
-        from tactiled.emulator.contact import explain
+        from tactiled.emulator.identity import worn_array
+        from tactiled.emulator.prepare import explain_in_real_time
 
-        click.echo(explain(played))
+        click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))
         return
     if (link is None) == (tcp is None):
         raise click.UsageError("say either --link NAME or --tcp HOST:PORT")

@@ -107,6 +107,8 @@ def choose_rung(scene: Scene) -> Choice:
 def explain(scene: Scene) -> str:
     """For people: which rung plays the scene, why, and what it does not model.
 
+    This is for simulated time; `prepare.explain_in_real_time` says what a board makes of it.
+
     Raises
     ------
     ConfigError

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import choose_rung
+from tactiled.emulator.contact import choose_rung, explain
 from tactiled.emulator.mechanics.base import FloatArray, Rung, Surface
 from tactiled.emulator.mechanics.periodic import STEP_S, Foresight
 from tactiled.emulator.mechanics.tables import SHIPPED, is_solved, solved_tables, write_tables
@@ -19,7 +19,13 @@ from tactiled.errors import ConfigError
 Progress = Callable[[int, int], None]
 # A slide over a plate of one's own takes a dozen; beyond this nobody waits for the board to come up.
 _MOST_TABLES = 60
-_INSTEAD = "play it in simulated time, or on a flat plate with another contact"
+_INSTEAD = (
+    "in simulated time periodic plays it (Simulation, bench), in real time a flat plate with contact lumped"
+)
+# `compliance` takes about as long as it plays (`tactiled bench contact`); the faster rungs need no such word.
+_SLOW = (
+    "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, so scans may come late"
+)
 
 
 def rung_of(scene: Scene) -> str:
@@ -42,8 +48,32 @@ def prepare(scene: Scene, array: Array, progress: Progress | None = None) -> Non
     ConfigError
         No contact model can play the scene, or not in real time: too many tables, or nobody knows which.
     """
+    missing = _missing(scene, array)
+    for done, solve in enumerate(missing):
+        if progress is not None:
+            progress(done, len(missing))
+        solve()
+
+
+def explain_in_real_time(scene: Scene, array: Array) -> str:
+    """`explain` for a board that plays the scene as it goes: what is solved before, or what comes late.
+
+    Raises
+    ------
+    ConfigError
+        As `prepare`, with what would play the scene instead.
+    """
+    words = explain(scene)
+    rung = rung_of(scene)
+    if missing := _missing(scene, array):
+        return f"{words}\n  in real time: {len(missing)} tables to solve first, up to a minute each"
+    return f"{words}\n  in real time: {_SLOW if rung == 'compliance' else 'as it is'}"
+
+
+def _missing(scene: Scene, array: Array) -> list[Callable[[], FloatArray]]:
+    """What solves the tables that nobody has solved; `ConfigError` where real time cannot wait for them."""
     if rung_of(scene) != "periodic":
-        return
+        return []
     where = f"scene {scene.name}"
     if scene.held_object is not None:
         fault = "how a held object moves is up to its controller, so its tables cannot be solved beforehand"
@@ -52,10 +82,7 @@ def prepare(scene: Scene, array: Array, progress: Progress | None = None) -> Non
     if len(missing) > _MOST_TABLES:
         fault = f"{len(missing)} tables to solve, up to a minute each, and {_MOST_TABLES} is the most"
         raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
-    for done, solve in enumerate(missing):
-        if progress is not None:
-            progress(done, len(missing))
-        solve()
+    return missing
 
 
 def _wanted(scene: Scene, array: Array) -> dict[str, Callable[[], FloatArray]]:

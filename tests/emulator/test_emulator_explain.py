@@ -2,7 +2,9 @@
 
 import pytest
 
+from tactiled.array import load_array
 from tactiled.emulator.contact import explain
+from tactiled.emulator.prepare import explain_in_real_time
 from tactiled.emulator.scene import load_scene
 from tactiled.errors import ConfigError
 
@@ -19,3 +21,28 @@ def test_a_rung_that_cannot_play_the_scene_is_refused_and_not_explained(rung: st
 def test_a_rung_that_can_is_explained() -> None:
     words = explain(load_scene("grasp").with_changes(contact="bristle"))
     assert words.startswith("contact: bristle\n  the scene says so\n  not modelled: ")
+
+
+GROOVES = {"kind": "grooves", "period_mm": 1.2}
+
+
+@pytest.mark.parametrize("contact", ["auto", "periodic"])
+def test_a_held_object_on_grooves_is_for_simulated_time_alone(contact: str) -> None:
+    held = load_scene("grasp").with_changes(
+        contact=contact, needs=["groove-ripple"], tolerance=0.5, surface=GROOVES
+    )
+    assert explain(held).startswith("contact: periodic\n")
+    with pytest.raises(
+        ConfigError, match=r"up to its controller.*simulated time periodic.*real time a flat plate"
+    ):
+        explain_in_real_time(held, load_array(held.array))
+    flat = load_scene("grasp")  # what the refusal names instead
+    assert "contact: lumped" in explain_in_real_time(flat, load_array(flat.array))
+
+
+def test_in_real_time_it_is_said_what_one_waits_for() -> None:
+    shipped = load_scene("demo")
+    array = load_array(shipped.array)
+    assert explain_in_real_time(shipped, array) == f"{explain(shipped)}\n  in real time: as it is"
+    slow = load_scene("grasp").with_changes(contact="compliance")
+    assert "in real time: compliance takes up to" in explain_in_real_time(slow, array)
