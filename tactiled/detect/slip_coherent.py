@@ -29,6 +29,7 @@ from tactiled.detect.contact import (
 )
 from tactiled.detect.quantise import Held, Quantiser
 from tactiled.detect.slip_evidence import Evidence
+from tactiled.detect.slip_rate import NOISE_PART, shear_at
 from tactiled.detect.slip_story import Story
 from tactiled.detect.slip_stuck import Stuck
 from tactiled.detect.slip_witness import Witness
@@ -47,13 +48,20 @@ _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
 class CoherentParams(Params):
-    """How sure a slip must be, and of how much shear."""
+    """How often what is no slip may be said, and what is known of the surfaces."""
 
     false_alarms_per_hour: float = Field(
-        default=1.0, gt=0, le=3600, description="that noise alone may raise; the threshold follows"
+        default=150.0,
+        gt=0,
+        le=3600,
+        description="of a hand that moves and does not say so: the growth of shear that counts follows",
     )
-    least_shear: float = Field(
-        default=0.1, gt=0, le=1, description="growth of shear over pressure, both in volts, that counts"
+    least_shear: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="growth of shear over pressure, both in volts, that counts; the rate then is of "
+        "noise alone; left out: as the rate has it",
     )
     gross_shear: float | None = Field(
         default=None,
@@ -64,13 +72,24 @@ class CoherentParams(Params):
     # Half of the paper's "clear enough": the mean of four resistors is clear enough at 10 mV of noise each.
     contact: ContactParams = ContactParams(contact_volts=0.25, release_volts=0.15)
 
+    @property
+    def shear(self) -> float:
+        """Growth of shear over pressure that counts."""
+        return shear_at(self.false_alarms_per_hour) if self.least_shear is None else self.least_shear
+
+    @property
+    def noise_per_hour(self) -> float:
+        """False alarms that noise alone may raise."""
+        return self.false_alarms_per_hour * (NOISE_PART if self.least_shear is None else 1.0)
+
 
 SETTINGS: Mapping[str, CoherentParams] = {
-    "fast": CoherentParams(false_alarms_per_hour=6.0, least_shear=0.02),
-    "balanced": CoherentParams(false_alarms_per_hour=1.0, least_shear=0.1),
-    "quiet": CoherentParams(false_alarms_per_hour=0.1, least_shear=0.25),
+    "fast": CoherentParams(false_alarms_per_hour=300.0),
+    "balanced": CoherentParams(false_alarms_per_hour=150.0),
+    "quiet": CoherentParams(false_alarms_per_hour=10.0),
 }
-"""``fast`` takes all growing shear for slip, ``quiet`` waits until a tenth slips on any likely friction."""
+"""Points on the curve of `slip_rate`: ``fast`` says any growth of shear, ``balanced`` what is more than the
+first swing of a hum, ``quiet`` nearly all that a weak slip has."""
 
 
 class CoherentSlip:
@@ -85,7 +104,7 @@ class CoherentSlip:
     def __init__(self, array: Array, params: CoherentParams | None = None) -> None:
         self._array = array
         self._params = params or CoherentParams()
-        self._least_shear = self._params.least_shear * (1.0 if array.has_shear else _LOAD_MOVES)
+        self._least_shear = self._params.shear * (1.0 if array.has_shear else _LOAD_MOVES)
         of_kind = _GROSS_OF_PAIRS if "side" in array.channel_kind else 0.0
         self._gross_shear = of_kind if self._params.gross_shear is None else self._params.gross_shear
         self.reset()
@@ -100,7 +119,7 @@ class CoherentSlip:
         self._rate_hz = rate_hz
         self._quantiser = Quantiser(self._array)
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
-        self._evidence = Evidence(self._array, rate_hz, self._params.false_alarms_per_hour, self._least_shear)
+        self._evidence = Evidence(self._array, rate_hz, self._params.noise_per_hour, self._least_shear)
         self._n_seen = 0
         self._story = Story(self._evidence, rate_hz, self._least_shear, self._gross_shear)
 

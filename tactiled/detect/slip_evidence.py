@@ -39,12 +39,12 @@ from tactiled.detect.slip_stretch import BEFORE_SCANS, Stretch, Stretches
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_parts.py).
-_LOOKS_A_SCAN = 4.0
+_LOOKS_A_SCAN = 1.5
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
 _COMMON = 0.25
 _UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there is none
-# A rise along which pressure doubles is a press: at a slant, within what friction bears, its shear grows as well.
+# A rise along which pressure doubles is a press: at a slant, within what friction bears, shear grows with it.
 _PRESS = 0.5
 _NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
@@ -141,7 +141,7 @@ class Evidence:
         along = (start * rise).sum(axis=1) / np.maximum(size * there, 1.0)  # cosine
         is_back = (along < -0.5) & (there > self._least * pressure)
         reached = size + np.where(along > 0.5, np.maximum(there - _UNEQUAL * pressure, 0.0), 0.0)
-        leak = _COMMON + there / pressure
+        leak = _COMMON + there / np.maximum(pressure - rises[:, AXES], 1.0)
         return np.asarray(
             (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
             & (size >= _NEWS * self._least * pressure)

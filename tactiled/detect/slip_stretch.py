@@ -176,7 +176,7 @@ class Stretches:
         return Stretch(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
 
     def _made_of(self, noise: FloatArray) -> FloatArray:
-        """Noise (levels, 4) of axes and pressure, if that of each channel (levels, 4 + channels) is its own."""
+        """Noise (levels, 4) of axes and pressure if channels (levels, 4 + channels) have each their own."""
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
         return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
 

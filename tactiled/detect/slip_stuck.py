@@ -74,8 +74,8 @@ class Stuck:
         at = np.maximum(newest_change, 0)
         noisy = np.where(in_block, np.take_along_axis(n_turns, at, axis=0) >= _TURNED, self._noisy)
         self._noisy = noisy[-1]
-        rests = noisy & (run >= _LONG)
-        stuck = rests & (rests.mean(axis=1, keepdims=True) <= _MOST)
+        resting = (run >= _LONG // 2).mean(axis=1, keepdims=True)
+        stuck = noisy & (run >= _LONG) & (resting <= _MOST)
 
         others = (steps * self._sign)[:, self._sides]  # (n, channels, others)
         place = np.broadcast_to(at[..., np.newaxis], others.shape)

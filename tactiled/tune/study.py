@@ -2,9 +2,10 @@
 
 Nothing slips in either, so each alarm is a false one. Two knobs make them rare, and each has its tail:
 
-* `false_alarms_per_hour` sets the threshold against noise. The quiet hold is run with several rates; no more
-  alarms should come than were asked for.
-* `least_shear` is the shear that counts. The motion is run with larger and larger ones.
+* `false_alarms_per_hour` sets the threshold against noise where `least_shear` is given. The quiet hold is run
+  with several rates; no more alarms should come than were asked for.
+* `least_shear` is the shear that counts. The motion is run with larger and larger ones; what comes of it
+  takes the place of the curve in `slip_rate`, which is the emulator's hand's.
 
 The proposal is what the tails, continued, say for the wanted rate, no less than kept hold and motion silent.
 Where that is more shear than a weak slip has, no threshold tells this motion from slip: then it is what kept
@@ -195,7 +196,7 @@ def _least_shear(needed: float, silent: float | None) -> tuple[float, bool]:
     least = max(needed, silent)
     out_of_reach = least >= WEAK_SHEAR
     if out_of_reach:
-        quietest = max(params.least_shear for params in SETTINGS.values())
+        quietest = max(params.shear for params in SETTINGS.values())
         least = silent if silent < WEAK_SHEAR else quietest
     return float(np.ceil(1000 * least) / 1000), out_of_reach
 

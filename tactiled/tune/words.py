@@ -21,7 +21,7 @@ def as_toml(found: Study) -> str:
     return (
         "[detect.slip]\n"
         f"false_alarms_per_hour = {params.false_alarms_per_hour:g}\n"
-        f"least_shear = {params.least_shear:g}\n"
+        f"least_shear = {params.shear:g}\n"
     )
 
 
@@ -49,7 +49,7 @@ def as_map(found: Study) -> dict[str, Any]:
         "settings": {name: _setting_map(setting) for name, setting in found.settings.items()},
         "proposed": {
             "false_alarms_per_hour": found.proposed.params.false_alarms_per_hour,
-            "least_shear": found.proposed.params.least_shear,
+            "least_shear": found.proposed.params.shear,
             "least_shear_by_tail": dict(zip(("value", "low", "high"), found.least_shear, strict=True)),
             "proven_per_hour": {"low": low, "high": high},
             "extrapolated": _is_extrapolated(found),
@@ -94,7 +94,7 @@ def _settings(found: Study) -> str:
     latency = [["first event (ms)", *(f"{kind}, {where}" for kind in ONSETS for where in ("hold", "motion"))]]
     for name, setting in found.settings.items():
         between = _between(*rate_interval(setting.motion.count, hours))
-        alarms.append([name, f"{setting.params.least_shear:g}", _alarms(setting.motion), between])
+        alarms.append([name, f"{setting.params.shear:.3g}", _alarms(setting.motion), between])
         told = [
             _latency(setting.latency.get((where, kind))) for kind in ONSETS for where in ("quiet", "motion")
         ]
@@ -130,7 +130,7 @@ def _proposal(found: Study) -> str:
     alarms = _proposed_alarms(found)
     _, high = rate_interval(alarms, _motion_hours(found))
     lines = [
-        f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.least_shear:g}, "
+        f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.shear:g}, "
         f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}"
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
@@ -230,7 +230,7 @@ def _setting_map(setting: Setting) -> dict[str, Any]:
         for (where, name), told in setting.latency.items()
     ]
     return {
-        "least_shear": setting.params.least_shear,
+        "least_shear": setting.params.shear,
         "false_alarms_per_hour": setting.params.false_alarms_per_hour,
         "alarms_quiet": vars(setting.quiet),
         "alarms_motion": vars(setting.motion),

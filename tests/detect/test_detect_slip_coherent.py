@@ -266,10 +266,10 @@ def test_pads_without_shear_channels_tell_slip_without_direction() -> None:
     assert all(e.direction_sd_deg == UNKNOWN_SD_DEG for e in events)
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("setting", ["fast", "balanced"])
 @pytest.mark.parametrize("name", ["normal-4x4", "xyz-two-pads-4x4"])
 def test_a_slide_is_gross_on_arrays_of_any_scale(name: str, setting: str) -> None:
-    """Shear over pressure of a third, which on the 2019 array slips nowhere."""
+    """Shear over pressure of a third, which on the 2019 array slips nowhere; `quiet` waits for more."""
     array = load_array(name)
     events = detect(Touch(shear=0.4).block(array), setting, array)
     assert told(events)[:3] == WHOLE  # fast may say the recoil too

@@ -1,0 +1,176 @@
+"""Channels that are stuck, noisy or hum, and noise that changes: none is slip, and none hides one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import LSB, Touch, onsets, pieces, run, slips, splits
+
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.quantise import Quantiser
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip_stuck import Stuck
+from tactiled.events.types import Event
+from tactiled.samples.block import ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+WHOLE = [("onset", "incipient"), ("onset", "gross"), ("end", "gross")]
+
+
+def detect(block: ScanBlock, setting: str = "balanced") -> list[Event]:
+    return CoherentSlip(ARRAY, SETTINGS[setting]).process(block)
+
+
+def told(events: list[Event]) -> list[tuple[str, str]]:
+    return [(e.state, e.kind) for e in slips(events)]
+
+
+def stuck_at(block: ScanBlock, channels: list[int], volts: float | None, first: int) -> ScanBlock:
+    """From a scan on; None: at what it read last."""
+    changed = block.volts.copy()
+    changed[first:, channels] = changed[first, channels] if volts is None else volts
+    return dataclasses.replace(block, volts=changed)
+
+
+@pytest.mark.parametrize("volts", [0.0, 1.2, 2.9])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_channel_that_never_worked_takes_its_taxel_out(volts: float, noise: float) -> None:
+    block = Touch(noise=noise, seed=2).block(ARRAY)
+    events = detect(stuck_at(block, [17], volts, 0))
+    assert told(events) == WHOLE
+    assert all(e.taxels == (0, 1, 2, 3, 5, 6, 7, 8) for e in slips(events))
+    assert slips(events)[0].onset_s == pytest.approx(slips(detect(block))[0].onset_s, abs=0.02)
+
+
+@pytest.mark.parametrize("volts", [None, 0.0, 2.9])
+def test_a_channel_that_sticks_in_a_hold_takes_its_taxel_out(volts: float | None) -> None:
+    block = Touch(slide_s=6.0, stop_s=8.0, noise=1e-3, seed=3).block(ARRAY)
+    events = detect(stuck_at(block, [0, 18], volts, 250))
+    assert told(events) == WHOLE
+    assert {e.taxels for e in slips(events)} == {(1, 2, 3, 5, 6, 7, 8)}
+
+
+def test_a_stuck_channel_works_again_when_it_moves() -> None:
+    block = Touch(slide_s=7.0, noise=1e-3, seed=4).block(ARRAY)
+    stuck = block.volts.copy()
+    stuck[200:400, 5] = stuck[200, 5]
+    events = detect(dataclasses.replace(block, volts=stuck))
+    assert slips(events)[0].taxels == tuple(range(9))
+
+
+def steps(volts: FloatArray) -> FloatArray:
+    return Quantiser(ARRAY).round(np.floor(volts / LSB + 0.5) * LSB)
+
+
+@given(st.floats(0.0, 0.6), st.floats(-2e-4, 2e-4), st.integers(0, 99))
+@settings(max_examples=25, deadline=None)
+def test_a_quiet_converter_repeats_its_codes_lawfully(noise_lsb: float, drift_v_s: float, seed: int) -> None:
+    """A press, a slip and its end with noise below the last bit, and a drift through its codes."""
+    touch = Touch(noise=0.0, seed=seed, end_s=10.0, lift_s=20.0).volts(ARRAY, 100.0)
+    rng = np.random.default_rng(seed)
+    volts = touch + noise_lsb * LSB * rng.normal(size=touch.shape)
+    volts += drift_v_s * np.arange(len(volts))[:, np.newaxis] / 100
+    assert not Stuck(ARRAY).process(steps(volts)).any()
+
+
+def test_noise_that_stops_everywhere_sticks_nothing() -> None:
+    rng = np.random.default_rng(5)
+    volts = 1.2 + 2e-3 * rng.normal(size=(1500, ARRAY.n_channels)) * (np.arange(1500) < 700)[:, np.newaxis]
+    assert not Stuck(ARRAY).process(steps(volts)).any()
+
+
+@pytest.mark.parametrize("noise", [1e-3, 10e-3])
+def test_noise_of_a_last_bit_repeats_no_code_for_long(noise: float) -> None:
+    rng = np.random.default_rng(6)
+    assert not Stuck(ARRAY).process(steps(1.2 + noise * rng.normal(size=(60_000, ARRAY.n_channels)))).any()
+
+
+def broken() -> ScanBlock:
+    """Stuck, noisy, missing, and noise that grows before a slip."""
+    block = Touch(slide_s=5.0, stop_s=7.0, lift_s=8.0, end_s=8.5, noise=1e-3, seed=7).block(ARRAY)
+    block = stuck_at(block, [18], None, 330)
+    rng, volts = np.random.default_rng(7), block.volts.copy()
+    volts[:, 30] += 30e-3 * rng.normal(size=len(volts))
+    volts[390:] += 4e-3 * rng.normal(size=volts[390:].shape)
+    volts[400:410, 3] = np.nan
+    return dataclasses.replace(block, volts=volts, valid=np.isfinite(volts))
+
+
+BROKEN = broken()
+WHOLE_RUN = detect(BROKEN, "fast")
+
+
+@given(splits(len(BROKEN)))
+@settings(max_examples=15, deadline=None)
+def test_what_drops_out_does_so_at_the_same_scan_however_scans_are_chunked(cuts: list[int]) -> None:
+    assert run(CoherentSlip(ARRAY, SETTINGS["fast"]), pieces(BROKEN, cuts)) == WHOLE_RUN
+
+
+def test_what_is_broken_leaves_a_slip_to_be_told() -> None:
+    first = next(e for e in slips(WHOLE_RUN) if e.detected_s > 104.9)
+    assert first.onset_s == pytest.approx(105.0, abs=0.05)
+    assert first.taxels == (1, 2, 3, 5, 6, 8)
+
+
+def test_a_noisy_channel_takes_its_taxel_out_and_costs_no_time() -> None:
+    block = Touch(slide_s=7.0, shear=0.3, shear_takes_s=1.0, noise=1e-3, seed=8).block(ARRAY)
+    volts = block.volts.copy()
+    volts[:, 17] += 30e-3 * np.random.default_rng(8).normal(size=len(volts))
+    whole, noisy = (slips(detect(b, "fast"))[0] for b in (block, dataclasses.replace(block, volts=volts)))
+    assert 4 in whole.taxels
+    assert 4 not in noisy.taxels
+    assert noisy.detected_s <= whole.detected_s + 0.02
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.3e-3, 30e-3), (1e-3, 100e-3)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_noise_that_grows_a_hundredfold_raises_one_alarm_at_most(
+    setting: str, seed: int, before: float, after: float
+) -> None:
+    """Then it is known."""
+    touch = Touch(slide_s=20.0, stop_s=21.0, lift_s=30.0, end_s=14.0, noise=0.0).block(ARRAY)
+    sd = np.where(np.arange(len(touch)) < 500, before, after)[:, np.newaxis]
+    volts = touch.volts + sd * np.random.default_rng(seed).normal(size=touch.volts.shape)
+    events = detect(dataclasses.replace(touch, volts=np.clip(volts, 0, 3 - LSB)), setting)
+    assert sum(e.kind == "incipient" for e in onsets(events)) <= 1
+
+
+@pytest.mark.parametrize("hum_hz", [9.0, 23.0, 41.0, 77.0])
+@pytest.mark.parametrize(("setting", "most"), [("fast", 1), ("quiet", 0)])
+def test_a_hum_is_said_once_at_most_and_then_hides_no_slip(hum_hz: float, setting: str, most: int) -> None:
+    """Shear of a tenth of the pressure each way, which swells in half a second; then a slip in it."""
+    block = Touch(slide_s=8.0, stop_s=9.0, noise=0.3e-3, seed=9).block(ARRAY)
+    t = np.arange(len(block)) / 100
+    swell = np.clip((t - 3.0) / 0.5, 0, 1) ** 2
+    shaken = 0.06 * swell * np.sin(2 * np.pi * hum_hz * t)
+    moves = np.cos(np.radians(30.0 - ARRAY.azimuth_deg))
+    volts = block.volts + shaken[:, np.newaxis] * moves
+    events = detect(dataclasses.replace(block, volts=volts), setting)
+    assert sum(e.detected_s < 108.0 for e in onsets(events)) <= most
+    (first, *_) = [e for e in onsets(events) if e.detected_s >= 108.0]
+    assert first.onset_s == pytest.approx(108.0, abs=0.06)
+
+
+@pytest.mark.parametrize("slant", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("takes_s", [0.3, 1.5])
+def test_a_press_at_a_slant_is_no_slip(slant: float, takes_s: float) -> None:
+    t = np.arange(500) / 100
+    pressed = 1.2 * np.clip((t - 0.5) / takes_s, 0, 1)[:, np.newaxis]
+    along = -np.cos(np.radians(30.0 - ARRAY.azimuth_deg))
+    volts = pressed * (1 + slant / 2 * along)
+    volts += 0.3e-3 * np.random.default_rng(10).normal(size=volts.shape)
+    assert onsets(detect(regular_block(volts, 100.0), "fast")) == []
+
+
+def test_the_stated_rate_is_what_acts() -> None:
+    """One knob: the more false alarms are put up with, the sooner a slow slip is said."""
+    block = Touch(shear_takes_s=1.0, seed=11).block(ARRAY)
+    said = [
+        onsets(CoherentSlip(ARRAY, CoherentParams(false_alarms_per_hour=rate)).process(block))[0].detected_s
+        for rate in (300.0, 200.0, 100.0, 50.0, 20.0, 10.0)
+    ]
+    assert said == sorted(said)
+    assert len(set(said)) >= 5
