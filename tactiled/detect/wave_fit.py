@@ -31,7 +31,7 @@ _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and o
 _WAVES = ("ok", "ambiguous")
 _OWN_HARMONICS = 8  # of a grating, none of which is a second one
 _MOST_ALONG = 3  # readings of a line, whose components along the motion two waves of its frequency may share
-_SECOND_DB = 20.0  # weaker ones beside a grating may be what the model does not describe of it
+_SECOND_PART = 0.01  # of a grating's power: weaker ones may be what the model does not describe of it
 Line = tuple[float, list[int]]  # turn, and which multiples of it are its own
 
 
@@ -95,21 +95,28 @@ def _fit(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams)
     first, line = _strongest_wave(window, layout, motion, params)
     if line is None or first.status not in _WAVES:
         return first
-    second, other = _strongest_wave(window.without(*line), layout, motion, params)
-    if other is None or second.status not in _WAVES or second.snr_db < first.snr_db - _SECOND_DB:
+    # What bears the first wave out moves the second one too.
+    motion = motion.without_speed if first.status == "ok" and not first.is_tied else motion
+    least = _SECOND_PART * _line_power(window, line[0])
+    second, other = _strongest_wave(window.without(*line), layout, motion, params, least)
+    if other is None or second.status != "ok":
         return first
     # Anew without the other, which was noise to it.
     first, _ = _strongest_wave(window.without(*other), layout, motion, params)
-    return replace(first, second=second) if first.status == second.status == "ok" else first
+    return replace(first, second=second) if first.status == "ok" else first
+
+
+def _line_power(window: Window, turn: float) -> float:
+    return float(tabulate(window, turn, 1).explained().sum())
 
 
 def _strongest_wave(
-    window: Window, layout: Layout, motion: WaveMotion, params: WaveParams
+    window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, least: float = 0.0
 ) -> tuple[WaveFit, Line | None]:
-    """Fit of the strongest line that is a wave; lines that are none are taken out first."""
+    """Fit of the strongest line that is a wave, of some power; lines that are none are taken out first."""
     for _ in range(_MOST_LINES):
         readings = strongest(window, params)
-        if not readings:
+        if not readings or _line_power(readings[-1].window, readings[-1].turn) < least:
             return WaveFit("low-snr"), None
         for line in readings:
             if line.periods < params.min_periods:

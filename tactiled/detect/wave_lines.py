@@ -50,8 +50,11 @@ class Lines:
         return [int(b) for b in bins[np.argsort(-self.power[bins], kind="stable")]]
 
 
-def find_lines(window: Window) -> Lines:
-    """Spectrum by way travelled, under a Hann window, with the level that lines must pass."""
+def find_lines(window: Window, *others: Window) -> list[Lines]:
+    """Spectrum by way travelled, under a Hann window, with the level that lines must pass.
+
+    Of a window, and of others that differ from it in their slow trends.
+    """
     n = window.n
     even = np.linspace(-1.0, 1.0, n)
     if len(window.way) == 1 and np.ptp(np.diff(window.way[0])) < 1e-6:
@@ -60,16 +63,18 @@ def find_lines(window: Window) -> Lines:
         ways = np.broadcast_to(window.way, window.volts.shape)
         volts = np.array([np.interp(even, way, row) for way, row in zip(ways, window.volts, strict=True)])
     hann = 1.0 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
-    size = _PADDING * n
-    power = np.abs(np.fft.rfft(volts * hann, size, axis=1)) ** 2 / (hann**2).sum()
+    power = np.abs(np.fft.rfft(volts * hann, _PADDING * n, axis=1)) ** 2 / (hann**2).sum()
     at_bins = slice(_PADDING, None, _PADDING)
     variance = np.maximum(np.median(power[:, at_bins], axis=1) / np.log(2), LEAST_VARIANCE)
-    pooled = (power / variance[:, np.newaxis]).mean(axis=0)
+    pooled = (1 / variance) @ power / len(volts)
     needed = _needed(pooled, len(volts))
     cycles = np.arange(len(pooled)) / _PADDING
     n_slow = min(_SLOW_CYCLES * _PADDING, len(pooled))
-    pooled[:n_slow] = _slow_power(window, cycles[:n_slow], variance)
-    return Lines(cycles, pooled, needed, variance)
+    found = []
+    for each in (window, *others):
+        slow = _slow_power(each, cycles[:n_slow], variance)
+        found.append(Lines(cycles, np.concatenate([slow, pooled[n_slow:]]), needed, variance))
+    return found
 
 
 def floor_beside(window: Window, turn: float, variance: FloatArray, line: float) -> float:

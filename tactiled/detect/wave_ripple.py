@@ -13,7 +13,7 @@ from scipy import stats
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, tabulate
 from tactiled.detect.wave_harmonics import noise_variance
-from tactiled.detect.wave_lines import LEAST_CYCLES, find_lines, floor_beside
+from tactiled.detect.wave_lines import LEAST_CYCLES, Lines, find_lines, floor_beside
 from tactiled.detect.wave_model import WaveParams
 
 # Periods from which on a cubic takes little of the ripple: below, errors grow beyond the bound of the line.
@@ -61,8 +61,10 @@ def strongest(window: Window, params: WaveParams) -> list[Ripple]:
 
     A line that may be the harmonic of a slower one is read as that first, and then as it is.
     """
-    slow = _strongest(window, params, 0.0)
-    fast = _strongest(window.curved(params.trend_order), params, _FEW)
+    curved = window.curved(params.trend_order)
+    straight_lines, curved_lines = find_lines(window, curved)
+    slow = _strongest(window, straight_lines, params, 0.0)
+    fast = _strongest(curved, curved_lines, params, _FEW)
     if not slow or slow[0].periods >= _FEW:
         return fast
     if not fast:
@@ -70,9 +72,8 @@ def strongest(window: Window, params: WaveParams) -> list[Ripple]:
     return sorted((*slow, *fast), key=lambda ripple: ripple.left(fast[0].variance, params))
 
 
-def _strongest(window: Window, params: WaveParams, least_periods: float) -> list[Ripple]:
+def _strongest(window: Window, lines: Lines, params: WaveParams, least_periods: float) -> list[Ripple]:
     """Readings of the strongest line of so many periods or more."""
-    lines = find_lines(window)
     for peak in lines.peaks():
         line = np.pi * float(lines.cycles[peak]) * (window.n - 1) / window.n
         line = _centred(window, line, lines.variance)

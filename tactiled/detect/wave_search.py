@@ -44,11 +44,9 @@ def search(
     z = phasors_at(window, tables, 1)
     scores = _scores(z, layout, heading, along, across, variance)
     a, b = np.meshgrid(along, across, indexing="ij")
-    size = np.hypot(a, b)
-    allowed = (size <= 2 * np.pi / params.min_period_mm) & (size >= 2 * np.pi / params.max_period_mm)
-    if motion.has_direction:
-        allowed &= a >= size * np.cos(np.radians(params.max_tilt_deg))
-    starts = np.flatnonzero((_is_peak(scores) & allowed).ravel())
+    # A maximum just inside the limits may have its point of the grid outside.
+    step = _step(layout)
+    starts = np.flatnonzero((_is_peak(scores) & _is_within(a, b, motion, params, step)).ravel())
     if not len(starts):
         return _none()
     high = scores.ravel()[starts]
@@ -58,8 +56,29 @@ def search(
     k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
     solver = Solver(window, layout, motion, variance)
     found = solver.solve(tables, k, solver.likely_turn(k, tables.turn, _SLACK_SIGMAS))
+    found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, motion, params, step / 2))]
+    if not len(found.k):
+        return _none()
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
     return found if score(z, layout, found.k[0], variance) > least else _none()
+
+
+def _step(layout: Layout) -> float:
+    """From one point of the grid to the next, radians per millimetre."""
+    return _STEP_RAD / max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+
+
+def _is_within(
+    along: FloatArray, across: FloatArray, motion: WaveMotion, params: WaveParams, margin: float
+) -> NDArray[np.bool_]:
+    """Whether wave vectors are within the operator's limits, but for a margin (radians per millimetre)."""
+    size = np.hypot(along, across)
+    within = size <= 2 * np.pi / params.min_period_mm + margin
+    least = 2 * np.pi / params.max_period_mm
+    within &= size >= max(least - margin, least / 2)  # what all channels feel at once is none
+    if motion.has_direction:
+        within &= (along > 0) & (np.abs(across) <= along * np.tan(np.radians(params.max_tilt_deg)) + margin)
+    return np.asarray(within)
 
 
 def together(window: Window, tables: Tables, layout: Layout, variance: FloatArray) -> float:
@@ -101,9 +120,8 @@ def _grid(
     window: Window, turn: float, turn_sd: float, layout: Layout, motion: WaveMotion, params: WaveParams
 ) -> tuple[FloatArray, FloatArray]:
     """Components of the wave vector along the motion and across it."""
-    rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
-    step = _STEP_RAD / rim_mm
-    largest = 2 * np.pi / params.min_period_mm
+    step = _step(layout)
+    largest = 2 * np.pi / params.min_period_mm + step
     n_across = int(np.ceil(largest / step))
     across = np.arange(-n_across, n_across + 1) * step
     if not motion.has_speed:
@@ -113,7 +131,7 @@ def _grid(
     by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
     by_direction = largest * np.radians(motion.direction_sd_deg)
     slack = float(np.linalg.norm([by_speed, by_direction, turn_sd / window.half_way]))
-    reach = _SLACK_SIGMAS * slack if slack * rim_mm > _STEP_RAD / _SLACK_SIGMAS else 0.0
+    reach = _SLACK_SIGMAS * slack if slack > step / _SLACK_SIGMAS else 0.0
     first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
     along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
     return np.asarray(along), np.asarray(across)

@@ -194,3 +194,15 @@ def test_anything_gives_finite_numbers_or_a_refusal(
     numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
     assert np.all(np.isfinite([*numbers, *found.covariance.ravel(), found.error_probability]))
     assert np.all(np.diag(found.covariance) >= 0)
+
+
+@motions
+@pytest.mark.parametrize("angle_deg", [-29.0, -28.0, 28.5, 29.5])
+def test_grooves_just_within_the_limits_are_not_taken_for_others(
+    motion_of: MotionOf, angle_deg: float
+) -> None:
+    """Their maximum is inside the limits where the nearest point of a grid is not."""
+    grating = Grating(6.54, angle_deg)
+    slide = Slide((grating,), speed_mm_s=15.0, duration_s=2.0)
+    limits = WaveParams(min_period_mm=5.0, max_tilt_deg=30.0)
+    assert_right(fit(slide, motion_of(slide), params=limits), grating)
