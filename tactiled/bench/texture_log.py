@@ -66,6 +66,8 @@ def answer_in_words(events: Sequence[TextureEvent], onsets: Sequence[SlipEvent])
     )
     if last.speed_source != "none":
         words += f", {last.speed_mm_s:.3g} mm/s {last.speed_source}"
+    for other in last.candidates[1:2]:
+        words += f"; another of {other.period_mm:.4g} mm at {other.angle_deg:.1f}°"
     before_s = [e.detected_s for e in onsets if e.detected_s <= ok[0].time_s]
     if before_s:
         words += f"; first answer {ok[0].time_s - before_s[-1]:.1f} s after slip was said"

@@ -212,6 +212,8 @@ def test_the_answer_in_words() -> None:
     assert answer_in_words([], []) == ""
     assert answer_in_words([refused, refused], []) == "grooves: no answer (ambiguous 2)"
     told = replace(event, period_sd_mm=0.001, angle_sd_deg=0.1, estimator="joint")
+    both = tuple(Candidate(period_mm=mm, angle_deg=30.0, weight=0.5) for mm in (1.2, 2.5))
+    assert "; another of 2.5 mm at 30.0°" in answer_in_words([replace(told, candidates=both)], [])
     assert answer_in_words([refused, told], [slip_at(0.5, 0.0)]) == (
         "grooves of 1.200 ± 0.001 mm at 30.0 ± 0.1° (joint; first answer 1.5 s after slip was said)"
     )
