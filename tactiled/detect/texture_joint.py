@@ -23,10 +23,11 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Quantiser
+from tactiled.detect.texture_gate import Ended, Gate, Slid
 from tactiled.detect.wave_fit import fit_wave
 from tactiled.detect.wave_held import Held
 from tactiled.detect.wave_model import WaveFit, WaveMotion, WaveParams, layout_of
-from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "joint"
@@ -101,14 +102,11 @@ class JointTexture:
 
     def reset(self) -> None:
         """Forget everything seen, and every speed set since; keep the parameters."""
-        self._speed_mm_s = self._params.speed_mm_s
-        self._speeds: list[tuple[int, float]] = []
+        self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
         self._stop()
 
     def _stop(self) -> None:
-        self._slip: SlipEvent | None = None
         self._slip_sign = 0.0
-        self._begin_index = 0
         self._clear()
 
     def _clear(self) -> None:
@@ -122,8 +120,7 @@ class JointTexture:
 
         Where it changes its sign, the skin has turned back; 0 is not known.
         """
-        self._speeds.append((from_index, speed_mm_s))
-        self._speeds.sort(key=lambda entry: entry[0])
+        self._gate.set_speed(speed_mm_s, from_index)
 
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
         """Events that the item completes.
@@ -136,51 +133,32 @@ class JointTexture:
             What the slip detector said of the same item; events of other topics are passed over.
         """
         if isinstance(item, Gap):
+            self._gate.close()
             self._stop()
             return []
         events: list[Event] = []
-        done = 0
-        for change in slip:
-            if isinstance(change, SlipEvent):
-                scan = min(int(np.searchsorted(item.time_s, change.detected_s)), len(item) - 1)
-                if scan > done:
-                    events += self._gather(item[done:scan])
-                    done = scan
-                events += self._turn(change, item, scan)
-        return events + self._gather(item[done:])
-
-    def _turn(self, change: SlipEvent, block: ScanBlock, scan: int) -> list[Event]:
-        """Take in that slip began or ended at a scan."""
-        events: list[Event] = []
-        if change.state == "onset":
-            self._stop()
-            self._slip = change
-            self._begin_index = int(block.index[scan]) + round(self._params.settle_s * block.rate_hz)
-        else:
-            if self._slip is not None and not self._has_answer:
-                events.append(
-                    self._event(float(block.time_s[scan]), len(self._held) / block.rate_hz, self._last)
-                )
+        for piece in self._gate.pass_through(item, slip):
+            if isinstance(piece, Slid):
+                events += self._gather(piece.block, piece.speeds_mm_s)
+                continue
+            if isinstance(piece, Ended) and not self._has_answer:
+                events.append(self._event(piece.time_s, len(self._held) / piece.rate_hz, self._last))
             self._stop()
         return events
 
-    def _gather(self, block: ScanBlock) -> list[Event]:
+    def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
         """Fill the window up to each hop, and fit there."""
         events: list[Event] = []
-        speeds = self._speeds_of(block)
-        if self._slip is None:
-            return events
         n_hop = self._n_hop(block.rate_hz)
-        done = max(0, self._begin_index - int(block.index[0]))
+        n_window = max(1, round(self._params.asked.max_window_s * block.rate_hz))
+        done = 0
         while done < len(block):
             sign = np.sign(speeds[done])
             if self._n_seen and sign != self._held.sign:
                 self._clear()
             if not self._n_seen:
                 self._slip_sign = self._slip_sign or float(sign)
-                self._held = Held(
-                    max(1, round(self._params.asked.max_window_s * block.rate_hz)), self._n_channels
-                )
+                self._held = Held(n_window, self._n_channels)
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - self._n_seen % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
@@ -194,15 +172,6 @@ class JointTexture:
 
     def _n_hop(self, rate_hz: float) -> int:
         return max(1, round(self._params.hop_s * rate_hz))
-
-    def _speeds_of(self, block: ScanBlock) -> FloatArray:
-        """Speed at each scan of a block: (n,)."""
-        starts = np.array([index for index, _ in self._speeds], dtype=np.int64)
-        values = np.array([self._speed_mm_s, *(speed for _, speed in self._speeds)])
-        speeds = values[np.searchsorted(starts, block.index, side="right")]
-        self._speed_mm_s = float(speeds[-1])
-        self._speeds = [entry for entry in self._speeds if entry[0] > block.index[-1]]
-        return np.asarray(speeds)
 
     def _hop(self, newest: ScanBlock) -> list[Event]:
         """Fit the window; what that has to say."""
@@ -243,9 +212,10 @@ class JointTexture:
         )
 
     def _motion(self) -> WaveMotion:
-        assert self._slip is not None
-        direction_deg = self._slip.direction_deg
-        direction_sd_deg = float(np.hypot(self._slip.direction_sd_deg, _GROOVES_TURN_DEG))
+        slip = self._gate.slip
+        assert slip is not None
+        direction_deg = slip.direction_deg
+        direction_sd_deg = float(np.hypot(slip.direction_sd_deg, _GROOVES_TURN_DEG))
         forward = self._slip_sign
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
@@ -271,16 +241,6 @@ class JointTexture:
             frequency_hz=fit.frequency_hz,
             window_s=window_s,
             snr_db=fit.snr_db,
-            candidates=_both(fit) if fit.second else fit.candidates,
+            candidates=fit.gratings if fit.second else fit.candidates,
             estimator=ESTIMATOR,
         )
-
-
-def _both(first: WaveFit) -> tuple[Candidate, ...]:
-    """Two gratings as candidates, with their shares of the ripple's power."""
-    gratings = [first, first.second or first]
-    powers = np.array([10 ** (grating.snr_db / 10) for grating in gratings])
-    return tuple(
-        Candidate(period_mm=grating.period_mm, angle_deg=grating.angle_deg, weight=float(weight))
-        for grating, weight in zip(gratings, powers / powers.sum(), strict=True)
-    )

@@ -16,6 +16,7 @@ two periods disagree, sample again; else output their mean, and go on while slip
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from pydantic import Field
@@ -25,7 +26,8 @@ from tactiled.detect import grooves
 from tactiled.detect.column import Column
 from tactiled.detect.grooves import GrooveParams, Grooves, Motion
 from tactiled.detect.spectrum import Spectrum
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.detect.texture_gate import Ended, Gate, Slid
+from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "wang2019"
@@ -65,20 +67,17 @@ class PaperTexture:
 
     def reset(self) -> None:
         """Forget everything seen, and every speed set since; keep the parameters."""
+        self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
         self._speed_mm_s = self._params.speed_mm_s
-        self._speeds: list[tuple[int, float]] = []
         self._stop()
 
     def _stop(self) -> None:
-        self._slip: SlipEvent | None = None
         self._answered = False
-        self._begin_index = 0
         self._n_gathered = 0
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Speed that holds from a scan on (or from the next scan to come, if that one is past)."""
-        self._speeds.append((from_index, speed_mm_s))
-        self._speeds.sort(key=lambda entry: entry[0])
+        self._gate.set_speed(speed_mm_s, from_index)
 
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
         """Events that the item completes.
@@ -91,54 +90,29 @@ class PaperTexture:
             What the slip detector said of the same item; events of other topics are passed over.
         """
         if isinstance(item, Gap):
+            self._gate.close()
             self._stop()
             return []
         events: list[Event] = []
-        done = 0
-        for change in slip:
-            if isinstance(change, SlipEvent):
-                scan = min(int(np.searchsorted(item.time_s, change.detected_s)), len(item) - 1)
-                if scan > done:
-                    events += self._gather(item[done:scan])
-                    done = scan
-                events += self._turn(change, item, scan)
-        events += self._gather(item[done:])
-        return events
-
-    def _turn(self, change: SlipEvent, block: ScanBlock, scan: int) -> list[Event]:
-        """Take in that slip began or ended at a scan."""
-        if change.state == "onset":
+        for piece in self._gate.pass_through(item, slip):
+            if isinstance(piece, Slid):
+                events += self._gather(piece.block, piece.speeds_mm_s)
+                continue
+            if isinstance(piece, Ended) and not self._answered:
+                self._speed_mm_s = self._gate.speed_mm_s
+                events.append(self._event(piece.time_s, self._n_gathered / piece.rate_hz, Grooves("no-slip")))
             self._stop()
-            self._slip = change
-            self._begin_index = int(block.index[scan]) + round(self._params.settle_s * block.rate_hz)
-            return []
-        events: list[Event] = []
-        if self._slip is not None and not self._answered:
-            time_s = float(block.time_s[scan])
-            events.append(self._event(time_s, self._n_gathered / block.rate_hz, Grooves("no-slip")))
-        self._stop()
         return events
 
-    def _gather(self, block: ScanBlock) -> list[Event]:
-        """Fill windows from scans between which nothing happens but, perhaps, a change of speed."""
+    def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
+        """Fill windows; where the speed changes, a new one begins."""
         events: list[Event] = []
-        while True:
-            index = int(block.index[0])
-            self._change_speed(index)
-            n = len(block)
-            if self._speeds:
-                n = min(n, self._speeds[0][0] - index)
-            if self._slip is not None and n > (wait := max(0, self._begin_index - index)):
-                events += self._fill(block[wait:n])
-            if n == len(block):
-                return events
-            block = block[n:]
-
-    def _change_speed(self, index: int) -> None:
-        while self._speeds and self._speeds[0][0] <= index:
-            _, speed_mm_s = self._speeds.pop(0)
-            if speed_mm_s != self._speed_mm_s:
-                self._speed_mm_s, self._n_gathered = speed_mm_s, 0
+        edges = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(block)]
+        for first, last in pairwise(edges):
+            if speeds[first] != self._speed_mm_s:
+                self._speed_mm_s, self._n_gathered = float(speeds[first]), 0
+            events += self._fill(block[first:last])
+        return events
 
     def _fill(self, block: ScanBlock) -> list[Event]:
         events: list[Event] = []
@@ -165,7 +139,8 @@ class PaperTexture:
     def _estimate(self, rate_hz: float, channel_offset_s: FloatArray) -> Grooves:
         if self._late:
             return Grooves("stale")
-        if self._speed_mm_s <= 0 or self._slip is None:
+        slip = self._gate.slip
+        if self._speed_mm_s <= 0 or slip is None:
             return Grooves("no-slip")
         if not self._column.resistors:
             return Grooves("ambiguous")
@@ -173,7 +148,7 @@ class PaperTexture:
         if strongest is None:
             return Grooves("saturated")
         channels, volts, _ = strongest
-        direction_deg, direction_sd_deg = self._slip.direction_deg, self._slip.direction_sd_deg
+        direction_deg, direction_sd_deg = slip.direction_deg, slip.direction_sd_deg
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
         return grooves.estimate(

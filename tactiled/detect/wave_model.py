@@ -156,3 +156,13 @@ class WaveFit:
     @property
     def speed_sd_mm_s(self) -> float:
         return float(np.sqrt(self.covariance[2, 2]))
+
+    @property
+    def gratings(self) -> tuple[Candidate, ...]:
+        """This and the second, with their shares of the ripple's power for weights."""
+        both = [self] if self.second is None else [self, self.second]
+        powers = np.array([10 ** (grating.snr_db / 10) for grating in both])
+        return tuple(
+            Candidate(period_mm=grating.period_mm, angle_deg=grating.angle_deg, weight=float(weight))
+            for grating, weight in zip(both, powers / powers.sum(), strict=True)
+        )

@@ -1,0 +1,105 @@
+"""Which scans estimators of texture look at: those of a slip, once it has settled, each with its speed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.events.types import Event, SlipEvent
+from tactiled.samples.block import ScanBlock
+
+
+@dataclass(frozen=True)
+class Began:
+    """A slip began; what was held of another is past."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A slip ended, at a scan."""
+
+    time_s: float
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class Slid:
+    """Scans of a slip, with the speed from each to the next: (n,), 0 where it is not known."""
+
+    block: ScanBlock
+    speeds_mm_s: FloatArray
+
+
+class Gate:
+    """Slips of a stream, and speeds that are set.
+
+    Parameters
+    ----------
+    settle_s : float
+        From detected slip to the first scan that is let through.
+    speed_mm_s : float
+        Until another is set.
+
+    Attributes
+    ----------
+    slip : SlipEvent or None
+        The onset of the slip that goes on.
+    speed_mm_s : float
+        At the newest scan.
+    """
+
+    def __init__(self, settle_s: float, speed_mm_s: float) -> None:
+        self.slip: SlipEvent | None = None
+        self.speed_mm_s = speed_mm_s
+        self._settle_s = settle_s
+        self._speeds: list[tuple[int, float]] = []
+        self._begin_index = 0
+
+    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
+        """Speed that holds from a scan on (or from the next scan to come, if that one is past)."""
+        self._speeds.append((from_index, speed_mm_s))
+        self._speeds.sort(key=lambda entry: entry[0])
+
+    def close(self) -> None:
+        """Wait for slip anew, as after a gap."""
+        self.slip = None
+
+    def pass_through(self, block: ScanBlock, slip: Sequence[Event]) -> Iterator[Began | Ended | Slid]:
+        """What happens in a block, in order.
+
+        Parameters
+        ----------
+        slip : sequence of Event
+            What the slip detector said of the block; events of other topics are passed over.
+        """
+        done = 0
+        for change in slip:
+            if not isinstance(change, SlipEvent):
+                continue
+            scan = min(int(np.searchsorted(block.time_s, change.detected_s)), len(block) - 1)
+            if scan > done:
+                yield from self._slid(block[done:scan])
+                done = scan
+            if change.state == "onset":
+                self.slip = change
+                self._begin_index = int(block.index[scan]) + round(self._settle_s * block.rate_hz)
+                yield Began()
+            elif self.slip is not None:
+                yield Ended(float(block.time_s[scan]), block.rate_hz)
+                self.slip = None
+        yield from self._slid(block[done:])
+
+    def _slid(self, block: ScanBlock) -> Iterator[Slid]:
+        speeds_mm_s = self._speeds_of(block)
+        wait = max(0, self._begin_index - int(block.index[0]))
+        if self.slip is not None and wait < len(block):
+            yield Slid(block[wait:], speeds_mm_s[wait:])
+
+    def _speeds_of(self, block: ScanBlock) -> FloatArray:
+        starts = np.array([index for index, _ in self._speeds], dtype=np.int64)
+        values = np.array([self.speed_mm_s, *(speed for _, speed in self._speeds)])
+        speeds = values[np.searchsorted(starts, block.index, side="right")]
+        self.speed_mm_s = float(speeds[-1])
+        self._speeds = [entry for entry in self._speeds if entry[0] > block.index[-1]]
+        return np.asarray(speeds)
