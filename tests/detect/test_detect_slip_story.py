@@ -68,6 +68,15 @@ def test_a_load_that_is_taken_off_after_gross_slip_is_no_slip(takes_s: float, se
     assert words(said(held(slides), setting)) == ["incipient", "gross", "end"]
 
 
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("seed", range(5))
+def test_gross_slip_is_said_within_50_ms_where_shear_leaves_no_doubt(setting: str, seed: int) -> None:
+    drag = 0.6 * (1 - (1 - ramp(T, 4, 0.3)) ** 1.5)  # Mindlin's curve: nine tenths slip at 4.27 s
+    (gross,) = (event for event in said(held(drag, seed=seed), setting) if event.kind == "gross")
+    assert 4.27 < gross.detected_s < 4.32
+    assert abs(gross.onset_s - 4.27) < 2 * gross.onset_sd_s < 0.04
+
+
 def test_a_slide_that_turns_back_ends_and_is_another() -> None:
     events = said(held(0.6 * ramp(T, 4, 0.2) - 1.2 * ramp(T, 7, 0.2)))
     assert words(events) == ["incipient", "gross", "end", "incipient", "gross"]
