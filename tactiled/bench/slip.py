@@ -36,7 +36,7 @@ REPORT_SEED = 5001
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
 # Seconds of one core, for the bar: a second of a held object, an hour of noise for all rules, a slip for all
 # detectors.
-_HELD_S, _NOISE_S, _SLIP_S = 0.4, 3.0, 1.0
+_HELD_S, _NOISE_S, _SLIP_S = 0.3, 3.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Sizes:
 
 
 QUICK = Sizes(tune=1, slips=2, quiet=1, noise_hours=0.5, readings=1, cost_scans=500)
-FULL = Sizes(tune=2, slips=10, quiet=5, noise_hours=4.0, readings=3, cost_scans=3000)
+FULL = Sizes(tune=2, slips=10, quiet=7, noise_hours=4.0, readings=3, cost_scans=3000)
 
 
 def bench_slip(

@@ -58,9 +58,9 @@ def text_of(found: Measured) -> str:
             aims_table(tuned, counted, "tuned on", settings),
             "Aims, families held out.",
             aims_table(held_out, counted, "held out", settings),
-            "What limits them: shear over pressure that slips have grown by, or more, at the instants that the "
-            "aims ask for, and how often an hour motion without slip grows by as much in that time, unannounced "
-            "and without noise. Whoever looks at growing shear raises so many false alarms there.",
+            "What limits them: shear over pressure that slips have grown by, or more, at the instants that "
+            "the aims ask for, and how often an hour motion without slip grows by as much in that time, "
+            "unannounced and without noise. Whoever looks at growing shear raises so many false alarms.",
             limit_table(tuned, found.quiet.exceeded),
             "First event after the shear began, to the end of the scan that showed it. before gross: of "
             "slips that take 50 ms or more to become gross. incipient: median / p95 since 10 % slipped, of "
