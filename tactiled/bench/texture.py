@@ -59,10 +59,10 @@ class Sizes:
 QUICK = Sizes(
     trials=3, procedure_trials=5, counted=100, plates=_QUICK_PLATES, scenes=1, misfits=2, slides=2, repeats=2
 )
-# A hundred windows a cell are 600 of a length or a noise, whose error over bound is known to 3 %. In coloured
+# Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 4000 windows give the 3000 answers without which "one in a thousand" cannot be shown.
 FULL = Sizes(
-    trials=100, procedure_trials=50, counted=4000, plates=PLATES, scenes=5, misfits=30, slides=20, repeats=10
+    trials=80, procedure_trials=50, counted=4000, plates=PLATES, scenes=5, misfits=30, slides=20, repeats=10
 )
 
 
@@ -131,13 +131,13 @@ def _work_s(sizes: Sizes) -> dict[str, float]:
     """Seconds that each part takes, two workers at it: as measured, for the progress bar alone."""
     return {
         "cost": 6 + 0.4 * sizes.repeats,
-        "grid": 1.0 * sizes.trials,
+        "grid": 1.15 * sizes.trials,
         "procedure": 0.08 * sizes.procedure_trials,
-        "coloured noise": 0.025 * sizes.counted,
+        "coloured noise": 0.028 * sizes.counted,
         "plates": 2.2 * len(sizes.plates) * sizes.scenes,
-        "misfits": 1.4 * sizes.misfits,
-        "two gratings": 0.45 * sizes.misfits,
-        "slides": 3.0 * sizes.slides,
+        "misfits": 1.2 * sizes.misfits,
+        "two gratings": 0.5 * sizes.misfits,
+        "slides": 3.1 * sizes.slides,
     }
 
 

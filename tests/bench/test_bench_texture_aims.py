@@ -152,9 +152,14 @@ def test_aims_that_are_missed() -> None:
         Answered((1.2, 30), "procedure", 1, [(1.21, 31.0)]),
         Answered((1.2, 30), "joint, 10 s", 1, [(1.202, 30.05)]),
     ]
-    words = aims([RIGHT], plates=[*plates, replace(plates[1], method="joint, 2 s")])
-    assert "5.0 times (1.2 mm, 30 deg; 1 plates) | MISSED |" in line(
+    plates.append(replace(plates[1], method="joint, 2 s"))
+    words = aims([RIGHT], plates=plates)
+    assert "5.0 times (1.2 mm, 30 deg; 1 of 1 plates) | MISSED |" in line(
         words, "errors of the period smaller than the procedure's of 10 s: joint, 10 s"
+    )
+    lucky = [replace(plates[0], said=[(1.21, 30.0)]), *plates[1:]]
+    assert "no plate answered by both | open |" in line(
+        aims([RIGHT], plates=lucky), "errors of the angle smaller than the procedure's of 10 s: joint, 10 s"
     )
     bare = aims([RIGHT], misfits=[Spoiled("flat plate", True, 0, "ok", is_wrong=True)])
     assert line(bare, "plates without grooves: answered").endswith("| 1 of 1 | MISSED |")
