@@ -16,6 +16,7 @@ from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_quiet import QUIET_NOISES_V, Quiet
 from tactiled.bench.slip_rivals import PER_HOUR, Knobs, rivals
 from tactiled.bench.slip_scenes import LEAD_S, NOISES_V
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams
 from tactiled.emulator.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET
 
 
@@ -54,6 +55,7 @@ def text_of(found: Measured) -> str:
             f"for {sum(a.hours for a in read):.1f} h, with line faults, at {len(QUIET_NOISES_V)} noises (the "
             f"hold at {len(NOISES_V)}); without readings that differ by noise alone "
             f"{sum(a.apart_hours for a in read):.1f} h.",
+            "Settings: " + "; ".join(_in_words(name, params) for name, params in SETTINGS.items()) + ".",
             "Aims, families tuned on.",
             aims_table(tuned, counted, "tuned on", settings),
             "Aims, families held out.",
@@ -137,6 +139,14 @@ def numbers_of(found: Measured) -> dict[str, Any]:
         },
         "cost": {name: asdict(one) for name, one in found.cost.items()},
     }
+
+
+def _in_words(name: str, params: CoherentParams) -> str:
+    return (
+        f"{name} is asked for {params.false_alarms_per_hour:g} false alarms an hour of a hand that moves "
+        f"unannounced, and so waits for shear to grow by {params.shear:.2g} of the pressure and leaves noise "
+        f"{params.noise_per_hour:.2g} an hour"
+    )
 
 
 def _number(value: float) -> float | None:

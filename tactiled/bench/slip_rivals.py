@@ -17,7 +17,7 @@ from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold: the rate at which latencies are compared
-SWEEP_PER_HOUR = (1.0, 10.0, 60.0, 300.0, 1800.0)  # within what users may ask for
+SWEEP_PER_HOUR = (10.0, 30.0, 70.0, 130.0, 200.0, 270.0)  # the range of `detect.slip_rate`
 SWEEP_NOISE_V = 0.3e-3  # the board's own
 PAPER_LEVEL = 3  # at 100 Hz: `detect.slip_wavelet.level_at`
 
@@ -104,6 +104,4 @@ def at_noise(knobs: Knobs, noise_v: float) -> dict[str, Rival]:
 
 
 def _coherent(params: CoherentParams, *, is_setting: bool = False) -> Rival:
-    return Rival(
-        lambda array, _: CoherentSlip(array, params), lambda _: params.false_alarms_per_hour, is_setting
-    )
+    return Rival(lambda array, _: CoherentSlip(array, params), lambda _: params.noise_per_hour, is_setting)
