@@ -36,7 +36,7 @@ _FLAT = 0.3
 _LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
 # A line must be flat for half its length, for less where shear is so many times the least of gross slip. On
 # seeds 1001 to 1006 of the physical families gross slip is then said 42 ms after it began and not 50, and no
-# load that stops is called gross; at 1.3 times one in a dozen cable tugs is, and at 1.0 arm motion too. A load
+# load that stops is called gross; at 1.3 times one in a dozen cable tugs is, at 1.0 arm motion too. A load
 # that goes again at a third of the speed it came with is falling by so much of the steepest by then.
 _CLEARLY, _GOES = 1.6, 0.05
 # By Mindlin's curve nine tenths slip when friction has reached 1 - 0.1^(3/2) of its limit.
