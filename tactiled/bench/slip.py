@@ -10,7 +10,7 @@ families that nothing was set on beside (`families.HELD_OUT_SLIPPING`, `HELD_OUT
 import itertools
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
     ]
     progress = Progress(say, sum(work))
     with workers() as pool:
-        each = _Each(pool, progress)
+        each = Each(pool, progress)
         pieces = rule_pieces(sizes.noise_hours)
         tails = rule_tails(
             each(
@@ -147,10 +147,10 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
     )
 
 
-class _Each:
+class Each:
     """Work for a pool: the longest first, so that no worker waits for the last; results in order."""
 
-    def __init__(self, pool: ProcessPoolExecutor, progress: Progress) -> None:
+    def __init__(self, pool: Executor, progress: Progress) -> None:
         self._pool, self._progress = pool, progress
 
     def __call__(

@@ -1,6 +1,7 @@
 """What is printed, drawn and written of cases made by hand."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from scipy.stats import chi2
 
 from tactiled.array import load_array
 from tactiled.bench import slip_alarms, slip_tables
+from tactiled.bench.progress import Progress
+from tactiled.bench.slip import Each
 from tactiled.bench.slip_aims import aims_table, limit_table
 from tactiled.bench.slip_cost import Cost
 from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level
@@ -226,6 +229,21 @@ def test_all_is_printed_written_without_nan_and_drawn(
     assert cells(limit_table(cases, {"taps": some}), "1 mV")[0] == "15 ms"
     draw_slip(tmp_path / "slip.png", found.cases, found.quiet, KNOBS)
     assert (tmp_path / "slip.png").stat().st_size > 10_000
+
+
+def test_work_is_done_longest_first_and_given_in_order() -> None:
+    begun, lines = list[str](), list[str]()
+
+    def work(name: str) -> str:
+        begun.append(name)
+        return name.upper()
+
+    with ThreadPoolExecutor(1) as pool:
+        found = Each(pool, Progress(lines.append, 8.0))(
+            "some", work, [("a",), ("b",), ("c",)], [1.0, 5.0, 2.0]
+        )
+    assert begun == ["b", "c", "a"]
+    assert found == ["A", "B", "C"]
 
 
 def test_scenes_without_slip_are_counted_for_every_detector() -> None:
