@@ -60,9 +60,9 @@ QUICK = Sizes(
     trials=3, procedure_trials=5, counted=100, plates=_QUICK_PLATES, scenes=1, misfits=2, slides=2, repeats=2
 )
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
-# noise 4000 windows give the 3000 answers without which "one in a thousand" cannot be shown.
+# noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
 FULL = Sizes(
-    trials=80, procedure_trials=50, counted=4000, plates=PLATES, scenes=5, misfits=30, slides=20, repeats=10
+    trials=80, procedure_trials=50, counted=3400, plates=PLATES, scenes=5, misfits=30, slides=16, repeats=10
 )
 
 
