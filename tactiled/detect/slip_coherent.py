@@ -29,6 +29,7 @@ from tactiled.detect.contact import (
 )
 from tactiled.detect.quantise import Held, Quantiser
 from tactiled.detect.slip_evidence import Evidence
+from tactiled.detect.slip_gap import LOOK_SCANS, BeforeGap
 from tactiled.detect.slip_rate import NOISE_PART, shear_at
 from tactiled.detect.slip_story import Story
 from tactiled.detect.slip_stuck import Stuck
@@ -44,6 +45,7 @@ _GROSS_OF_PAIRS = 0.45
 # Friction moves the load of a pad without shear channels by its height over the taxels' distance from the
 # middle, 1.3 mm over some 4 mm: that is 0.3 times friction over load, a sixth of what pairs show.
 _LOAD_MOVES = 1 / 6
+_UNSEEN = ("corrupt", "missing")  # gaps in which the board went on as before
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
@@ -86,7 +88,7 @@ class CoherentParams(Params):
 SETTINGS: Mapping[str, CoherentParams] = {
     "fast": CoherentParams(false_alarms_per_hour=300.0),
     "balanced": CoherentParams(false_alarms_per_hour=150.0),
-    "quiet": CoherentParams(false_alarms_per_hour=10.0),
+    "quiet": CoherentParams(false_alarms_per_hour=6.0),
 }
 """Points on the curve of `slip_rate`: ``fast`` says any growth of shear, ``balanced`` what is more than the
 first swing of a hum, ``quiet`` nearly all that a weak slip has."""
@@ -113,6 +115,7 @@ class CoherentSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
+        self._before: BeforeGap | None = None  # what a gap was before
         self._stuck = Stuck(self._array)
 
     def _start(self, rate_hz: float) -> None:
@@ -121,7 +124,7 @@ class CoherentSlip:
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
         self._evidence = Evidence(self._array, rate_hz, self._params.noise_per_hour, self._least_shear)
         self._n_seen = 0
-        self._story = Story(self._evidence, rate_hz, self._least_shear, self._gross_shear)
+        self._story = Story(self._evidence, rate_hz, self._least_shear, self._gross_shear, self._before)
 
     @property
     def contact_state(self) -> ContactState:
@@ -132,10 +135,15 @@ class CoherentSlip:
         """Events that the item completes.
 
         A gap, or a new scan rate, ends a slip and a contact with events that are not valid: nobody saw
-        them end. The detector then is as new.
+        them end. The detector then is as new, but compares the shear after a gap with that before.
         """
         if isinstance(item, Gap):
-            return self._forget()
+            before = None
+            if self.contact_state != "none" and item.cause in _UNSEEN:
+                before = BeforeGap(self._last_time_s, self._evidence.newest(LOOK_SCANS), self._evidence)
+            events = self._forget()
+            self._before = before
+            return events
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
         if not self._rate_hz:
             self._start(item.rate_hz)

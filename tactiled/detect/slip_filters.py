@@ -7,6 +7,11 @@ not grow" (Kay, Fundamentals of Statistical Signal Processing II, 1998, section 
 a half, so that any onset is within a quarter of some length; the ramp is one-sided, so the decision does not
 wait for a peak. Lengths from two scans to `_LONGEST_S` catch slopes from a jolt to a creep.
 
+Ramps decide, and not levels of coif1 on all channels: coif1 has two vanishing moments, so even growth is
+nothing to it but at its beginning. From the beginning of shear to the first event, median (and 95 %) of slips
+of the physical families at one false alarm an hour in noise of 0.3, 1, 3 and 10 mV: coif1 levels together
+10 (17), 14 (39), 22 (129), 27 (332) ms; ramps 12 (22), 12 (22), 14 (30), 19 (89) ms (`bench.slip_levels`).
+
 Bank. The coif1 levels of `wavelet` on the same response share the noise out by octaves: by the wavelet
 variance (Percival and Walden, Wavelet Methods for Time Series Analysis, 2000, section 8.3) the variance of
 any filter's output is the sum over octaves of its energy there times the noise's level there. White noise has

@@ -36,7 +36,7 @@ class NoiseFloor:
     """
 
     def __init__(self, levels: int, columns: int, rate_hz: float) -> None:
-        self._details = np.zeros((GROUP_SCANS, columns, levels))
+        self._details = np.zeros((columns, levels, GROUP_SCANS))
         self._freeze_groups = max(1, round(_LONGEST_FREEZE_S * rate_hz / GROUP_SCANS))
         self._log = np.full((levels, columns), np.log(_LEAST_STEPS))
         self._n_groups = 0
@@ -48,14 +48,15 @@ class NoiseFloor:
 
     def take(self, details: FloatArray, disturbed: bool) -> bool:
         """Take in one scan's details (columns, levels); True where a group is whole."""
-        self._details[self._n_rows] = details
+        self._details[..., self._n_rows] = details
         self._n_rows += 1
         self._disturbed |= disturbed
         if self._n_rows < GROUP_SCANS:
             return False
         disturbed, self._disturbed, self._n_rows = self._disturbed, False, 0
         self._n_frozen = self._n_frozen + 1 if disturbed else 0
-        median = np.median(np.abs(self._details), axis=0).T / _MEDIAN_OF_NORMAL
+        middle = np.sort(np.abs(self._details))[..., GROUP_SCANS // 2 - 1 : GROUP_SCANS // 2 + 1]
+        median = middle.mean(axis=-1).T / _MEDIAN_OF_NORMAL
         self.newest = np.maximum(median, _LEAST_STEPS)
         if 0 < self._n_frozen <= self._freeze_groups and self._n_groups:
             return True

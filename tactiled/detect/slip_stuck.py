@@ -4,11 +4,11 @@ A wire that came off, an input that is held by its neighbour, a multiplexer that
 stays where it is. Two things tell it from a quiet channel, whose converter lawfully repeats a code for as
 long as noise and load stay within it.
 
-1. It had noise. Of the `_HISTORY` scans before the code began to repeat, readings turned back in
-   `_TURNED` or more. White noise of a last bit or more turns back in half of all scans and repeats a code in
-   at most 0.4 of them, so that `_LONG` repeats in a row come by chance once in 1e15 scans; noise that only
-   flips the last bit turns back in a quarter at most. Where noise stops everywhere at once, as when a motor
-   stops, most channels rest, and none is stuck.
+1. It had noise. Of the `_HISTORY` scans before the code began to repeat, readings turned back from one scan
+   to the next in `_TURNED` or more. White noise of a last bit or more turns back in half of all scans and
+   repeats a code in at most 0.4 of them, so that `_LONG` repeats in a row come by chance once in 1e15 scans;
+   noise that only flips the last bit turns back in a quarter at most. Where noise stops everywhere, as
+   when a motor stops, most channels rest, and none is stuck.
 2. It stays while a press moves the others of its taxel, all of them and one way, by `_PRESSED_VOLTS` or
    more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side; a press leaves none.
 
@@ -46,7 +46,7 @@ class Stuck:
         self._run = np.zeros(n, dtype=np.int64)  # repeats so far
         self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
         self._last: FloatArray | None = None
-        self._way = np.zeros(n)  # of the last change
+        self._way = np.zeros(n)  # of the newest change
         self._turns = np.zeros((_HISTORY, n), dtype=np.int64)
         self._n_turns = np.zeros(n, dtype=np.int64)
         self._noisy = np.zeros(n, dtype=np.bool_)  # before the code began to repeat
@@ -58,7 +58,7 @@ class Stuck:
             self._last = steps[0]
             self._began = (steps[0] * self._sign)[self._sides]
         before = self._last[np.newaxis]
-        change = np.sign(np.diff(np.concatenate([before, steps]), axis=0))
+        change = np.sign(steps - np.concatenate([before, steps[:-1]]))
         self._last = steps[-1].copy()
         rows = np.arange(n)[:, np.newaxis]
         newest_change = np.maximum.accumulate(np.where(change != 0, rows, -1), axis=0)  # -1: before the block
@@ -66,7 +66,8 @@ class Stuck:
         run = np.where(in_block, rows - newest_change, self._run + rows + 1)
         self._run = run[-1]
 
-        turned = (change != 0) & (change == -self._ways(change))
+        turned = (change != 0) & (change == -np.concatenate([self._way[np.newaxis], change[:-1]]))
+        self._way = change[-1]
         turns = np.concatenate([self._turns, turned])
         self._turns = turns[n:]
         n_turns = self._n_turns + np.cumsum(turned - turns[:n], axis=0)
@@ -82,16 +83,6 @@ class Stuck:
         began = np.where(in_block[..., np.newaxis], np.take_along_axis(others, place, axis=0), self._began)
         self._began = began[-1]
         return np.asarray(stuck | (self._judged & self._pressed(others - began)))
-
-    def _ways(self, change: FloatArray) -> FloatArray:
-        """Direction (n, channels) of the last change of the scan before."""
-        n = len(change)
-        rows = np.arange(n + 1)[:, np.newaxis]
-        ways = np.concatenate([self._way[np.newaxis], change])
-        newest = np.maximum.accumulate(np.where(ways != 0, rows, 0), axis=0)
-        ways = np.take_along_axis(ways, newest, axis=0)
-        self._way = ways[-1]
-        return np.asarray(ways[:-1])
 
     def _pressed(self, moved: FloatArray) -> NDArray[np.bool_]:
         up, down = moved >= self._pressed_steps, moved <= -self._pressed_steps

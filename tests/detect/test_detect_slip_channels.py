@@ -47,7 +47,7 @@ def test_a_channel_that_never_worked_takes_its_taxel_out(volts: float, noise: fl
 @pytest.mark.parametrize("volts", [None, 0.0, 2.9])
 def test_a_channel_that_sticks_in_a_hold_takes_its_taxel_out(volts: float | None) -> None:
     block = Touch(slide_s=6.0, stop_s=8.0, noise=1e-3, seed=3).block(ARRAY)
-    events = detect(stuck_at(block, [0, 18], volts, 250))
+    events = detect(stuck_at(block, [0, 18], volts, 350))
     assert told(events) == WHOLE
     assert {e.taxels for e in slips(events)} == {(1, 2, 3, 5, 6, 7, 8)}
 
@@ -170,7 +170,7 @@ def test_the_stated_rate_is_what_acts() -> None:
     block = Touch(shear_takes_s=1.0, seed=11).block(ARRAY)
     said = [
         onsets(CoherentSlip(ARRAY, CoherentParams(false_alarms_per_hour=rate)).process(block))[0].detected_s
-        for rate in (300.0, 200.0, 100.0, 50.0, 20.0, 10.0)
+        for rate in (300.0, 200.0, 100.0, 50.0, 20.0, 6.0)
     ]
     assert said == sorted(said)
     assert len(set(said)) >= 5
