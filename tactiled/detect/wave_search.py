@@ -44,6 +44,10 @@ def search(
     z = phasors_at(window, tables, 1)
     scores = _scores(z, layout, heading, along, across, variance)
     a, b = np.meshgrid(along, across, indexing="ij")
+    if motion.has_speed and len(along) > 1:
+        # What is said of the motion counts too; without it ridges, as a column of taxels has, have no peak.
+        sigmas = (along - tables.turn / window.half_way) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
+        scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
     # A maximum just inside the limits may have its point of the grid outside.
     step = _step(layout)
     starts = np.flatnonzero((_is_peak(scores) & _is_within(a, b, motion, params, step)).ravel())

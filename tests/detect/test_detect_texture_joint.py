@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from gratings import Grating
+from gratings import Grating, Slide, grid
 from hypothesis import given, settings
 from touches import Touch, pieces, splits, textures
 
@@ -257,3 +257,29 @@ def test_a_slide_that_never_ends_does_not_drift() -> None:
     settled = [(e.period_mm, e.angle_deg) for e in answers[2:]]
     assert len(settled) > 70
     assert np.ptp(settled, axis=0) == pytest.approx([0.0, 0.0], abs=1e-7)
+
+
+def test_ten_million_scans_of_a_slide_leave_the_answer_as_it_is() -> None:
+    """All go through window and hops; those that come late (a backlog) are not fitted, which takes long."""
+    column, n = grid([0.0], [0.0, 3.5, 7.3]), 20_000
+    grating = Grating(1.0, 20.0)
+    # A whole number of periods of 10 s, so that scans may be repeated.
+    speed_mm_s = 2.0 / np.cos(np.radians(20.0))
+    slide = Slide((grating,), speed_mm_s=speed_mm_s, duration_s=n / 100)
+    block = regular_block(slide.volts(column), 100.0)
+    late = np.ones(n, dtype=np.bool_)
+    params = JointParams(speed_mm_s=speed_mm_s, max_window_s=3.0, hop_s=10.0, settle_s=0.0)
+    texture, fresh = JointTexture(column, params), JointTexture(column, params)
+    slip = Ride(np.zeros(1)).slip()
+    n_events = 0
+    for turn in range(500):
+        again = dataclasses.replace(block, index=block.index + n * turn, late=late)
+        n_events += len(texture.process(again, [slip] if turn == 0 else []))
+    assert n_events == 10_000_000 // 1000
+    last = dataclasses.replace(block, index=block.index + 10_000_000)[:1000]
+    (after,) = textures(texture.process(last))
+    fresh.process(dataclasses.replace(block, late=late), [slip])
+    (before,) = textures(fresh.process(last))
+    assert after == before
+    assert after.status == "ok"
+    assert after.period_mm == pytest.approx(1.0, abs=5 * after.period_sd_mm)

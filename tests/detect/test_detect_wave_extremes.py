@@ -206,3 +206,14 @@ def test_grooves_just_within_the_limits_are_not_taken_for_others(
     slide = Slide((grating,), speed_mm_s=15.0, duration_s=2.0)
     limits = WaveParams(min_period_mm=5.0, max_tilt_deg=30.0)
     assert_right(fit(slide, motion_of(slide), params=limits), grating)
+
+
+@pytest.mark.parametrize("angle_deg", [20.0, 40.0])
+@pytest.mark.parametrize("direction_sd_deg", [1.0, 3.0])
+def test_a_column_whose_direction_is_unsure_finds_the_wave_that_suits_it(
+    angle_deg: float, direction_sd_deg: float
+) -> None:
+    """Taxels of one column say nothing of the component along the motion: only the motion does."""
+    slide = Slide((Grating(1.0, angle_deg),), speed_mm_s=2.0, duration_s=3.0)
+    motion = WaveMotion(2.0, 0.0, 0.0, direction_sd_deg)
+    assert_right(fit(slide, motion, grid([0.0], [0.0, 3.5, 7.3])), slide.gratings[0])
