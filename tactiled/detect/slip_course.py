@@ -29,6 +29,7 @@ from tactiled.detect.slip_after import (
     Recoil,
     Verdict,
 )
+from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion
 
@@ -71,8 +72,8 @@ class Course:
         Response of an even pressure of 1.
     index : int
         Newest scan.
-    delay : float
-        How many scans ago it began.
+    began : Kink
+        How many scans ago.
     slope : float
         Of the growth so far, steps a scan.
     rate_hz : float
@@ -87,7 +88,7 @@ class Course:
         start: FloatArray,
         even: FloatArray,
         index: int,
-        delay: float,
+        began: Kink,
         slope: float,
         rate_hz: float,
         least: float,
@@ -100,7 +101,7 @@ class Course:
         self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
         self._start = self._risen(start)
         self._even = self._risen(even)
-        self._begun, self._delay = index - delay, delay
+        self._begun, self._began = index - began.delay_scans, began
         self._steepest = slope
         self._rate_hz = rate_hz
         self._least, self._gross = least, gross
@@ -126,10 +127,11 @@ class Course:
     def look_back(self, seen: FloatArray, steps: FloatArray) -> None:
         """Take the taxels' shares from before the slip was known, of what `step` is given."""
         shears = motion(seen) @ self.along
-        first = max(len(seen) - 1 - int(self._delay), self._least_line)
+        ago = self._began.delay_scans
+        first = max(len(seen) - 1 - int(ago), self._least_line)
         for row in range(first, len(seen)):
             newest = steps[row + 1 - self._least_line : row + 1]
-            scans = row - (len(seen) - 1 - self._delay)
+            scans = row - (len(seen) - 1 - ago)
             self._limit.take(float(shears[row]) - self._start_shear, scans, newest)
 
     def _risen(self, row: FloatArray) -> float:
@@ -232,6 +234,8 @@ class Course:
         limit = float(courses[-max(self._n_flat, 1) :].mean())
         below = np.flatnonzero(courses < self._start + _NINE_TENTHS * (limit - self._start))
         at = index - (len(seen) - 1.5 - (float(below[-1]) if len(below) else 0.0))
+        if at <= self._begun:  # it was over when it could be seen
+            return self._begun, self._began.sd_scans
         at = min(at + _LATE_PART * (at - self._begun), float(index))
         return at, math.hypot(_INSTANT_SD, _SHAPE_SD_PART * (at - self._begun))
 

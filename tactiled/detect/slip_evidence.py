@@ -179,7 +179,7 @@ class Evidence:
         seen = stretch.seen[scan : scan + self.window]
         rise = moved(seen[-1] - self._filters.rise(best, seen), seen[-1])
         change = self._filters.rise(best, stretch.steps[scan : scan + self.window])
-        if not self._is_shared(rise, change, stretch.steps[scan + self.window - 1]):
+        if not self.is_shared(rise, change, stretch.steps[scan + self.window - 1]):
             return None
         return Growth(int(self._filters.lengths[best]), rise, change, float(statistic[best]))
 
@@ -191,6 +191,10 @@ class Evidence:
         sizes = np.abs(details).mean(axis=1) / _MEAN_OF_NORMAL  # (ramps, 3, levels)
         sizes[..., _FINE_LEVELS:] = 0.0
         return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
+
+    def newest(self, n: int) -> FloatArray:
+        """The last n readings (n, channels)."""
+        return self._stretches.newest(n)
 
     def shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
         """What each taxel (taxels,) adds to a change of the readings (channels,), along a vector (3,)."""
@@ -207,7 +211,7 @@ class Evidence:
         mean_late = size @ late / np.maximum(size.sum(axis=1), 1e-9)
         return Limit(each[felt], self._normal_weights[felt], start, mean_late)
 
-    def _is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
+    def is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.
 
         Shares that are equal on n taxels and nothing elsewhere have ``sum^2 / sum of squares = n``.

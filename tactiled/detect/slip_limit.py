@@ -15,7 +15,7 @@ is too little (few taxels, even loads and much noise, a rise within some scans, 
 nothing is said, and what stops counts as slip.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -61,6 +61,12 @@ class Limit:
         self._along, self._load, self._late = along, load, late
         self._start = along @ start
         self._marks: list[_Mark] = []
+
+    @classmethod
+    def of_nothing(cls, n_channels: int) -> Self:
+        """Where the rise was not seen: never sure."""
+        none = np.zeros((0, n_channels))
+        return cls(none, none, np.zeros(n_channels), np.zeros(0))
 
     def take(self, risen: float, scans: float, steps: FloatArray) -> None:
         """Newest readings (n, channels), and how far the array's shear has risen in how many scans."""

@@ -109,6 +109,12 @@ def motion(rows: FloatArray) -> FloatArray:
     return np.asarray(rows[..., RISING] - rows[..., FALLING])
 
 
+def unit(vector: FloatArray) -> FloatArray:
+    """Of length 1; zero stays zero."""
+    size = float(np.sqrt((vector**2).sum()))
+    return vector / size if size > 0 else vector
+
+
 def moved(before: FloatArray, now: FloatArray) -> FloatArray:
     """Change (3,) of the response between two scans (7,), where a half that bottomed out is left out."""
     halves = np.stack([before[:PRESSURE], now[:PRESSURE]]).reshape(2, 2, AXES)  # (scan, half, axis)

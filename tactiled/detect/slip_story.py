@@ -5,24 +5,25 @@ fell back is followed until it has turned round or rests. What was told is not t
 from the scan where the last slip ended, and shear that came and went of late must be outgrown.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect import slip_words
 from tactiled.detect.slip_after import Verdict
 from tactiled.detect.slip_again import OUTGROWS_S, Shake, Swings
 from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_filters import N_BASELINE
+from tactiled.detect.slip_gap import LOOK_SCANS, BeforeGap, moved_in_gap
 from tactiled.detect.slip_kink import Kink, find_kink
-from tactiled.detect.slip_response import PRESSURE, motion
+from tactiled.detect.slip_limit import Limit
+from tactiled.detect.slip_response import PRESSURE, motion, unit
 from tactiled.detect.slip_stretch import Stretch
 from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
 
-DETECTOR = "coherent"
 # Shear over pressure at which anyone would say that a load has begun to grow: friction of 0.2 % of the load.
 _BEGUN = 0.004
 _LONGEST = 4  # times the ramp that shows it best: a pull that swells began so long before
@@ -37,7 +38,7 @@ class _Slip(NamedTuple):
 
 
 class Story:
-    """See the module.
+    """Of a contact.
 
     Parameters
     ----------
@@ -45,12 +46,22 @@ class Story:
     rate_hz : float
     least_shear, gross_shear : float
         Shear over pressure of what counts, and of gross slip.
+    before : BeforeGap or None
+        The contact goes on from before a gap.
     """
 
-    def __init__(self, evidence: Evidence, rate_hz: float, least_shear: float, gross_shear: float) -> None:
+    def __init__(
+        self,
+        evidence: Evidence,
+        rate_hz: float,
+        least_shear: float,
+        gross_shear: float,
+        before: BeforeGap | None = None,
+    ) -> None:
         self._evidence = evidence
         self._rate_hz = rate_hz
         self._least_shear, self._gross_shear = least_shear, gross_shear
+        self._before = before
         self._slip: _Slip | None = None
         self._recoil: _Slip | None = None  # one that has ended and may be turning back
         self._told = 0  # what was until this scan is told, or was no contact
@@ -72,7 +83,7 @@ class Story:
         """The end of a slip that nobody saw end."""
         if self._slip is None:
             return []
-        return [_ended(self._slip.event, time_s, time_s, valid=False)]
+        return [slip_words.ended(self._slip.event, time_s, time_s, valid=False)]
 
     def lift(self, now: Witness) -> list[SlipEvent]:
         """A scan without contact."""
@@ -82,12 +93,13 @@ class Story:
 
     def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
         """A scan in contact; `is_sure` where the contact's beginning was seen."""
+        if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
+            return self._look_back(self._before, now)
         if self._shake is not None:
             return self._go_on(self._shake, now)
         if (slip := self._slip or self._recoil) is not None:
-            verdict = slip.course.step(
-                now.index, now.seen, now.steps, self._evidence.noise(slip.course.along)
-            )
+            noise = self._evidence.noise(slip.course.along)
+            verdict = slip.course.step(now.index, now.seen, now.steps, noise)
             if verdict is None:
                 return []
             return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
@@ -95,12 +107,21 @@ class Story:
         growth = self._evidence.growth(stretch, row, since, 0.0)
         if growth is None:
             return []
-        if (least := self._swings.least(now.index)) > 0:
-            growth = self._evidence.growth(stretch, row, since, least * pressure)
-        if growth is None:
+        least = self._swings.least(now.index) * pressure
+        if least > 0 and self._evidence.growth(stretch, row, since, least) is None:
             self._swings.go_on(now.index)
             return []
         return [self._onset(growth, now, is_sure)]
+
+    def _look_back(self, before: BeforeGap, now: Witness) -> list[SlipEvent]:
+        """What a gap hid, known some scans after it."""
+        first_s = now.time_s - (LOOK_SCANS - 1) / self._rate_hz
+        moved = moved_in_gap(before, now.steps[-LOOK_SCANS:], first_s, self._evidence, self._least_shear)
+        if moved is None:
+            return []
+        half = moved.gap_s * self._rate_hz / 2
+        kink, said = Kink(LOOK_SCANS - 1 + half, half), now.testify(moved.along, moved.change).doubted()
+        return [self._begin(now, moved.along, kink, said, moved.size / (2 * half), moved.statistic, before)]
 
     @property
     def happens(self) -> bool:
@@ -116,8 +137,7 @@ class Story:
         least = _BEGUN * float(now.seen[-1, PRESSURE])
         kink = find_kink(course, longest, self._evidence.noise(along), least)
         said = now.testify(along, growth.change)
-        if not is_sure:
-            said = dataclasses.replace(said, confidence=said.confidence / 2)
+        said = said if is_sure else said.doubted()
         return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
 
     def _begin(
@@ -128,36 +148,26 @@ class Story:
         said: Testimony,
         slope: float,
         statistic: float,
+        before: BeforeGap | None = None,
     ) -> SlipEvent:
+        """Onset of a slip; `before` is what was before it where a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
-        event = SlipEvent(
-            time_s=onset_s,
-            state="onset",
-            kind="incipient",
-            onset_s=onset_s,
-            onset_sd_s=float(np.hypot(kink.sd_scans / self._rate_hz, now.time_sd_s)),
-            direction_deg=said.direction_deg,
-            direction_sd_deg=said.direction_sd_deg,
-            confidence=said.confidence,
-            taxels=said.taxels,
-            detector=DETECTOR,
-            statistic=statistic,
-            threshold=self._evidence.threshold,
-            valid=not now.is_late,
-            detected_s=now.time_s,
-        )
-        before = now.seen[now.ago(kink.delay_scans)]
+        event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
+        start = now.seen[now.ago(kink.delay_scans)]
+        limit = now.limit(along, kink.delay_scans)
+        if before is not None:
+            start, limit = self._evidence.weights @ before.readings, Limit.of_nothing(len(before.readings))
         course = Course(
             along,
-            before,
+            start,
             self._evidence.even,
             now.index,
-            kink.delay_scans,
+            kink,
             slope,
             self._rate_hz,
             least=self._least_shear,
             gross=self._gross_shear,
-            limit=now.limit(along, kink.delay_scans),
+            limit=limit,
         )
         course.look_back(now.seen, now.steps)
         self._slip = _Slip(event, course, statistic)
@@ -175,7 +185,7 @@ class Story:
         slip, was_gross = self._slip, self._slip.event.kind == "gross"
         excursion = slip.course.excursion(now.seen[-1])
         if self._swings.are_many:
-            self._shake = Shake(now.index, _shear(now), excursion, self._rate_hz, self._least_shear)
+            self._shake = Shake(now.index, now.shear, excursion, self._rate_hz, self._least_shear)
             return []
         if verdict.fate == "back":
             self._recoil = slip
@@ -186,14 +196,14 @@ class Story:
         if verdict.fate in ("again", "turned"):
             # Friction points along the motion: in a gross slip that goes on, all of the response does.
             goes_on = was_gross and verdict.fate == "turned"
-            towards = _unit(motion(now.seen[-1])) if goes_on else now.along(since)
+            towards = unit(now.shear) if goes_on else now.along(since)
             events += self._resume(verdict, now, towards, slip.statistic)
         return events
 
     def _go_on(self, shake: Shake, now: Witness) -> list[SlipEvent]:
         """A scan of a slip that goes back and forth."""
         assert self._slip is not None
-        shear, slip = _shear(now), self._slip
+        shear, slip = now.shear, self._slip
         noise = self._evidence.noise(slip.course.along) / float(now.seen[-1, PRESSURE])
         is_outgrown = shake.is_outgrown(now.index, shear)
         if not is_outgrown and not shake.rests(now.index, shear, noise):
@@ -229,15 +239,7 @@ class Story:
 
     def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:
         assert self._slip is not None
-        event = dataclasses.replace(
-            self._slip.event,
-            kind="gross",
-            time_s=gross_s,
-            onset_s=gross_s,
-            onset_sd_s=float(np.hypot(verdict.sd_scans / self._rate_hz, now.time_sd_s)),
-            valid=not now.is_late,
-            detected_s=now.time_s,
-        )
+        event = slip_words.gross(self._slip.event, now, gross_s, verdict.sd_scans)
         self._slip = self._slip._replace(event=event)
         return event
 
@@ -245,19 +247,4 @@ class Story:
         assert self._slip is not None
         event = self._slip.event
         self._slip = None
-        return _ended(event, ended_s, now.time_s, valid=not now.is_late)
-
-
-def _shear(now: Witness) -> FloatArray:
-    """Motion (3,) over pressure of the newest scan."""
-    return motion(now.seen[-1]) / max(float(now.seen[-1, PRESSURE]), 1.0)
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    size = float(np.sqrt((vector**2).sum()))
-    return vector / size if size > 0 else vector
-
-
-def _ended(event: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
-    """Event for the end; it repeats what the onset's event said."""
-    return dataclasses.replace(event, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)
+        return slip_words.ended(event, ended_s, now.time_s, valid=not now.is_late)

@@ -150,6 +150,10 @@ class Stretches:
         usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
         self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
 
+    def newest(self, n: int) -> FloatArray:
+        """The last n readings (n, channels)."""
+        return self._steps[-n:].copy()
+
     def _stretch(
         self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
     ) -> Stretch:

@@ -1,6 +1,6 @@
 """What one scan can tell of a slip: which way, which taxels, how much they agree."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class Testimony:
     direction_sd_deg: float
     confidence: float
     taxels: tuple[int, ...]
+
+    def doubted(self) -> "Testimony":
+        """Of a contact whose beginning, or a slip whose course nobody saw: half the confidence."""
+        return replace(self, confidence=self.confidence / 2)
 
 
 class Witness:
@@ -83,12 +87,21 @@ class Witness:
         return float(self._block.time_s[self.scan])
 
     @property
+    def rate_hz(self) -> float:
+        return self._block.rate_hz
+
+    @property
     def time_sd_s(self) -> float:
         return float(self._block.time_sd_s[self.scan])
 
     @property
     def is_late(self) -> bool:
         return bool(self._block.late[self.scan])
+
+    @property
+    def shear(self) -> FloatArray:
+        """Motion (3,) over pressure."""
+        return motion(self.seen[-1]) / max(float(self.seen[-1, PRESSURE]), 1.0)
 
     def ago(self, scans: float) -> int:
         """Row of `seen` that is so long before the newest, at most the oldest."""

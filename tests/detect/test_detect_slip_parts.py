@@ -11,6 +11,7 @@ from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence
 from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
 from tactiled.detect.slip_floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
 
@@ -231,7 +232,9 @@ def follow(shear: FloatArray, *, noise: float = 0.0, seed: int = 0) -> list[tupl
     slope = max(1e6 * float(shear[4]) / 4, 1.0)
     readings = np.zeros((156, 0))
     limit = Limit(readings[:0], readings[:0], readings[0], np.zeros(0))  # of no taxel: knows nothing
-    course = Course(np.eye(3)[0], rows[200], even, 204, 4.0, slope, 100.0, least=0.1, gross=0.45, limit=limit)
+    course = Course(
+        np.eye(3)[0], rows[200], even, 204, Kink(4.0, 1.0), slope, 100.0, least=0.1, gross=0.45, limit=limit
+    )
     fates: list[tuple[str, float, int]] = []
     for index in range(205, len(rows)):
         if verdict := course.step(index, rows[index - 155 : index + 1], readings, noise * np.sqrt(2)):

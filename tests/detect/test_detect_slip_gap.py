@@ -1,0 +1,95 @@
+"""What a gap hid is told, and a gap that hid nothing tells nothing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from touches import pieces, run, slips, splits
+
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.slip_coherent import SETTINGS, CoherentSlip
+from tactiled.events.types import Event
+from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+SHEAR = np.sign(ARRAY.shear_weights().sum(axis=1))  # (2, channels)
+T = np.arange(800) / 100.0
+FIRST, LAST = 398, 418  # scans that are lost
+
+
+def held(shear: FloatArray, pressure: FloatArray, seed: int = 3) -> ScanBlock:
+    """Shear (n,) in volts of opposed channels, at 25 degrees, and pressure (n,) in volts of all."""
+    theta = np.radians(25.0)
+    motion = shear[:, np.newaxis] * (np.cos(theta) * SHEAR[0] + np.sin(theta) * SHEAR[1])
+    volts = pressure[:, np.newaxis] + motion
+    return regular_block(volts + 1e-3 * np.random.default_rng(seed).normal(size=volts.shape), 100.0)
+
+
+def ramp(start_s: float, takes_s: float) -> FloatArray:
+    return np.asarray(np.clip((T - start_s) / takes_s, 0, 1))
+
+
+PRESSED = 1.2 * ramp(0.5, 0.5)
+SLIPPED = held(0.6 * ramp(4.0, 0.1), PRESSED)
+
+
+def through_a_gap(block: ScanBlock, setting: str = "balanced", cause: GapCause = "missing") -> list[Event]:
+    detector = CoherentSlip(ARRAY, SETTINGS[setting])
+    events = detector.process(block[:FIRST])
+    events += detector.process(Gap(LAST - FIRST, cause, int(block.index[LAST])))
+    return events + detector.process(block[LAST:])
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("cause", ["missing", "corrupt"])
+def test_a_slip_that_lies_wholly_in_a_gap_is_told(setting: str, cause: GapCause) -> None:
+    first, gross = slips(through_a_gap(SLIPPED, setting, cause))[:2]
+    assert (first.state, first.kind, first.valid) == ("onset", "incipient", True)
+    assert first.detected_s < 4.18 + 0.1
+    assert abs(first.onset_s - 4.0) <= first.onset_sd_s == pytest.approx(0.105, abs=0.01)
+    assert first.confidence <= 0.5
+    assert abs(first.direction_deg - 25.0) < 2
+    assert gross.kind == "gross"
+    assert 3.97 < gross.onset_s < 4.2
+    assert gross.onset_sd_s > 0.05
+
+
+def test_the_contact_then_slides() -> None:
+    states = [e.state for e in through_a_gap(SLIPPED) if e.topic == "contact"]  # type: ignore[attr-defined]
+    assert states[-1] == "sliding"
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize(
+    ("shear", "pressure"),
+    [
+        (0 * T, PRESSED),
+        (0.2 * ramp(2.0, 0.8), PRESSED),  # a load that was there before
+        (0.2 * PRESSED, PRESSED),  # a press at a slant
+        (0.1 * (PRESSED + 0.4 * ramp(4.0, 0.1)), PRESSED + 0.4 * ramp(4.0, 0.1)),  # and a firmer grip
+    ],
+)
+def test_a_gap_that_changed_nothing_tells_nothing(
+    shear: FloatArray, pressure: FloatArray, setting: str
+) -> None:
+    said = slips(through_a_gap(held(shear, pressure), setting))
+    assert [e for e in said if e.detected_s > 3.97] == []
+
+
+@pytest.mark.parametrize("cause", ["restart", "disconnect", "rate", "command"])
+def test_a_board_that_began_anew_is_not_compared_with_what_it_was(cause: GapCause) -> None:
+    assert slips(through_a_gap(SLIPPED, cause=cause)) == []
+
+
+def test_one_taxel_alone_that_jumps_in_a_gap_is_a_fault_of_its_own() -> None:
+    block = held(0 * T, PRESSED)
+    block.volts[LAST:, :4] += [0.5, 0.0, -0.5, 0.0]
+    assert slips(through_a_gap(block)) == []
+
+
+@given(cuts=splits(len(SLIPPED) - LAST))
+@settings(deadline=None, max_examples=10)
+def test_it_is_the_same_however_scans_come_after_the_gap(cuts: list[int]) -> None:
+    detector = CoherentSlip(ARRAY)
+    events = detector.process(SLIPPED[:FIRST])
+    events += detector.process(Gap(LAST - FIRST, "missing", int(SLIPPED.index[LAST])))
+    assert events + run(detector, pieces(SLIPPED[LAST:], cuts)) == through_a_gap(SLIPPED)
