@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from tactiled.detect.slip_rate import rate_at
 from tactiled.tune.hold import Recording
 from tactiled.tune.study import NOISE_PER_HOUR, ONSETS, SHEARS, WEAK_SHEAR, Alarms, Latency, Setting, Study
 from tactiled.tune.tail import Tail, rate_interval
@@ -129,9 +130,11 @@ def _proposal(found: Study) -> str:
     seconds, wanted = found.motion_s, found.wanted_per_hour
     alarms = _proposed_alarms(found)
     _, high = rate_interval(alarms, _motion_hours(found))
+    there = rate_at(found.proposed.params.shear)
     lines = [
         f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.shear:g}, "
-        f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}"
+        f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}",
+        f"there the emulator's hand, announcing nothing, raises {_rate(there)} an hour (README, slip)",
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
     lines.append(
