@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import ContactModel, groove_phase, make_contact
+from tactiled.emulator.contact import ContactModel, make_contact
 from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
 from tactiled.emulator.motion import Motion
 from tactiled.emulator.phases import Flat, Grooves
 from tactiled.emulator.physical import ContactState, PhysicalContact
+from tactiled.emulator.prescribed import groove_phase
 from tactiled.emulator.scene import Scene
 
 FloatArray = NDArray[np.float64]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import SignalContact
 from tactiled.emulator.motion import Motion
+from tactiled.emulator.prescribed import SignalContact
 from tactiled.emulator.scene import Scene
 
 WANG = load_array("wang2019-3x3")

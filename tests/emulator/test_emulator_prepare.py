@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import load_array
-from tactiled.emulator.mechanics import periodic
+from tactiled.emulator.mechanics import period
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.tables import shipped_tables, solved_tables, table_rows
 from tactiled.emulator.prepare import prepare
@@ -20,9 +20,9 @@ SIDES_DEG = (0.0, 90.0, 180.0, 270.0)
 
 @pytest.mark.parametrize("plate", DEMO_PLATES)
 def test_shipped_tables_are_what_is_solved_today(plate: str) -> None:
-    case = periodic.Case(DEMO_PLATES[plate], SIDES_DEG, "force", "edge", "coarse")
+    case = period.Case(DEMO_PLATES[plate], SIDES_DEG, "force", "edge", "coarse")
     shipped = shipped_tables()[f"{case} sliding 0 0"]
-    np.testing.assert_allclose(periodic.solve_sliding(case, 0, 0), shipped, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(period.solve_sliding(case, 0, 0), shipped, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["demo", "experiment-d0.90-a0", "simulation-d1.20-a60"])
@@ -51,18 +51,18 @@ def test_what_is_prepared_is_all_that_is_needed_and_progress_is_told(monkeypatch
 
     solved: list[str] = []
     told: list[tuple[int, int]] = []
-    monkeypatch.setattr(periodic, "table_rows", solve)
+    monkeypatch.setattr(period, "table_rows", solve)
     scene = grooved(SLIDE)
     prepare(scene, load_array(scene.array), lambda done, tables: told.append((done, tables)))
     prepared = set(solved)
     assert len(prepared) > 2
     assert [done for done, _ in told] == list(range(told[0][1]))
-    periodic.sliding.cache_clear()
-    periodic.resting.cache_clear()
+    period.sliding.cache_clear()
+    period.resting.cache_clear()
     Truth(scene).state(np.arange(0.0, 1.0, 0.01))
     assert set(solved) == prepared
-    periodic.sliding.cache_clear()  # nothing of this test's is looked into by others
-    periodic.resting.cache_clear()
+    period.sliding.cache_clear()  # nothing of this test's is looked into by others
+    period.resting.cache_clear()
 
 
 @pytest.mark.parametrize(

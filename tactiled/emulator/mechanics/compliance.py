@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
 from tactiled.emulator.mechanics.fem.mesh import CAP_MM
+from tactiled.emulator.mechanics.history import TaxelHistory
 from tactiled.emulator.mechanics.skin import Readout, shipped_skin
-from tactiled.emulator.mechanics.skin import SkinCompliance as Skin
-from tactiled.emulator.mechanics.solver import ContactSolver, Solution
+from tactiled.emulator.mechanics.solver import Solution
 from tactiled.emulator.mechanics.underfoot import plate_under
 from tactiled.errors import ConfigError
 
@@ -56,24 +56,6 @@ PROVIDES: dict[str, float] = {
     "groove-ripple": 0.46,
     "groove-phase": 0.08,
 }
-
-
-class _Taxel:
-    """Memory of one taxel."""
-
-    def __init__(self, skin: Skin, friction: float) -> None:
-        n = len(skin.x_mm)
-        self.solver = ContactSolver(skin.compliance, friction)
-        self.force_n = np.zeros((3, n))  # body components: into the skin, x, y
-        self.moved_mm = np.zeros((3, n))
-        self.slips = np.zeros(n, dtype=bool)
-        self.turned_mm = np.zeros((3, n))  # part of it by the couples of displaced forces
-        self.approach_mm = 0.0
-        self.base_mm: FloatArray | None = None
-        self.value: float | None = None
-        self.held: Held = "force"
-        self.warning = 0
-        self.failures = 0  # solves of this step that did not converge
 
 
 class Compliance:
@@ -124,7 +106,7 @@ class Compliance:
 
     def reset(self) -> None:
         """No contact, no history."""
-        self._taxels = [_Taxel(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
+        self._taxels = [TaxelHistory(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 
     def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """See `base.Rung.step`. Friction knows the way, not the time: `dt_s` changes nothing."""
@@ -134,7 +116,7 @@ class Compliance:
             self._advance(taxel, held, float(goal), place)
         return self._felt()
 
-    def _advance(self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray) -> None:
+    def _advance(self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray) -> None:
         """Go to a load or indentation and a place, in substeps."""
         if taxel.base_mm is None:
             taxel.base_mm = base_mm.copy()
@@ -153,10 +135,12 @@ class Compliance:
                 self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
         taxel.base_mm, taxel.value, taxel.held = base_mm.copy(), value, held
 
-    def _current(self, taxel: _Taxel, held: Held) -> float:
+    def _current(self, taxel: TaxelHistory, held: Held) -> float:
         return float(taxel.force_n[0].sum()) if held == "force" else taxel.approach_mm
 
-    def _substep(self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray, halvings: int) -> None:
+    def _substep(
+        self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray, halvings: int
+    ) -> None:
         """Solve one substep; halve it where Newton's method fails."""
         before = self._current(taxel, held)
         assert taxel.base_mm is not None
@@ -178,7 +162,7 @@ class Compliance:
         taxel.base_mm = base_mm
 
     def _solve(
-        self, taxel: _Taxel, held: Held, value: float, base_mm: FloatArray
+        self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray
     ) -> tuple[Solution, FloatArray]:
         """Contact frames and free gaps at the place, and what the nodes do there.
 
@@ -220,7 +204,12 @@ class Compliance:
         return solution, frame
 
     def _solve_turning(
-        self, taxel: _Taxel, frame: FloatArray, free: FloatArray, guess: FloatArray, load_n: float | None
+        self,
+        taxel: TaxelHistory,
+        frame: FloatArray,
+        free: FloatArray,
+        guess: FloatArray,
+        load_n: float | None,
     ) -> Solution:
         """Contact solved again until the couples are those of its own forces; a round leaves a tenth."""
         before = taxel.turned_mm

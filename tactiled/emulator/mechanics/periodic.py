@@ -11,37 +11,35 @@ between the tables' other than by a straight line, directions finer than a degre
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.fem.mesh import CAP_MM
 from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.mechanics.period import (
+    FINE,
+    HIGHEST,
+    LEVEL,
+    LEVEL_RATIO,
+    LOWEST,
+    Case,
+    groove_normal,
+    level_value,
+    resting,
+    sliding,
+    table_key,
+)
 from tactiled.emulator.mechanics.skin import Readout
-from tactiled.emulator.mechanics.tables import table_rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 STEP_S = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s
 
-# Levels of load and of indentation at which tables are made; between them the forces per level are straight.
-# A taxel's share of 15 N and of 20 N, 4/3 apart, are levels themselves.
-_LEVEL_RATIO = 4 / 3
-_LEVEL = {"force": 15.0 / 9, "displacement": 0.175}
-# Below the lowest (a fiftieth of the reference) the forces scale with the load: ripple means nothing there.
-_LOWEST, _HIGHEST = -14, 6
-_PHASES = 48  # solved in a period: the parent's own substep is a thirtieth
-_RESTS = 8  # phases at which rest is solved
-_FINE = 512  # kept, by Fourier interpolation: straight lines between are then exact to 1e-4
-_RUN_IN_MM = 0.8  # travel before the period that counts: over twice the presliding distance at 4 N
-_PRESSING = 6  # steps in which the load comes
-_USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
 _MOVING = 1e-6  # part of sliding below which no sliding table is needed
 
 # As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Over grooves
@@ -57,79 +55,6 @@ PROVIDES: dict[str, float] = {
 }
 # Largest deviation from the parent on the way from rest into sliding, of the force on a side at rest.
 ONSET_ERROR = 0.11
-
-
-@dataclass(frozen=True)
-class Case:
-    """All that one period depends on."""
-
-    surface: Surface
-    azimuth_deg: tuple[float, ...]
-    held: Held
-    readout: Readout
-    mesh: str
-
-
-def table_key(case: Case, level: int, direction_deg: int | None) -> str:
-    """What the table of a level is kept under: sliding in a direction, or resting (None)."""
-    if direction_deg is None:
-        return f"{case} resting {_USUAL if level <= _USUAL else _HIGHEST}"
-    return f"{case} sliding {level} {direction_deg}"
-
-
-@lru_cache(maxsize=512)
-def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
-    """Rows (_FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
-    return _refine(
-        table_rows(table_key(case, level, direction_deg), lambda: solve_sliding(case, level, direction_deg))
-    )
-
-
-@lru_cache(maxsize=512)
-def resting(case: Case, level: int) -> FloatArray:
-    """Rows (_FINE, width) over phase for a taxel pressed there and not moved."""
-    highest = _USUAL if level <= _USUAL else _HIGHEST
-    rows = table_rows(table_key(case, level, None), lambda: _solve_resting(case, highest))
-    return _refine(rows[:, level - _LOWEST])
-
-
-def solve_sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
-    """(phases, width)."""
-    surface = case.surface
-    heading = np.deg2rad(direction_deg)
-    course = np.array([np.cos(heading), np.sin(heading)]).round(15)
-    across = float(course @ _normal(surface))
-    value = np.array([level_value(case.held, level)])
-    rung = _parent(case)
-    if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
-        # The phase does not change while sliding: each phase is a slide of its own.
-        return np.array([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
-    step_mm = surface.period_mm / _PHASES / abs(across)
-    run_in = int(np.ceil(_RUN_IN_MM / step_mm))
-    rows = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)
-    period = np.array(rows[run_in:-1])
-    # Phase upwards in either case.
-    return period if across > 0 else np.concatenate([period[:1], period[:0:-1]])
-
-
-def _solve_resting(case: Case, highest: int) -> FloatArray:
-    """(phases, levels, width): at each place all levels in one pressing."""
-    rung = _parent(case)
-    pressed = []
-    for place in _places(case.surface):
-        rung.reset()
-        values = [level_value(case.held, level) for level in range(_LOWEST, highest + 1)]
-        pressed.append([_row(rung.step(case.held, np.array([v]), place[None], STEP_S)) for v in values])
-    return np.array(pressed)
-
-
-def _parent(case: Case) -> Compliance:
-    return Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
-
-
-def level_value(held: Held, level: int) -> float:
-    """Load, N, or indentation, mm, of a level."""
-    return float(_LEVEL[held] * _LEVEL_RATIO**level)
 
 
 class Periodic:
@@ -178,14 +103,14 @@ class Periodic:
         case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)
         part, keys = self._looked_up(held, value, onset)
-        turn = base_mm @ _normal(self._surface) / self._surface.period_mm
+        turn = base_mm @ groove_normal(self._surface) / self._surface.period_mm
         rows = np.zeros((*value.shape, 5 + len(self._azimuth_deg)))
         touching = value > 0
         for key in np.unique(keys[touching], axis=0):
             chosen = touching & (keys == key).all(axis=-1)
             k, heading = int(key[0]), int(key[1])
             below, above = level_value(held, k), level_value(held, k + 1)
-            inside = np.clip(value[chosen], level_value(held, _LOWEST), above)
+            inside = np.clip(value[chosen], level_value(held, LOWEST), above)
             share = np.clip((inside - below) / (above - below), 0.0, 1.0)[:, None]
             ends = []
             for at in (k, k + 1):
@@ -215,8 +140,8 @@ class Periodic:
         capacity = self._surface.friction * onset.normal_n
         part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)
         direction_deg = np.rint(np.rad2deg(np.arctan2(pull[..., 1], pull[..., 0]))).astype(np.int64)
-        level = np.log(np.maximum(value / _LEVEL[held], 1e-12)) / np.log(_LEVEL_RATIO)
-        low = np.clip(np.floor(level), _LOWEST, _HIGHEST - 1).astype(np.int64)
+        level = np.log(np.maximum(value / LEVEL[held], 1e-12)) / np.log(LEVEL_RATIO)
+        low = np.clip(np.floor(level), LOWEST, HIGHEST - 1).astype(np.int64)
         moving = part > _MOVING
         return part, np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
 
@@ -255,57 +180,9 @@ def _warnings(rows: FloatArray) -> IntArray:
     return np.asarray(failed | np.where(rows[..., 3] > CAP_MM, BOTTOMED, 0), dtype=np.int64)
 
 
-def _normal(surface: Surface) -> FloatArray:
-    angle = np.deg2rad(surface.angle_deg)
-    return np.array([np.cos(angle), np.sin(angle)])
-
-
-def _places(surface: Surface) -> list[FloatArray]:
-    """Places of equally spaced phases; one of them where the plate is flat."""
-    count = _RESTS if surface.depth_mm > 0 else 1
-    return [k / count * surface.period_mm * _normal(surface) for k in range(count)]
-
-
-def _slide(
-    rung: Compliance,
-    case: Case,
-    value: FloatArray,
-    start_mm: FloatArray,
-    course: FloatArray,
-    step_mm: float,
-    steps: int,
-) -> list[FloatArray]:
-    """Press at a place, then slide; the rows after pressing and after each step."""
-    rung.reset()
-    for k in range(1, _PRESSING + 1):
-        felt = rung.step(case.held, value * k / _PRESSING, start_mm[None], STEP_S)
-    rows = [_row(felt)]
-    for k in range(1, steps + 1):
-        rows.append(_row(rung.step(case.held, value, (start_mm + k * step_mm * course)[None], STEP_S)))
-    return rows
-
-
-def _row(felt: TaxelForces) -> FloatArray:
-    flag = felt.warnings[0] & NOT_CONVERGED
-    return np.concatenate(
-        [felt.normal_n, felt.tangential_n[0], felt.indentation_mm, [float(flag > 0)], felt.side_n[0]]
-    )
-
-
-def _refine(rows: FloatArray) -> FloatArray:
-    """A period at `_FINE` phases, with the first repeated at the end; periodic cubic spline."""
-    table = rows.copy()
-    flag = table[:, 4].max()
-    if len(table) > 1:
-        spline = CubicSpline(np.arange(len(table) + 1) / len(table), [*table, table[0]], bc_type="periodic")
-        table = spline(np.arange(_FINE + 1) / _FINE)
-    table[:, 4] = flag
-    return np.asarray(table)
-
-
 def _look_up(table: FloatArray, turn: FloatArray) -> FloatArray:
     if len(table) == 1:
         return np.repeat(table, len(turn), axis=0)
-    place = (turn - np.floor(turn)) * _FINE
-    below = np.minimum(place.astype(np.int64), _FINE - 1)
+    place = (turn - np.floor(turn)) * FINE
+    below = np.minimum(place.astype(np.int64), FINE - 1)
     return np.asarray(table[below] + (place - below)[:, None] * (table[below + 1] - table[below]))

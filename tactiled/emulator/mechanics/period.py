@@ -1,0 +1,152 @@
+"""Tables of rung `periodic`: one period of groove phase, solved on `compliance` and refined."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.compliance import Compliance
+from tactiled.emulator.mechanics.skin import Readout
+from tactiled.emulator.mechanics.tables import table_rows
+
+FloatArray = NDArray[np.float64]
+
+_STEP_S = 0.01  # any would do: the parent knows the way, not the time
+
+# Levels of load and of indentation at which tables are made; between them the forces per level are straight.
+# A taxel's share of 15 N and of 20 N, 4/3 apart, are levels themselves.
+LEVEL_RATIO = 4 / 3
+LEVEL = {"force": 15.0 / 9, "displacement": 0.175}
+# Below the lowest (a fiftieth of the reference) the forces scale with the load: ripple means nothing there.
+LOWEST, HIGHEST = -14, 6
+_PHASES = 48  # solved in a period: the parent's own substep is a thirtieth
+_RESTS = 8  # phases at which rest is solved
+FINE = 512  # kept, by Fourier interpolation: straight lines between are then exact to 1e-4
+_RUN_IN_MM = 0.8  # travel before the period that counts: over twice the presliding distance at 4 N
+_PRESSING = 6  # steps in which the load comes
+_USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that one period depends on."""
+
+    surface: Surface
+    azimuth_deg: tuple[float, ...]
+    held: Held
+    readout: Readout
+    mesh: str
+
+
+def table_key(case: Case, level: int, direction_deg: int | None) -> str:
+    """What the table of a level is kept under: sliding in a direction, or resting (None)."""
+    if direction_deg is None:
+        return f"{case} resting {_USUAL if level <= _USUAL else HIGHEST}"
+    return f"{case} sliding {level} {direction_deg}"
+
+
+@lru_cache(maxsize=512)
+def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+    """Rows (FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
+    return _refine(
+        table_rows(table_key(case, level, direction_deg), lambda: solve_sliding(case, level, direction_deg))
+    )
+
+
+@lru_cache(maxsize=512)
+def resting(case: Case, level: int) -> FloatArray:
+    """Rows (FINE, width) over phase for a taxel pressed there and not moved."""
+    highest = _USUAL if level <= _USUAL else HIGHEST
+    rows = table_rows(table_key(case, level, None), lambda: _solve_resting(case, highest))
+    return _refine(rows[:, level - LOWEST])
+
+
+def solve_sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+    """(phases, width)."""
+    surface = case.surface
+    heading = np.deg2rad(direction_deg)
+    course = np.array([np.cos(heading), np.sin(heading)]).round(15)
+    across = float(course @ groove_normal(surface))
+    value = np.array([level_value(case.held, level)])
+    rung = _parent(case)
+    if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
+        # The phase does not change while sliding: each phase is a slide of its own.
+        return np.array([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
+    step_mm = surface.period_mm / _PHASES / abs(across)
+    run_in = int(np.ceil(_RUN_IN_MM / step_mm))
+    rows = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)
+    period = np.array(rows[run_in:-1])
+    # Phase upwards in either case.
+    return period if across > 0 else np.concatenate([period[:1], period[:0:-1]])
+
+
+def _solve_resting(case: Case, highest: int) -> FloatArray:
+    """(phases, levels, width): at each place all levels in one pressing."""
+    rung = _parent(case)
+    pressed = []
+    for place in _places(case.surface):
+        rung.reset()
+        values = [level_value(case.held, level) for level in range(LOWEST, highest + 1)]
+        pressed.append([_row(rung.step(case.held, np.array([v]), place[None], _STEP_S)) for v in values])
+    return np.array(pressed)
+
+
+def _parent(case: Case) -> Compliance:
+    return Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
+
+
+def level_value(held: Held, level: int) -> float:
+    """Load, N, or indentation, mm, of a level."""
+    return float(LEVEL[held] * LEVEL_RATIO**level)
+
+
+def groove_normal(surface: Surface) -> FloatArray:
+    """Unit vector (2,) across the grooves."""
+    angle = np.deg2rad(surface.angle_deg)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _places(surface: Surface) -> list[FloatArray]:
+    """Places of equally spaced phases; one of them where the plate is flat."""
+    count = _RESTS if surface.depth_mm > 0 else 1
+    return [k / count * surface.period_mm * groove_normal(surface) for k in range(count)]
+
+
+def _slide(
+    rung: Compliance,
+    case: Case,
+    value: FloatArray,
+    start_mm: FloatArray,
+    course: FloatArray,
+    step_mm: float,
+    steps: int,
+) -> list[FloatArray]:
+    """Press at a place, then slide; the rows after pressing and after each step."""
+    rung.reset()
+    for k in range(1, _PRESSING + 1):
+        felt = rung.step(case.held, value * k / _PRESSING, start_mm[None], _STEP_S)
+    rows = [_row(felt)]
+    for k in range(1, steps + 1):
+        rows.append(_row(rung.step(case.held, value, (start_mm + k * step_mm * course)[None], _STEP_S)))
+    return rows
+
+
+def _row(felt: TaxelForces) -> FloatArray:
+    flag = felt.warnings[0] & NOT_CONVERGED
+    return np.concatenate(
+        [felt.normal_n, felt.tangential_n[0], felt.indentation_mm, [float(flag > 0)], felt.side_n[0]]
+    )
+
+
+def _refine(rows: FloatArray) -> FloatArray:
+    """A period at `FINE` phases, with the first repeated at the end; periodic cubic spline."""
+    table = rows.copy()
+    flag = table[:, 4].max()
+    if len(table) > 1:
+        spline = CubicSpline(np.arange(len(table) + 1) / len(table), [*table, table[0]], bc_type="periodic")
+        table = spline(np.arange(FINE + 1) / FINE)
+    table[:, 4] = flag
+    return np.asarray(table)
