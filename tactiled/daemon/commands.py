@@ -7,7 +7,7 @@ from typing import Any
 
 from tactiled.daemon.requests import Command, Mark, Rate, Record
 from tactiled.daemon.session import Session
-from tactiled.daemon.terms import SessionParams, is_same_rate
+from tactiled.daemon.terms import is_same_rate
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
@@ -21,7 +21,7 @@ Done = Callable[[str], None]
 @dataclass(frozen=True)
 class _RateChange:
     rate_hz: float
-    before: SessionParams
+    before_hz: float | None
     until_s: float
     done: Done
 
@@ -80,7 +80,9 @@ class Commands:
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
-            session.configure(change.before)
+            params = session.terms.params
+            if params.rate_hz == change.rate_hz:  # a configuration that was reloaded meanwhile has its own
+                session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
             change.done(f"{reason}; the old rate stays")
 
     def settings(self, now_s: float) -> dict[str, Any]:
@@ -118,7 +120,7 @@ class Commands:
         except ConfigError as error:
             done("; ".join(error.faults))
             return
-        self._rate = _RateChange(rate_hz, before, now_s + RATE_S, done)
+        self._rate = _RateChange(rate_hz, before.rate_hz, now_s + RATE_S, done)
         self.look(now_s)
 
     def _set_recording(self, on: bool) -> str:

@@ -12,9 +12,14 @@ from boards import LAYOUT, PtyBoard, SimBoard, descriptors
 
 from tactiled.array import load_array
 from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
+from tactiled.daemon.commands import RATE_S, Commands
+from tactiled.daemon.diagnosis import LineWatch
 from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.requests import Rate
 from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.session import Session
 from tactiled.daemon.source import PortParams
+from tactiled.daemon.terms import SessionParams, Terms
 from tactiled.events.types import EVENT_TYPES, Sent
 from tactiled.pipeline import Pipeline
 
@@ -189,6 +194,23 @@ def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> Non
             assert (await daemon.send("rate", rate_hz=50.0)).ok
 
     play(setup, story)
+
+
+@pytest.mark.parametrize("asked_hz", [None, 500.0])
+def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(asked_hz: float | None) -> None:
+    session = Session(
+        Terms(SessionParams(board_serial="A"), LAYOUT, lambda _: None), LineWatch(LAYOUT.name, 115200)
+    )
+    commands = Commands(Pipeline(LAYOUT, ARRAY), session, lambda *_: None)
+    reasons: list[str] = []
+    session.opened(0.0)
+    commands.do(Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0), 0.0, reasons.append)
+    assert session.terms.params.rate_hz == 200.0
+    read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
+    session.configure(read_again)
+    commands.look(RATE_S)
+    assert ["old rate stays" in reason for reason in reasons] == [True]
+    assert session.terms.params == read_again
 
 
 def test_a_rate_that_was_refused_does_not_answer_for_the_next(tmp_path: Path) -> None:
