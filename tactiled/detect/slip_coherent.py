@@ -3,6 +3,8 @@
 * Evidence (`slip_evidence`): shear of the array as a whole grows beyond noise, pressure and elastic play.
   That is "incipient": some part of the contact slips, or is about to. The instant is the kink's, when shear
   began to grow (`slip_kink`); no signal shows when a tenth of the contact slips, since friction is not known.
+* Channels (`slip_stuck`, `slip_stretch`): what is missing, stuck or far noisier than most takes its taxel
+  out, and events name the taxels that are left.
 * Course (`slip_course`): the growth stops while shear is large, and all slips: "gross", an event of its own
   with its own instant. Or it stops below, or goes back: the end of an incipient slip.
 * A gross slip that turns back, turns, or sticks and grows again ends, and another begins at the same instant.

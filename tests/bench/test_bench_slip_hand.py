@@ -1,0 +1,43 @@
+"""The curve behind the slip detector's one knob."""
+
+import itertools
+
+import pytest
+
+from tactiled.bench.slip_hand import SHEARS, curve, one_scene
+from tactiled.detect.slip_coherent import SETTINGS, CoherentParams
+from tactiled.detect.slip_rate import PER_HOUR, SHEAR, rate_at, shear_at
+from tactiled.emulator.families import QUIET
+
+
+def test_every_family_counts_alike_and_more_shear_is_never_more_alarms() -> None:
+    noisy = (*(10.0 - k for k in range(len(SHEARS) - 1)), 8.0)
+    parts = [(family, 0.1 if family == "taps" else 1.0, (0.0,) * len(SHEARS)) for family in QUIET]
+    found = curve(iter([*parts, ("taps", 0.1, noisy)]))
+    assert found[0] == pytest.approx(10.0 / 0.2 / len(QUIET))
+    assert all(a >= b for a, b in itertools.pairwise(found))
+
+
+def test_a_scene_counts_its_hours_and_its_alarms() -> None:
+    family, hours, counts = one_scene("load-and-back", 1001)
+    assert family == "load-and-back"
+    assert 0.002 < hours < 0.02
+    assert counts[0] >= counts[-1] == 0
+
+
+def test_the_curve_is_the_bench_s_and_never_turns() -> None:
+    assert tuple(sorted(SHEARS, reverse=True)) == SHEAR
+    assert list(PER_HOUR) == sorted(PER_HOUR)
+    rates = (0.01, *PER_HOUR, 3600.0)
+    assert all(shear_at(a) >= shear_at(b) for a, b in itertools.pairwise(rates))
+    assert [shear_at(rate) for rate in PER_HOUR] == pytest.approx(SHEAR)
+    assert [rate_at(shear) for shear in SHEAR] == pytest.approx(PER_HOUR)
+    assert (shear_at(0.01), shear_at(3600.0)) == pytest.approx((SHEAR[0], SHEAR[-1]))
+
+
+def test_settings_are_rates_on_it() -> None:
+    assert all(params.least_shear is None for params in SETTINGS.values())
+    assert [params.shear for params in SETTINGS.values()] == sorted(p.shear for p in SETTINGS.values())
+    given = CoherentParams(false_alarms_per_hour=20.0, least_shear=0.3)
+    assert (given.shear, given.noise_per_hour) == (0.3, 20.0)
+    assert SETTINGS["fast"].noise_per_hour < 1
