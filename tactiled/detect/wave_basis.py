@@ -53,7 +53,7 @@ class Window:
     def n(self) -> int:
         return len(self.trend)
 
-    def without(self, turn: float, multiples: Iterable[int]) -> "Window":
+    def without(self, turn: float, multiples: Iterable[float]) -> "Window":
         """The same with lines at multiples of a frequency taken to be part of the trend."""
         turns = [turn * multiple for multiple in multiples]
         angle = np.outer(self.way.mean(axis=0), turns)

@@ -26,6 +26,8 @@ from tactiled.events.types import Candidate
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
+_MOST_STRAY_ALIASED = 0.2  # radians^2: with more, what suits no wave suits its mirror image no better
+_BROAD = 0.25 * np.pi  # of turn: what is no wave is no clean line either
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
 _WAVES = ("ok", "ambiguous")
@@ -124,7 +126,8 @@ def _strongest_wave(
             found = _wave(line, layout, motion, params)
             if found is not None:
                 return found
-        window = window.without(readings[-1].turn, [1])
+        turn = readings[-1].turn
+        window = window.without(turn, [1 - _BROAD / turn, 1 + _BROAD / turn])
     return WaveFit("low-snr"), None
 
 
@@ -147,7 +150,7 @@ def _wave(
             other = search(window, tabulate(window, fast, 1), layout, motion, params, variance, least)
             if len(other.k) and (not is_wave or other.gain[0] > found.gain[0]):
                 image = refine(window, layout, motion, params, other[0])
-                if image.is_wave:
+                if image.is_wave and image.stray_alone.mean() < _MOST_STRAY_ALIASED:
                     hz = window.frequency_hz(float(image.waves.turn[0]))
                     return WaveFit("aliased", hz, image.snr_db), (turn, [1])
     if best is None or not is_wave:

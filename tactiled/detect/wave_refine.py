@@ -16,6 +16,7 @@ _FALSE_LINE = 1e-6  # noise passes for one more line so often
 _REFINEMENTS = 4  # noise and strays are known from the one before
 _CONVERGED = 1e-5  # radians, and radians a millimetre
 _FARTHEST = np.pi  # of turn from the start: a period of the window is beyond what tables describe
+_MOST_STRAY = 0.5  # radians^2: real skins' phases stray by 0.3 radians; anything does by 1.8
 _LEAST_TIED = 0.4  # a wave explains all but this part of what its channels do by themselves
 
 
@@ -86,4 +87,5 @@ def _climbed(window: Window, layout: Layout, motion: WaveMotion, start: Waves, n
     tied = float(Solver(window, layout, motion, variance).solve(tables, best.k, best.turn, 2).gain[0])
     is_wave = free - tied < max(_LEAST_TIED * free, stats.chi2.isf(_FALSE_LINE, len(variance) * n_harmonics))
     is_wave &= abs(float(best.turn[0] - start.turn[0])) < _FARTHEST
+    is_wave &= float(stray[:, 0].mean()) / n_harmonics < _MOST_STRAY
     return Refined(best, tables, variance, stray, is_wave, window.n)

@@ -176,3 +176,13 @@ def test_strays_of_a_tenth_of_a_radian_are_answered_and_held() -> None:
             held.append((abs(by_mm) < 2 * found.period_sd_mm, abs(by_deg) < 2 * found.angle_sd_deg))
     assert len(held) >= 17
     assert np.mean(held) > 0.85
+
+
+@motions
+def test_one_frequency_with_phases_that_are_anything_is_no_wave(motion_of: MotionOf) -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        slide = Slide((), seed=seed)
+        hum = 0.02 * np.cos(4 * np.pi * slide.times()[:, np.newaxis] + rng.uniform(-np.pi, np.pi, 36))
+        found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY) + hum)
+        assert_refused(found, "low-snr", "ambiguous")
