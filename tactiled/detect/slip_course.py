@@ -42,7 +42,7 @@ _LINE_S = 0.04  # of the line through the newest responses whose slope is looked
 _CLEARLY, _GOES = 1.6, 0.05
 # By Mindlin's curve nine tenths slip when friction has reached 1 - 0.1^(3/2) of its limit.
 _NINE_TENTHS = 0.968
-_INSTANT_SD = 1.0  # scans: where between two it lies, and what noise adds
+_INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
 # Of the time since the onset: what real curves differ from Mindlin's, one way and either way, on seeds 1001
 # to 1012 of the physical families.
 _LATE_PART, _SHAPE_SD_PART = 0.03, 0.03

@@ -24,7 +24,7 @@ _INSTANTS = 64  # tried over all that is searched, and again where the likelihoo
 _FINEST_STEP = 0.125  # scans between them
 _UNLIKELY = 1e-4  # of the best: instants that are not tried again
 # What real beginnings differ from all powers, in scans: no fit to the few readings of a jolt shows it.
-_SHAPE_SD = 0.08
+_SHAPE_SD = 0.15
 _PARAMETERS = 4  # of a fit: level, size, instant, power
 
 

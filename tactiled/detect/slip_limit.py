@@ -28,7 +28,7 @@ _SLIPS = 0.3
 # A skin that is dragged evenly has risen to 0.4 in 0.72 of the time that a straight rise takes to it: what
 # bends like that is no load that grew evenly and stopped.
 _STRAIGHT = 0.86
-_SDS, _MOST_SD = 1.0, 0.3  # how sure it must be that a load only stays
+_SDS, _MOST_SD = 1.4, 0.3  # how sure it must be that a load only stays
 _MARK_STEP = 1.2  # a mark each time the rise has grown by this
 # Residuals of fewer tell too little: of slips on four, 1 to 9 % seemed to hold, on nine under 1 %.
 _LEAST_TAXELS = 7

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from touches import pieces, run, slips, splits
 
-from tactiled.array import FloatArray, load_array
+from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
 from tactiled.detect.slip_coherent import SETTINGS, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
@@ -98,6 +98,21 @@ def test_two_slips_50_ms_apart_are_two_where_the_skin_springs_back_in_between() 
     assert events[3].detected_s < 4.25
     without = 0.3 * ramp(T, 4, 0.05) + 0.3 * ramp(T, 4.1, 0.05)
     assert words(said(held(without))) == ["incipient", "gross"]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("shear", [0.6, 1.2])
+def test_many_taxels_are_gross_with_and_without_noise(noise: float, shear: float) -> None:
+    """Equal loads and no noise: no slope over the loads may come of rounding."""
+    sides = [TaxelChannel(name=f"R{k}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]
+    places = [3.5 * k for k in range(8)]
+    array = build(ArrayFile(name="square", grids=[Grid(x_mm=places, y_mm=places)], taxel_channels=sides))
+    t = T[:600, np.newaxis]
+    along = np.sign(array.shear_weights().sum(axis=1))[0]
+    volts = 1.2 * np.clip((t - 0.5) / 0.5, 0, 1) + shear * np.clip((t - 4) / 0.2, 0, 1) * along
+    volts = volts + noise * np.random.default_rng(1).normal(size=volts.shape)
+    events = slips(CoherentSlip(array).process(regular_block(volts, 100.0)))
+    assert words(events) == ["incipient", "gross"]
 
 
 SHAKE = held(0.3 * np.sin(2 * np.pi * 2 * T) * (T > 4) * (T < 7))
