@@ -8,7 +8,9 @@
 * Course (`slip_course`): the growth stops while shear is large, and all slips: "gross", an event of its own
   with its own instant. Or it stops below, or goes back: the end of an incipient slip.
 * A gross slip that turns back, turns, or sticks and grows again ends, and another begins at the same instant.
-* While a slip goes on it is not said again; what came and went of late must grow beyond that to be said.
+* While a slip goes on it is not said again; what came and went of late must grow beyond that to be said
+  (`slip_again`).
+* A slip that lies wholly in a gap shows by the shear after it (`slip_gap`).
 
 Nothing is said of an array out of contact. Arrays without shear channels see a load that moves between
 taxels; they tell no direction. One such taxel alone sees nothing.

@@ -2,7 +2,8 @@
 
 Idle, evidence of growing shear begins a slip. While it goes on its course is followed; a gross slip that
 fell back is followed until it has turned round or rests. What was told is not told again: evidence counts
-from the scan where the last slip ended, and shear that came and went of late must be outgrown.
+from the scan where the last slip ended, and shear that came and went of late must be outgrown (`slip_again`).
+Two slips in quick succession are two where the skin springs back in between; else nothing shows the stop.
 """
 
 from typing import NamedTuple
@@ -24,8 +25,7 @@ from tactiled.detect.slip_stretch import Stretch
 from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
 
-# Shear over pressure at which anyone would say that a load has begun to grow: friction of 0.2 % of the load.
-_BEGUN = 0.004
+_BEGUN = 0.004  # shear over pressure that anyone would call growing: friction of 0.2 % of the load
 _LONGEST = 4  # times the ramp that shows it best: a pull that swells began so long before
 
 
