@@ -118,7 +118,7 @@ def _strongest_wave(
     """Fit of the strongest line that is a wave, of some power; lines that are none are taken out first."""
     for _ in range(_MOST_LINES):
         readings = strongest(window, params)
-        if not readings or _line_power(readings[-1].window, readings[-1].turn) < least:
+        if not readings or max(_line_power(each.window, each.turn) for each in readings) < least:
             return WaveFit("low-snr"), None
         for line in readings:
             if line.periods < params.min_periods:
@@ -126,7 +126,7 @@ def _strongest_wave(
             found = _wave(line, layout, motion, params)
             if found is not None:
                 return found
-        turn = readings[-1].turn
+        turn = next(each.turn for each in readings if each.is_line)
         window = window.without(turn, [1 - _BROAD / turn, 1 + _BROAD / turn])
     return WaveFit("low-snr"), None
 
