@@ -16,6 +16,9 @@ from tactiled.array import FloatArray
 
 _NEXT_RAD = 0.75 * np.pi  # of turn: lines less than so many periods of the window apart are one
 _STRAIGHT = 1  # order of the least trend: level and slope
+# Of a function's sum of squares: what the trend takes whole, rounding leaves no part of a line of. It moves
+# amplitudes by less than a converter of 30 bits can tell.
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +161,7 @@ def tabulate(window: Window, turn: float, n_harmonics: int) -> Tables:
     basis = np.stack(rows, axis=1)  # (groups, 2 harmonics, n)
     basis = np.concatenate([basis, basis * window.way[:, np.newaxis]], axis=1)
     basis -= (basis @ window.trend) @ window.trend.T
-    gram = basis @ basis.transpose(0, 2, 1)
+    gram = basis @ basis.transpose(0, 2, 1) + _RIDGE * window.n / 2 * np.eye(basis.shape[1])
     if len(basis) == 1:
         product = window.volts @ basis[0].T
     else:

@@ -89,7 +89,7 @@ class _Phasors:
             one = _GAIN * along + _PHASE * across + self.variance
             other = _GAIN * across + _PHASE * along + self.variance
             both = (_GAIN - _PHASE) * mixed
-            volume = one * other - both**2
+            volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
             square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
             total = np.maximum(total, -0.5 * (np.log(volume) + square / volume).sum(axis=-1).min(axis=0))
         return total

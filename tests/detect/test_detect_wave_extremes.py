@@ -1,6 +1,7 @@
 """The joint fit of one window at its limits: a number with an honest sigma, or a named refusal."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from gratings import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactiled.array import FloatArray
+from tactiled.detect.wave_basis import make_window, tabulate
 from tactiled.detect.wave_fit import fit_wave
 from tactiled.detect.wave_model import WaveMotion, WaveParams, layout_of
 
@@ -194,6 +197,49 @@ def test_anything_gives_finite_numbers_or_a_refusal(
     numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
     assert np.all(np.isfinite([*numbers, *found.covariance.ravel(), found.error_probability]))
     assert np.all(np.diag(found.covariance) >= 0)
+
+
+RIPPLE = np.cos(0.3 * np.arange(400)[:, np.newaxis] + np.arange(36) ** 2)
+DEGENERATE: dict[str, Callable[[int, np.random.Generator], FloatArray]] = {
+    "in step": lambda n, _: np.repeat(RIPPLE[:n, :1], 36, axis=1),
+    "noiseless": lambda n, _: RIPPLE[:n],
+    "alternating": lambda n, _: np.resize([1.0, -1.0], (n, 1)) * np.ones(36),
+    "square": lambda n, _: np.sign(RIPPLE[:n]),
+    "one channel": lambda n, rng: rng.normal(size=(n, 1)) * (np.arange(36) == 7),
+    "one reading": lambda n, rng: np.eye(n)[:, [int(rng.integers(n))]] * np.ones(36),
+    "a steep curve": lambda n, _: RIPPLE[:n] + 1e6 * np.linspace(-1, 1, n)[:, np.newaxis] ** 5,
+    "pairs alike": lambda n, rng: np.repeat(rng.normal(size=(n, 18)), 2, axis=1),
+    "constant": lambda n, _: np.full((n, 36), 0.1),
+}
+
+
+@given(
+    what=st.sampled_from([*DEGENERATE]),
+    n=st.sampled_from([14, 15, 16, 17, 18, 20, 25, 30, 60, 200]),
+    size=st.sampled_from([1e-12, 1e-6, 1.0, 1e6]),
+    seed=st.integers(0, 10**6),
+    speed=st.sampled_from([0.0, 1.0, 30.0]),
+    trend_order=st.sampled_from([1, 3, 8]),
+    max_harmonics=st.sampled_from([1, 3, 6]),
+)
+@settings(max_examples=80, deadline=None)
+def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
+    what: str, n: int, size: float, seed: int, speed: float, trend_order: int, max_harmonics: int
+) -> None:
+    volts = size * DEGENERATE[what](n, np.random.default_rng(seed))
+    motion = WaveMotion(speed, 0.0, 10.0, 0.0)
+    params = WaveParams(trend_order=trend_order, max_harmonics=max_harmonics)
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, layout_of(ARRAY), motion, params)
+    assert np.all(np.isfinite([*found.covariance.ravel(), found.period_mm, found.error_probability]))
+
+
+@pytest.mark.parametrize("n_harmonics", [1, 2])
+def test_a_line_that_the_trend_has_taken_has_no_part_left(n_harmonics: int) -> None:
+    rng = np.random.default_rng(0)
+    times = np.arange(40) / 100
+    window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))
+    left = window.without(5.0, [1.0])
+    assert tabulate(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
 
 
 @motions
