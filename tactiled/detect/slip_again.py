@@ -17,9 +17,9 @@ _NEWS = 1.1
 # Kept for the first time, half of it forgotten in each of the second: a tug or a start of the arm is followed
 # by its like within some seconds.
 _KEPT_S, _FORGET_S = 2.0, 4.0
-# Slips that begin so soon after one another are of one motion: half the period of 0.55 Hz, below the tremor
-# of hands and arms. A finger that strokes back and forth takes longer, and each stroke is one.
-_SOON_S = 0.9
+# Slips that begin so soon after one another are of one motion: half the period of 0.42 Hz, below the tremor
+# of hands and the sway of arms. A finger that strokes back and forth takes longer, and each stroke is one.
+_SOON_S = 1.2
 _FEW = 3  # that are said one by one
 _RESTS_S = 1.0  # a shake of 0.5 Hz rests shorter
 _OUTGROWN = 1.25  # times the largest swing: something else

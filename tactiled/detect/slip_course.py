@@ -124,6 +124,10 @@ class Course:
         """How far shear went, over the pressure of the newest response (7,)."""
         return (self._top.value - self._start) / float(row[PRESSURE])
 
+    def swing(self, row: FloatArray) -> float:
+        """How far shear fell from its top to the newest response (7,), over the pressure of that."""
+        return (self._top_shear - float(self.along @ motion(row))) / float(row[PRESSURE])
+
     def look_back(self, seen: FloatArray, steps: FloatArray) -> None:
         """Take the taxels' shares from before the slip was known, of what `step` is given."""
         shears = motion(seen) @ self.along

@@ -58,8 +58,7 @@ class Filters:
         # Newest scan last; each row ends at the newest scan.
         rows = [*ramps, *(taps(level)[::-1] for level in LEVELS)]
         self._matrix = np.stack([np.concatenate([np.zeros(self.window - len(r)), r]) for r in rows], axis=1)
-        n = len(ramps)
-        self._n_ramps = n
+        self._n_ramps = len(ramps)
         rises = [r[N_BASELINE:] @ np.arange(1, len(r) - N_BASELINE + 1) for r in ramps]
         self.rise_scale = self.lengths / np.array(rises)
         """(ramps,) a ramp's output times this is how far the response has risen along it, in its own unit."""
@@ -84,6 +83,13 @@ class Filters:
     def rise(self, ramp: int, seen: FloatArray) -> FloatArray:
         """What rose (columns,) along one of the ramps, of responses (window, columns)."""
         return np.asarray(self._matrix[:, ramp] @ seen * self.rise_scale[ramp])
+
+    def later(self, ramp: int, delay: float) -> float:
+        """Part by which a ramp rises further, a scan, of a response that began `delay` scans ago."""
+        scans = int(self.lengths[ramp])
+        risen = np.maximum(np.arange(1 - scans, 1) + delay, 0.0)
+        weights = self._matrix[-scans:, ramp]
+        return float(weights[risen > 0].sum() / (weights @ risen))
 
     def ramp_sd(self, noise: FloatArray) -> FloatArray:
         """Standard deviation (columns, ramps) of the ramps' outputs under noise (levels, columns).

@@ -16,15 +16,21 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
-# Powers of the time since, one as likely as the next before any reading, by their logarithm. Below 1 is what
-# Mindlin's curve makes of a drag; beyond 3 a beginning is flat for most of its time, and no reading tells it.
+# Powers of the time since, evenly in their logarithm. Below 1 is what Mindlin's curve makes of a drag; beyond
+# 3 a beginning is flat for most of its time, and no reading tells it.
 _POWERS = 2.0 ** np.linspace(-0.5, 1.5, 17)
+# Before any reading a growth that is even is likeliest: a normal curve, an octave of the power wide.
+_BEFOREHAND = np.exp(-(np.log2(_POWERS[:, np.newaxis]) ** 2) / 2)
+_LATEST = 0.05  # scans ago: a rise that one scan shows may have begun just before it
 _LEVEL_SCANS = 8  # before the earliest instant that is tried
 _INSTANTS = 64  # tried over all that is searched, and again where the likelihood is
 _FINEST_STEP = 0.125  # scans between them
 _UNLIKELY = 1e-4  # of the best: instants that are not tried again
 # What real beginnings differ from all powers, in scans: no fit to the few readings of a jolt shows it.
 _SHAPE_SD = 0.15
+# Of the variance of the span's half: of tuning scenes, whose loads reach from jolts to swells, two thirds
+# then lie within one sigma.
+_SPAN = 0.8
 _PARAMETERS = 4  # of a fit: level, size, instant, power
 
 
@@ -51,18 +57,19 @@ def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0
     """
     latest = float(max(2, min(longest, len(course) - _LEVEL_SCANS)))
     centred = course - course.mean()
-    delays = np.linspace(1.0, latest, _INSTANTS)
+    delays = np.linspace(_LATEST, latest, _INSTANTS)
     likely = np.flatnonzero(_likelihood(centred, delays, noise)[0].max(axis=0) > _UNLIKELY)
     first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _INSTANTS - 1)
     span = float(delays[last] - delays[first])
     delays = np.linspace(delays[first], delays[last], min(_INSTANTS, 2 + int(span / _FINEST_STEP)))
     likelihood, sizes = _likelihood(centred, delays, noise)
-    weights = likelihood / likelihood.sum()
+    weights = likelihood * _BEFOREHAND
+    weights /= weights.sum()
     since = (np.maximum(least / np.maximum(sizes, 1e-12), 0.0)) ** (1 / _POWERS[:, np.newaxis])
     unseen = np.minimum(since, delays) / 2
     instants = delays - unseen
     mean = float((weights * instants).sum())
-    variance = float((weights * ((instants - mean) ** 2 + unseen**2)).sum())
+    variance = float((weights * ((instants - mean) ** 2 + _SPAN * unseen**2)).sum())
     step = span / (len(delays) - 1)
     sd = np.sqrt(variance + step**2 / 12 + _SHAPE_SD**2)
     return Kink(mean, float(sd))

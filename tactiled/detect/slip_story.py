@@ -136,6 +136,8 @@ class Story:
         course = motion(now.seen[-n:]) @ along
         least = _BEGUN * float(now.seen[-1, PRESSURE])
         kink = find_kink(course, longest, self._evidence.noise(along), least)
+        growth = now.at_once(growth, kink.delay_scans)
+        along = unit(growth.rise)
         said = now.testify(along, growth.change)
         said = said if is_sure else said.doubted()
         return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
@@ -221,11 +223,14 @@ class Story:
     def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
         """What became of a slip that fell back."""
         assert self._recoil is not None
-        statistic, self._recoil = self._recoil.statistic, None
+        recoil, self._recoil = self._recoil, None
+        was_gross = recoil.event.kind == "gross"
         self._told = int(verdict.at_index)
         if verdict.fate == "rests":
+            if not was_gross:  # a swing goes from one end to the other
+                self._swings.came_and_went(recoil.course.swing(now.seen[-1]), now.index)
             return []
-        return self._resume(verdict, now, now.along(now.index - verdict.at_index), statistic)
+        return self._resume(verdict, now, now.along(now.index - verdict.at_index), recoil.statistic)
 
     def _resume(self, verdict: Verdict, now: Witness, along: FloatArray, statistic: float) -> list[SlipEvent]:
         """Onset of a slip that follows on another."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.slip_evidence import Evidence
+from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion, moved
 from tactiled.detect.slip_stretch import Stretch
@@ -18,9 +18,9 @@ _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may b
 # One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
 _ONE_TAXEL_SD = 0.05
 # Taxels share some of their error (a tilt of the load, a side that bottoms out), which no spread shows:
-# without this 59 to 63 % of directions of physical scenes lay within one sigma, not 68 %.
-_SHARED = 1.25
-_MODEL_SD = 0.004  # what the divider's bend makes of all taxels alike, at the small shear of an onset
+# without this too few directions of physical scenes lay within one sigma.
+_SHARED = 1.2
+_MODEL_SD = 0.0035  # what the divider's bend makes of all taxels alike, at the small shear of an onset
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,10 @@ class Witness:
     def ago(self, scans: float) -> int:
         """Row of `seen` that is so long before the newest, at most the oldest."""
         return -1 - int(min(max(round(scans), 0), len(self.seen) - 1))
+
+    def at_once(self, growth: Growth, delay: float) -> Growth:
+        """What grew since so many scans ago, as if the channels of a taxel were sampled at one instant."""
+        return self._evidence.at_once(growth, delay, self._block.channel_offset_s * self.rate_hz)
 
     def skew_s(self, along: FloatArray) -> float:
         """How long after the scan began its channels were sampled, on the average of their weights."""

@@ -64,6 +64,22 @@ def test_a_slide_is_told_whole_early_and_in_its_direction(
     assert first.statistic >= first.threshold
 
 
+@pytest.mark.parametrize("start_s", [4.0, 4.003, 4.006, 4.009])
+@pytest.mark.parametrize("direction_deg", [45.0, -45.0, 135.0])
+def test_channels_that_are_read_one_after_the_other_hardly_turn_a_sudden_slip(
+    direction_deg: float, start_s: float
+) -> None:
+    late_s: FloatArray = 250e-6 * np.arange(36, dtype=np.float64)
+    time_s = np.arange(500)[:, np.newaxis] / 100 + late_s
+    theta = np.radians(direction_deg)
+    sides = np.sign(ARRAY.shear_weights().sum(axis=1))
+    unit = np.cos(theta) * sides[0] + np.sin(theta) * sides[1]
+    volts = 1.2 * np.clip(time_s / 0.5, 0, 1) + 0.6 * np.clip((time_s - start_s) / 0.1, 0, 1) * unit
+    first = slips(detect(regular_block(volts, 100.0, channel_offset_s=late_s), "fast"))[0]
+    assert first.detected_s < start_s + 0.02
+    assert first.direction_deg == pytest.approx(direction_deg, abs=1.0)
+
+
 def test_the_contact_s_states_are_told_with_the_slip() -> None:
     states = [e.state for e in detect(Touch().block(ARRAY)) if isinstance(e, ContactEvent)]
     assert states == ["loading", "holding", "sliding", "holding", "none"]

@@ -33,6 +33,16 @@ def test_a_kink_is_stated_for_anything(course: list[float]) -> None:
     assert 0.01 < kink.sd_scans < 40
 
 
+def test_a_jolt_that_a_scan_or_two_show_began_anywhere_since_the_scan_before() -> None:
+    k = np.arange(100.0)
+    delays = np.linspace(0.2, 1.2, 51)
+    kinks = [find_kink(100 * np.maximum(k - (99 - delay), 0), 60, 0.5) for delay in delays]
+    errors = np.array([kink.delay_scans for kink in kinks]) - delays
+    assert abs(errors.mean()) < 0.1
+    assert np.abs(errors).max() < 0.5
+    assert np.mean(np.abs(errors) < [kink.sd_scans for kink in kinks]) > 0.6
+
+
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("noise", [1.0, 5.0])
 def test_a_kink_s_sigma_holds_under_noise_for_loads_that_swell(power: float, noise: float) -> None:
