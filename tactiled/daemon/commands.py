@@ -7,7 +7,7 @@ from typing import Any
 
 from tactiled.daemon.requests import Command, Mark, Rate, Record
 from tactiled.daemon.session import Session
-from tactiled.daemon.terms import is_same_rate
+from tactiled.daemon.terms import SessionParams, is_same_rate
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
@@ -51,6 +51,7 @@ class Commands:
         self._tuned = tuned
         self._record = record
         self._rate: _RateChange | None = None
+        self._commanded_hz: float | None = None
 
     def do(self, command: Command, now_s: float, done: Done) -> None:
         """Do it; `done` is called now, or from `look` when the board has answered."""
@@ -72,10 +73,10 @@ class Commands:
         if change is None:
             return
         if session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz):
-            self._rate = None
+            self._rate, self._commanded_hz = None, change.rate_hz
             change.done("")
         elif session.state == "no-device":
-            self._rate = None
+            self._rate, self._commanded_hz = None, change.rate_hz
             change.done("")  # it is set when the board is back, as every setting
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
@@ -84,6 +85,21 @@ class Commands:
             if params.rate_hz == change.rate_hz:  # a configuration that was reloaded meanwhile has its own
                 session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
             change.done(f"{reason}; the old rate stays")
+
+    def configure(self, params: SessionParams) -> None:
+        """A configuration that was read again: it settles what it names; else a commanded rate holds.
+
+        Raises
+        ------
+        ConfigError
+            A rate is asked that the protocol cannot set.
+        """
+        if params.rate_hz is None:
+            rate_hz = self._commanded_hz if self._rate is None else self._rate.rate_hz
+            self._session.configure(params.model_copy(update={"rate_hz": rate_hz}))
+        else:
+            self._session.configure(params)
+            self._commanded_hz = None
 
     def settings(self, now_s: float) -> dict[str, Any]:
         """What is set now, as requests name it."""

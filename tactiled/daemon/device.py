@@ -19,8 +19,6 @@ from serial.tools import list_ports
 
 BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
-LAZY_MS = 16
-"""What an FTDI adapter waits before it hands over a part-filled packet, unless told."""
 PROMPT_MS = 1
 """The least that it can be told."""
 _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it

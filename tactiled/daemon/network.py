@@ -30,7 +30,8 @@ _BURST = 50  # requests at once before the pace holds: a client that catches up 
 _TELL_S = 1.0  # how late a complaint that waits to be logged may be
 # Queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
 _HIGH_WATER = 16
-_MOST_FRAMES = 4  # of a request: identity, the empty one of REQ sockets, payload; and one that is too many
+# Of a request: identity, the number of a REQ that correlates, the empty one of REQ, payload; one too many.
+_MOST_FRAMES = 5
 
 
 class Network:
@@ -159,14 +160,14 @@ class ControlServer:
             await asyncio.sleep(max(0.0, ready_s - loop.time()))
 
     def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
-        identity, *delimiter, payload = (frame.bytes for frame in frames)
-        if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or any(delimiter):
+        *envelope, payload = (frame.bytes for frame in frames)
+        if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or (len(frames) > 2 and envelope[-1]):
             self._control.bad.add(f"{len(frames) - 1} frames: send one", now_s)
             return
 
         def respond(reply: bytes) -> None:
             try:
-                sock.send_multipart([identity, *delimiter, reply], zmq.NOBLOCK)
+                sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
             except zmq.ZMQError:  # it has left, or does not read what it asked for
                 self.unsent += 1
 

@@ -147,7 +147,7 @@ class Service:
         try:
             new = self._reload()
             check_url(new.port.url)
-            self._session.configure(new.session)
+            self._commands.configure(new.session)
         except TactiledError as error:
             logger.error("configuration not reloaded, the old one stays: %s", error)
         else:

@@ -46,6 +46,8 @@ class Extent:
         Stretches before the end that cannot be read.
     orphans : int
         Messages of which nobody knows any more what they are.
+    other_forms : set of str
+        Topics whose events have the form of another version, and are left out: raw bytes make them anew.
     """
 
     good_bytes: int = 0
@@ -54,6 +56,7 @@ class Extent:
     torn_s: tuple[float, float] | None = None
     damages: list[Damage] = field(default_factory=list)
     orphans: int = 0
+    other_forms: set[str] = field(default_factory=set)
 
     @property
     def is_whole(self) -> bool:
@@ -64,6 +67,11 @@ class Extent:
     def is_damaged(self) -> bool:
         """Something is missing before the end."""
         return bool(self.damages or self.orphans)
+
+    def other_words(self) -> str:
+        """What another version wrote; empty where that is nothing."""
+        topics = ", ".join(sorted(self.other_forms))
+        return f"events of {topics} have the form of another tactiled: left out" if topics else ""
 
     def words(self) -> str:
         """What could not be read; empty where that is nothing."""

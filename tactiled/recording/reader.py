@@ -27,6 +27,7 @@ class _Channels:
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    other_forms: set[str] = field(default_factory=set)
 
     def item(self, record: McapRecord, path: Path) -> Item | None:
         """Item of a message; None for what is none of ours."""
@@ -50,7 +51,8 @@ class _Channels:
             return None
         if channel.message_encoding != "cdr" or self.schemas.get(channel.schema_id) != schema.text:
             if schema not in (contents.RAW, contents.INPUT):
-                return None  # an event as another version knew it: raw bytes are enough to make it anew
+                self.other_forms.add(topic)  # raw bytes are enough to make it anew
+                return None
             raise DataError(
                 f"{path}: {channel.topic} has another form here; use the tactiled it was made with"
             )
@@ -118,7 +120,7 @@ def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
     """
     extent = Extent() if extent is None else extent
     with open_recording(path) as stream:
-        known = _Channels()
+        known = _Channels(other_forms=extent.other_forms)
         for found in chunks(stream, extent):
             if isinstance(found, Damage):
                 yield found.mark()
@@ -128,6 +130,8 @@ def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
                     yield item
     if not extent.is_whole:
         logger.warning("%s: %s", path, extent.words())
+    if extent.other_forms:
+        logger.warning("%s: %s", path, extent.other_words())
 
 
 def open_recording(path: Path) -> BinaryIO:

@@ -37,9 +37,9 @@ def replay(
         See `Replay`.
     """
     seqs: dict[str, int] = {}
-    verdict = Verifier()
     pace = Pace(speed, sleep)
     again = Replay(paths)
+    verdict = Verifier(again)
     for step in again:
         if not is_damage(step.told):  # which has no instant of this clock
             pace.wait(step.time_s)
@@ -50,4 +50,4 @@ def replay(
             if not topics or topic in topics:
                 message = to_map(said.event, seq=seq, board=said.board, unix_offset_s=said.unix_offset_s)
                 say(json.dumps({"topic": topic, **message}, allow_nan=False))
-    return verdict.result(again)
+    return verdict.result()

@@ -29,6 +29,8 @@ class Verdict:
         What of finished files cannot be read, in words; empty where that is nothing.
     unfinished : str
         The same of files that a recorder has not finished.
+    other_form : str
+        Which events another version wrote, in words; these are not compared.
     """
 
     compared: int
@@ -38,6 +40,7 @@ class Verdict:
     damaged_bytes: int = 0
     unread: str = ""
     unfinished: str = ""
+    other_form: str = ""
 
     @property
     def is_good(self) -> bool:
@@ -58,15 +61,23 @@ class Verdict:
             words += f"; compared up to where {self.damaged_bytes} bytes are damaged"
         if self.unread:
             words += f"; not all could be read: {self.unread}"
+        if self.other_form:
+            words += f"; not compared: {self.other_form}"
         if self.unfinished:
             words += f"; as far as the file goes: {self.unfinished}"
         return words
 
 
 class Verifier:
-    """Compares the events of now with those of then, byte by byte."""
+    """Compares the events of now with those of then, byte by byte.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    again : Replay
+    """
+
+    def __init__(self, again: Replay) -> None:
+        self._again = again
         self._compared = self._dropped = self._damaged_bytes = 0
         self._difference = ""
 
@@ -78,7 +89,9 @@ class Verifier:
             self._damaged_bytes += step.told.values()["bytes"]
         if self._dropped or self._damaged_bytes or self._difference:
             return
-        for now, live in zip_longest(step.now, step.live):
+        others = {topic for extent in self._again.extents.values() for topic in extent.other_forms}
+        said = [now for now in step.now if now.event.topic not in others]
+        for now, live in zip_longest(said, step.live):
             if live is None and step.is_cut:
                 return
             if now is None or live is None or contents.encode_said(now) != contents.encode_said(live):
@@ -86,11 +99,11 @@ class Verifier:
                 return
             self._compared += 1
 
-    def result(self, again: Replay) -> Verdict:
+    def result(self) -> Verdict:
         """What to say of a replay that has come to its end."""
         unread: list[str] = []
         unfinished: list[str] = []
-        for path, extent in again.extents.items():
+        for path, extent in self._again.extents.items():
             # A recorder that was killed, or still writes, leaves a torn end by right, and no torn middle.
             by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
             if not extent.is_whole:
@@ -99,10 +112,13 @@ class Verifier:
             self._compared,
             self._difference,
             self._dropped,
-            again.header.fresh,
+            self._again.header.fresh,
             self._damaged_bytes,
             "; ".join(unread),
             "; ".join(unfinished),
+            "; ".join(
+                f"{p.name}: {e.other_words()}" for p, e in self._again.extents.items() if e.other_forms
+            ),
         )
 
 

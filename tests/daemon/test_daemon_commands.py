@@ -39,6 +39,7 @@ class Setup:
         self.heard: dict[str, list[Row]] = {}
         self.restarts = 0
         self.lost = 0
+        self.reload: Callable[[], None]
 
     async def listen(self) -> None:
         async with Client(self.endpoint) as client:
@@ -77,7 +78,8 @@ def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> No
     """Run the service beside a story; nothing may be left over."""
 
     async def main() -> None:
-        service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY)
+        service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY, lambda: setup.params)
+        setup.reload = service.reload
         serving = asyncio.create_task(service.run())
         listening = asyncio.create_task(setup.listen())
         try:
@@ -207,10 +209,27 @@ def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(asked
     commands.do(Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0), 0.0, reasons.append)
     assert session.terms.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
-    session.configure(read_again)
+    commands.configure(read_again)
     commands.look(RATE_S)
     assert ["old rate stays" in reason for reason in reasons] == [True]
     assert session.terms.params == read_again
+
+
+def test_a_commanded_rate_holds_where_a_configuration_that_is_read_again_names_none(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        with PtyBoard(setup.link) as board:
+            await setup.until_running()
+            assert (await daemon.send("rate", rate_hz=50.0)).ok
+            setup.reload()
+            board.sim.reboot()
+            await setup.until(lambda: board.sim.rate_hz == 50.0, "the commanded rate after a reboot")
+            setup.params = setup.params.model_copy(update={"session": SessionParams(rate_hz=200.0)})
+            setup.reload()
+            await setup.until(lambda: board.sim.rate_hz == 200.0, "the rate that the configuration names")
+
+    play(setup, story)
 
 
 def test_a_rate_that_was_refused_does_not_answer_for_the_next(tmp_path: Path) -> None:

@@ -374,13 +374,17 @@ def test_commands_over_sockets(tmp_path: Path) -> None:
     serve(server, story)
 
 
-@pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
-def test_any_zmq_client_can_ask(tmp_path: Path, kind: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "options"), [(zmq.REQ, ()), (zmq.REQ, (zmq.REQ_RELAXED, zmq.REQ_CORRELATE)), (zmq.DEALER, ())]
+)
+def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, ...]) -> None:
     server = Server(tmp_path)
 
     async def story() -> None:
         with zmq.asyncio.Context() as context, context.socket(kind) as sock:
             sock.linger = 0
+            for option in options:
+                sock.setsockopt(option, 1)
             sock.connect(server.control)
             await sock.send(request("state"))
             assert msgpack.unpackb(await sock.recv())["ok"]

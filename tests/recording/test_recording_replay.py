@@ -9,9 +9,11 @@ from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_r
 
 from tactiled.errors import DataError
 from tactiled.events.codec import decode, encode
-from tactiled.events.types import Event
+from tactiled.events.types import Event, SlipEvent
 from tactiled.pipeline import Pipeline
+from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
+from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.pace import Pace
 from tactiled.recording.recover import recover
@@ -76,6 +78,24 @@ def test_lines_are_those_of_a_live_subscriber(tmp_path: Path, reads: list[Read])
     slips: list[str] = []
     replay([tmp_path / "a.mcap"], slips.append, topics=("slip",))
     assert slips == [line for line in lines if '"topic": "slip"' in line]
+
+
+def test_events_of_another_versions_form_are_left_out_and_said(
+    tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    older = {"board": str, "unix_offset_s": float} | fields_of(SlipEvent)
+    del older["suppressed"]
+    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    with monkeypatch.context() as then:
+        then.setitem(contents.SCHEMAS, "slip", Schema("Slip", older))
+        live = hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+        scribe.end(reads[-1].arrival_s)
+    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
+    assert verdict.is_good
+    assert verdict.compared == len([event for event in live if event.topic != "slip"]) < len(live)
+    left_out = "a.mcap: events of slip have the form of another tactiled: left out"
+    assert left_out in verdict.words()
+    assert left_out in caplog.text
 
 
 @pytest.mark.parametrize("chunk_bytes", [200, 5_000, 10_000_000])

@@ -53,8 +53,6 @@ PROVIDES: dict[str, float] = {
     "groove-ripple": 0.46,
     "groove-phase": 0.08,
 }
-# Largest deviation from the parent on the way from rest into sliding, of the force on a side at rest.
-ONSET_ERROR = 0.11
 
 
 class Periodic:
