@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
+from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
@@ -130,6 +131,33 @@ def test_a_recording_gives_the_events_that_were_live(
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [e["onset"] for e in events if e["topic"] == "slip"] == slips
     assert len(slips) == 2  # incipient, then gross
+
+
+def test_a_recording_goes_on_behind_a_wrong_board(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    source = load_source("board-v1", "wang2019-3x3")
+    right = Simulation(load_scene("prescribed"), source.layout, duration_s=7.5)
+    wrong = Simulation(
+        load_scene("prescribed"), source.layout, board=BoardParams(array_id="normal-3x3"), duration_s=1.0
+    )
+    read = [Read(arrival_s, 0.0, data) for arrival_s, data in wrong]
+    moved_s = read[-1].arrival_s + 1.0
+    with RecordingWriter(tmp_path / "wrong.mcap", Header(source)) as writer:
+        for one in read:
+            writer.read(one)
+    with pytest.raises(DataError, match="normal-3x3"):
+        detect_file(tmp_path / "wrong.mcap")
+    with RecordingWriter(tmp_path / "both.mcap", Header(source)) as writer:
+        for one in read:
+            writer.read(one)
+        for arrival_s, data in right:
+            writer.read(Read(arrival_s + moved_s, 0.0, data))
+    capsys.readouterr()
+    assert detect_file(tmp_path / "both.mcap") > 0
+    assert '"topic": "slip"' in capsys.readouterr().out
+    assert "normal-3x3" in caplog.text
+    assert "its scans are left out" in caplog.text
 
 
 def test_nan_readings_never_leave(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
