@@ -119,10 +119,14 @@ def _ramp(m: int) -> FloatArray:
 
 def _octaves(ramps: list[FloatArray]) -> FloatArray:
     """Share (levels + 1, ramps) of each ramp's energy in each octave, and below them all."""
-    n = 1 << (max(map(len, ramps)) * 4).bit_length()
+    bank = [taps(j) for j in LEVELS]
+    # Below 13 Hz the longest ramp is shorter than the bank.
+    n = 1 << (max(map(len, [*ramps, *bank])) * 4).bit_length()
     power = np.abs(np.fft.rfft(np.stack([np.pad(r, (0, n - len(r))) for r in ramps]))) ** 2
     power[:, 1:-1] *= 2  # both signs of frequency
     power /= power.sum(axis=1, keepdims=True)
-    bands = [np.abs(np.fft.rfft(np.pad(taps(j), (0, n - len(taps(j)))))) ** 2 / 2**j for j in LEVELS]
+    bands = [
+        np.abs(np.fft.rfft(np.pad(t, (0, n - len(t))))) ** 2 / 2**j for j, t in zip(LEVELS, bank, strict=True)
+    ]
     shares = power @ np.stack(bands, axis=1)
     return np.concatenate([shares, 1 - shares.sum(axis=1, keepdims=True)], axis=1).T
