@@ -112,13 +112,21 @@ class Course:
         self._top_pressure = 0.0
         self._top_shear = 0.0
         self._n_flat = self._n_turned = 0
+        self._stays = False
         self._after: Gross | Recoil | None = None
 
     def shift(self, by: FloatArray) -> None:
-        """Other taxels make the response from now on, which jumps by (7,)."""
-        jump = self._risen(by)
+        """Other taxels make the response from now on, which jumps by (7,); zeros where they stay."""
+        if not by.any():
+            return
+        jump, shear, pressure = self._risen(by), float(self.along @ motion(by)), float(by[PRESSURE])
         self._start += jump
         self._top.value += jump
+        self._start_shear += shear
+        self._top_shear += shear
+        self._start_pressure += pressure
+        self._top_pressure += pressure
+        self._limit.give_up()
 
     def excursion(self, row: FloatArray) -> float:
         """How far shear went, over the pressure of the newest response (7,)."""
@@ -213,8 +221,11 @@ class Course:
         is_flat = self._n_flat > (1 if is_clear else n // 2) and still_there
         if not self._n_flat:
             self._limit.take(shear - self._start_shear, index - self._begun, steps[-n:])
-        if is_flat and shear >= self._gross * pressure and not self._load_stops(knee, shear, pressure, steps):
-            return self._go_gross(index, *self._reached(index, seen), 0)
+        self._stays = self._stays and self._n_flat > 0  # what is known of this rest: noise may not ask again
+        if is_flat and shear >= self._gross * pressure and not self._stays:
+            self._stays = self._load_stops(knee, shear, pressure, steps)
+            if not self._stays:
+                return self._go_gross(index, *self._reached(index, seen), 0)
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):

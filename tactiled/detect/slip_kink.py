@@ -59,7 +59,7 @@ def find_kink(course: FloatArray, longest: int, noise: float, least: float = 0.0
     centred = course - course.mean()
     delays = np.linspace(_LATEST, latest, _INSTANTS)
     likely = np.flatnonzero(_likelihood(centred, delays, noise)[0].max(axis=0) > _UNLIKELY)
-    first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _INSTANTS - 1)
+    first, last = max(likely[0] - 2, 0), min(likely[-1] + 2, _INSTANTS - 1)
     span = float(delays[last] - delays[first])
     delays = np.linspace(delays[first], delays[last], min(_INSTANTS, 2 + int(span / _FINEST_STEP)))
     likelihood, sizes = _likelihood(centred, delays, noise)

@@ -182,6 +182,20 @@ def test_channels_that_turn_nan_in_mid_slip_take_their_taxels_along(dropped: int
         assert events[1].onset_s == pytest.approx(whole[1].onset_s, abs=0.05)
 
 
+@pytest.mark.parametrize("n", [3, 8])
+@pytest.mark.parametrize("channel", [0, 14, 34])
+@pytest.mark.parametrize("lost_s", [4.05, 4.1, 4.15])
+def test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip(
+    n: int, channel: int, lost_s: float
+) -> None:
+    array, t = square(n), np.arange(700)[:, np.newaxis] / 100.0
+    unit = np.sign(array.shear_weights().sum(axis=1))[0]
+    volts = 1.2 * np.clip((t - 0.5) / 0.5, 0, 1) + 0.6 * np.clip((t - 4) / 0.2, 0, 1) * unit
+    volts = volts + 3e-3 * np.random.default_rng(channel).normal(size=volts.shape)
+    volts[t[:, 0] >= lost_s, channel] = np.nan
+    assert told(detect(regular_block(volts, 100.0), array=array))[:2] == WHOLE[:2]
+
+
 def test_fewer_taxels_know_the_direction_less_well() -> None:
     sds = []
     for left in (9, 3):

@@ -193,16 +193,22 @@ def test_taxels_that_keep_their_shares_hold(travel: float, seed: int) -> None:
     assert is_only_a_load(travel, seed=seed)
 
 
-@given(st.floats(1.2, 3.0), st.integers(0, 99), st.integers(9, 16))
-@settings(max_examples=40)
-def test_taxels_at_friction_s_limit_do_not(travel: float, seed: int, taxels: int) -> None:
-    assert not is_only_a_load(travel, seed=seed, taxels=taxels)
+@pytest.mark.parametrize("travel", [1.2, 1.5, 2.0, 3.0])
+def test_taxels_at_friction_s_limit_do_not(travel: float) -> None:
+    """But for one in a hundred, whose loads are so alike that they lie on a wrong line by chance."""
+    held = [is_only_a_load(travel, seed=seed, taxels=9 + seed % 8) for seed in range(200)]
+    assert np.mean(held) <= 0.01
 
 
 @pytest.mark.parametrize("noise", [3e-3, 1e-2, 3e-2])
 def test_noise_makes_it_unsure_not_wrong(noise: float) -> None:
     """Of the mean taxel's limit; 0 to 1 % were measured on 150 seeds."""
     assert np.mean([is_only_a_load(1.2, noise=noise, seed=seed) for seed in range(50)]) <= 0.04
+
+
+@pytest.mark.parametrize(("noise", "least"), [(3e-3, 0.9), (1e-2, 0.6)])
+def test_noise_leaves_most_loads_that_stay_known_as_such(noise: float, least: float) -> None:
+    assert np.mean([is_only_a_load(0.4, noise=noise, seed=seed) for seed in range(50)]) >= least
 
 
 def test_few_taxels_or_equal_loads_tell_nothing() -> None:

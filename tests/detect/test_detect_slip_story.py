@@ -103,6 +103,12 @@ def test_a_slip_after_the_load_was_taken_off_is_another() -> None:
     assert 8 < events[3].detected_s < 8.1
 
 
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_load_that_rested_where_it_looked_gross_and_grows_again_is_told(setting: str) -> None:
+    events = said(held(0.42 * ramp(T, 4, 1.0) + 0.12 * ramp(T, 7, 0.2)), setting)
+    assert any(event.state == "onset" and 7 < event.detected_s < 7.25 for event in events)
+
+
 def test_two_slips_50_ms_apart_are_two_where_the_skin_springs_back_in_between() -> None:
     """Without a recoil nothing in the signal says that the first has stopped."""
     first, second = 0.3 * ramp(T, 4, 0.05) - 0.2 * ramp(T, 4.1, 0.03), 0.3 * ramp(T, 4.18, 0.05)
