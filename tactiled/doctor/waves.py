@@ -25,8 +25,12 @@ def _told(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) 
     direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
     if not has_lever(layout_of(array), motion):
-        words = f"{array.name} has no two taxels side by side: no angle of grooves"
-        return Finding(name, "warn", words, "wear an array with taxels in rows and columns")
+        known = "" if speed_mm_s > 0 else " while the speed is not known"
+        words = f"{array.name} tells no angle of grooves{known}: it has not two taxels along and two across"
+        remedy = "wear an array with taxels in rows and columns"
+        if speed_mm_s == 0 and array.n_taxels > 1:
+            remedy = "tell the speed (detect.texture.speed_mm_s), or " + remedy
+        return Finding(name, "warn", words, remedy)
     found = ranges(array, params, rate_hz, speed_mm_s)
     values = {"speed_mm_s": speed_mm_s, "rate_hz": rate_hz, "ranges": [asdict(one) for one in found]}
     known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "speed not known"

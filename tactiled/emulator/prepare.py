@@ -24,7 +24,8 @@ _INSTEAD = (
 )
 # `compliance` takes about as long as it plays (`tactiled bench contact`); the faster rungs need no such word.
 _SLOW = (
-    "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, so scans may come late"
+    "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, a held object several "
+    "times as long, so scans may come late"
 )
 
 

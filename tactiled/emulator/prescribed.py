@@ -32,7 +32,7 @@ class SignalContact:
     A taxel carries ``N = load * share * (1 + rho)``, rho being the groove ripple. A side area at azimuth
     phi carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `Motion`; a
     shear channel reads ``mu N s``. The ripple is
-    ``rho = A sum_k h_k cos(k phase)`` with DESIGN's groove phase
+    ``rho = A sum_k h_k cos(k phase)`` with the groove phase
     ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and amplitude
     ``A = ripple * cos(a) * exp(-2 (pi sigma / D)^2)``: the Fourier transform of a Gaussian aperture, and
     the fall to one half from 0 to 60 degrees of Wang 2019.

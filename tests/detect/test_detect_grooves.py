@@ -19,7 +19,7 @@ EQUAL_MM = np.array([0.0, 4.0, 8.0])
 
 @dataclass(frozen=True)
 class Sines:
-    """What taxels of a column see of grooves; the geometry of DESIGN's "Geometry and signs"."""
+    """What taxels of a column see of grooves; written apart from the estimators."""
 
     period_mm: float = 1.2
     angle_deg: float = 0.0
