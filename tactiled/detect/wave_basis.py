@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
@@ -70,6 +71,12 @@ class Window:
     def curved(self, order: int) -> "Window":
         """The same with polynomials of up to `order` taken to be part of the trend."""
         return self._without(trend_basis(self.n, order)[:, _STRAIGHT + 1 :])
+
+    def less(self, phasors: NDArray[np.complex128], turn: float) -> "Window":
+        """The same without a wave of known phasors: (channels,), as if sampled at once."""
+        late = np.exp(1j * turn * (self.way + self.lag[:, np.newaxis]))
+        volts = self.volts - (phasors[:, np.newaxis] * late).real
+        return replace(self, volts=volts - (volts @ self.trend) @ self.trend.T)
 
     def _without(self, functions: FloatArray) -> "Window":
         trend = np.linalg.qr(np.concatenate([self.trend, functions], axis=1))[0]

@@ -11,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.wave_answer import answer
 from tactiled.detect.wave_basis import Window, make_window, tabulate
+from tactiled.detect.wave_beside import agree, cleared, pairs_of
 from tactiled.detect.wave_harmonics import foreign_lines
-from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
-from tactiled.detect.wave_noise import inflation
-from tactiled.detect.wave_pair import find_pair
 from tactiled.detect.wave_refine import Refined, refine
 from tactiled.detect.wave_ripple import Ripple, strongest
-from tactiled.detect.wave_search import phasors_at, search, together
-from tactiled.detect.wave_solve import Solver
-from tactiled.detect.wave_weigh import has_lever, reading, weighed
-from tactiled.events.types import Candidate
+from tactiled.detect.wave_search import search, together
+from tactiled.detect.wave_weigh import has_lever, pair_candidates, weighed
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
@@ -32,7 +29,6 @@ _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mir
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
 _WAVES = ("ok", "ambiguous")
 _OWN_HARMONICS = 8  # of a grating, none of which is a second one
-_MOST_ALONG = 3  # readings of a line, whose components along the motion two waves of its frequency may share
 _SECOND_PART = 0.01  # of a grating's power: weaker ones may be what the model does not describe of it
 Line = tuple[float, list[int]]  # turn, and which multiples of it are its own
 
@@ -161,10 +157,15 @@ def _wave(
     fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
     if line[0] * window.largest_step > 2 * np.pi * _ALIASED:
         return replace(fit, status="aliased"), line
-    fit = _answer(fit, best, window, layout, motion)
+    fit = answer(fit, best, window, layout, motion)
+    colour = fit.colour
     fit = weighed(fit, best, found, window, layout, motion, params)
-    if fit.status == "ok" and (pair := _pair(fit, best, found, window, layout, motion, params)):
-        return replace(WaveFit("ambiguous", fit.frequency_hz, fit.snr_db), candidates=pair), line
+    pairs = pairs_of(colour, best, found, window, layout, motion, params)
+    if pairs and not agree(pairs, best, layout):
+        refused = WaveFit("ambiguous", fit.frequency_hz, fit.snr_db, error_probability=fit.error_probability)
+        return replace(refused, candidates=pair_candidates(pairs)), line
+    if pairs and fit.status == "ok":
+        return cleared(fit, best, window.less(pairs[0].second, line[0]), layout, motion, params), line
     if fit.status == "ambiguous" and motion.has_speed and has_lever(layout, motion.without_speed):
         # Phases that leave one reading only, whatever the motion, belie what is said of it.
         loose = _wave(ripple, layout, motion.without_speed, params)
@@ -181,66 +182,3 @@ def _own(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams,
     tables = tabulate(window, turn, n_most)
     foreign = foreign_lines(window, layout, motion, params, best.waves, tables, best.variance)
     return turn, [h for h in range(1, n_most + 1) if h not in foreign or h <= best.tables.n_harmonics]
-
-
-def _pair(
-    fit: WaveFit,
-    best: Refined,
-    found: Waves,
-    window: Window,
-    layout: Layout,
-    motion: WaveMotion,
-    params: WaveParams,
-) -> tuple[Candidate, ...]:
-    """Two waves of one frequency, where they explain the line and one does not."""
-    along = best.waves.k @ motion.heading
-    if not motion.has_speed:
-        along = np.concatenate([along, found.k[:_MOST_ALONG] @ motion.heading])
-        along = along[np.unique(np.round(along * np.ptp(layout.x_mm)), return_index=True)[1]]
-    variance = 2 * best.variance * fit.colour / window.n
-    z = phasors_at(window, best.tables, 1)
-    pair = find_pair(z, variance, layout, motion, params, best.waves.k[0], along)
-    if pair is None:
-        return ()
-    shares = pair.power / pair.power.sum()
-    return tuple(
-        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(share))
-        for k, share in zip(pair.k, shares, strict=True)
-        if k.any()
-        for period_mm, angle_deg in [reading(k)]
-    )
-
-
-def _answer(fit: WaveFit, best: Refined, window: Window, layout: Layout, motion: WaveMotion) -> WaveFit:
-    k, turn = best.waves.k[0], float(best.waves.turn[0])
-    size = float(np.hypot(k[0], k[1]))
-    period_mm, angle_deg = reading(k)
-    # Rows: period, angle, speed; columns: kx, ky, turn.
-    slope = np.zeros((3, 3))
-    slope[0, :2] = -period_mm * k / size**2
-    slope[1, :2] = -k[1] / size**2, k[0] / size**2
-    speed_mm_s = motion.speed_mm_s if motion.has_speed else 0.0
-    along = float(k @ motion.heading)
-    if motion.has_direction and not motion.has_speed:
-        speed_mm_s = turn / window.half_way / along
-        slope[2, :2] = -speed_mm_s * motion.heading / along
-        slope[2, 2] = speed_mm_s / turn
-    solver = Solver(window, layout, motion, best.variance, best.stray)
-    colour, strayed = inflation(window, layout, solver, best, slope)
-    scale = np.sqrt(np.maximum(colour, strayed))
-    covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
-    if motion.has_speed:
-        covariance[2, 2] = motion.speed_sd_mm_s**2
-    elif motion.has_direction:
-        turned = float(k[1] * motion.heading[0] - k[0] * motion.heading[1]) / along
-        covariance[2, 2] += (speed_mm_s * turned * np.radians(motion.direction_sd_deg)) ** 2
-    return replace(
-        fit,
-        period_mm=period_mm,
-        angle_deg=angle_deg,
-        speed_mm_s=speed_mm_s,
-        covariance=covariance,
-        n_harmonics=best.tables.n_harmonics,
-        is_tied=motion.has_speed,
-        colour=float(colour.max()),
-    )

@@ -4,21 +4,26 @@ Amplitudes are each channel's own, so the sum of two waves may pass for one betw
 in gain, and phase a little. But then gains and phases are no accident: a second wave with the same motion
 explains them. Both readings are given gains and phases that stray around one complex amplitude for each kind
 of channel; their likelihoods say which it is (with the penalty of Schwarz 1978 for the second wave's
-unknowns).
+unknowns). A taxel that is pressed more feels more in all its channels: such gains belong to one wave.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, stats
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_model import Layout, WaveMotion, WaveParams
 
 _STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
-_REFINEMENTS = 3  # each of them to a quarter of the step before
-_MOST_STARTS = 4  # are refined
-_COARSE = 8.0  # of the log-likelihood: so much is lost by the grid, at the most
-_TOP = 60  # pairs of grid points that are looked at more closely
+# Three rows of taxels are nearly explained by any two waves: many pairs are looked at, fewer more closely.
+_TOP = 300  # peaks over the grid
+_KEPT = (100, 50, 50, 50)  # of them after each refinement, to a quarter of the step before
+_SAME_RAD = 0.3  # at the rim: two refined pairs that are this close are one
+_GAIN_STEPS = 3  # of gains and amplitudes in turn
+_LEAST_GAIN = 0.02  # of a taxel over the largest
+_FALSE_PAIR = 1e-2  # one wave, channels alike, is looked at for another so often
 _MOST_ALIKE = 0.9  # overlap (squared) of two waves on a kind's channels: beyond, they are one
 _LEAST_STRAY = 0.03  # of gain and of phase (radians): no skin's channels are more alike
 # Variances of strays that are tried: (strays of gain * strays of phase, 1, 1).
@@ -34,12 +39,18 @@ class Pair:
     ----------
     k : (2, 2) float64
         Wave vectors, the stronger first; zeros for a vibration that all channels feel at once.
-    power : (2,) float64
-        Mean squares of their amplitudes.
+    share : (2,) float64
+        Of the power of both.
+    second : (channels,) complex128
+        Phasors of the weaker.
+    weight : float
+        Probability that it is this pair, and not another or one wave.
     """
 
     k: FloatArray
-    power: FloatArray
+    share: FloatArray
+    second: NDArray[np.complex128]
+    weight: float
 
 
 class _Phasors:
@@ -48,16 +59,31 @@ class _Phasors:
     def __init__(self, z: FloatArray, variance: FloatArray, layout: Layout) -> None:
         self.z, self.variance = z, variance + (_LEAST_STRAY * np.abs(z)) ** 2
         self.place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+        self.gain = np.ones(len(z))
         self.is_kind = (layout.kind[:, np.newaxis] == np.unique(layout.kind)).astype(np.float64)
 
-    def kinds_by_place(self) -> list[list[int]]:
-        """Kinds whose channels are at the same places, together."""
-        together: dict[bytes, list[int]] = {}
-        for kind, mine in enumerate(self.is_kind.T.astype(bool)):
-            together.setdefault(self.place[mine].tobytes(), []).append(kind)
-        return [*together.values()]
+        together: dict[bytes, list[NDArray[np.bool_]]] = {}
+        for mine in self.is_kind.T.astype(bool):
+            together.setdefault(self.place[mine].tobytes(), []).append(mine)
+        # Places, and the phasors there of all kinds whose channels are at just these.
+        self.groups = [
+            (self.place[kinds[0]], np.stack([z[mine] for mine in kinds], axis=1))
+            for kinds in together.values()
+        ]
 
-    def fit(self, k: FloatArray) -> FloatArray:
+    def explained(self, k: FloatArray) -> FloatArray:
+        """Power that pairs explain by least squares: (pairs,), for (pairs, 2, 2)."""
+        total = np.zeros(len(k))
+        for place, z in self.groups:
+            wave = np.exp(-1j * (k @ place.T))  # (pairs, 2, channels)
+            seen = wave @ z
+            overlap = (wave[:, 0].conj() * wave[:, 1]).mean(axis=-1)
+            own = (np.abs(seen) ** 2).sum(axis=(1, 2))
+            crossed = (overlap * (seen[:, 0] * seen[:, 1].conj()).sum(axis=-1)).real
+            total += (own - 2 * crossed) / np.maximum(1 - np.abs(overlap) ** 2, 1 - _MOST_ALIKE) / len(place)
+        return total
+
+    def fit(self, k: FloatArray) -> NDArray[np.complex128]:
         """What each wave adds to each channel, by least squares: (pairs, channels, waves).
 
         Parameters
@@ -65,6 +91,7 @@ class _Phasors:
         k : (pairs, waves, 2) float64
         """
         wave = np.exp(1j * (k @ self.place.T)).swapaxes(1, 2)  # (pairs, channels, waves)
+        wave = wave * self.gain[:, np.newaxis]
         by_kind = wave[:, :, np.newaxis] * self.is_kind[:, :, np.newaxis]  # (pairs, channels, kinds, waves)
         gram = np.einsum("pcga,pcgb->pgab", by_kind.conj(), by_kind)
         gram = gram + 1e-9 * np.eye(k.shape[1])
@@ -94,8 +121,32 @@ class _Phasors:
             total = np.maximum(total, -0.5 * (np.log(volume) + square / volume).sum(axis=-1).min(axis=0))
         return total
 
+    def alone(self, k: FloatArray) -> float:
+        """Likelihood of one wave, whose gains taxels may have, too: one pressed more feels all more.
 
-def find_pair(
+        Those are as many unknowns more, less one (Schwarz 1978).
+        """
+        one = k[np.newaxis, np.newaxis]
+        likelihood = float(self.likelihood(one)[0])
+        taxel = np.unique(self.place, axis=0, return_inverse=True)[1].reshape(-1)
+        plain = self.gain
+        for _ in range(_GAIN_STEPS):
+            model = self.fit(one)[0, :, 0] / self.gain
+            seen = np.bincount(taxel, (model.conj() * self.z).real)
+            gains = seen / np.maximum(np.bincount(taxel, np.abs(model) ** 2), 1e-300)
+            self.gain = np.maximum(gains / max(float(gains.max()), 1e-300), _LEAST_GAIN)[taxel]
+        own = float(self.likelihood(one)[0] - taxel.max() / 2 * np.log(2 * len(self.z)))
+        self.gain = plain
+        return max(likelihood, own)
+
+    def is_one(self, k: FloatArray) -> bool:
+        """Whether one wave, alike in all channels of a kind, leaves no more than noise."""
+        left = np.abs(self.z - self.fit(k[np.newaxis, np.newaxis])[0, :, 0]) ** 2
+        dof = 2 * (len(self.z) - self.is_kind.shape[1] - 1)
+        return bool((left / self.variance).sum() < stats.chi2.isf(_FALSE_PAIR, max(dof, 1)))
+
+
+def find_pairs(
     z: FloatArray,
     variance: FloatArray,
     layout: Layout,
@@ -103,8 +154,8 @@ def find_pair(
     params: WaveParams,
     k: FloatArray,
     along: FloatArray,
-) -> Pair | None:
-    """Two waves that explain what one does not.
+) -> list[Pair]:
+    """Pairs of waves that explain what one does not, the likeliest first; none where one does.
 
     Parameters
     ----------
@@ -118,40 +169,57 @@ def find_pair(
         What both may have as component along the motion, radians per millimetre.
     """
     phasors = _Phasors(z, variance, layout)
-    alone = float(phasors.likelihood(k[np.newaxis, np.newaxis])[0])
+    n_more = 2 * phasors.is_kind.shape[1] + 1  # unknowns of the second wave
+    if 2 * len(z) < 2 * (2 * n_more + 1) or phasors.is_one(k):
+        return []
+    alone = phasors.alone(k)
+    alone += n_more / 2 * np.log(2 * len(z))
+    if alone > -np.log(phasors.variance).sum():  # nothing left at all would not be likelier
+        return []
     heading = motion.heading
     normal = np.array([-heading[1], heading[0]])
-    step = _STEP_RAD / max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+    rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+    step = _STEP_RAD / rim_mm
     n_across = int(np.ceil(2 * np.pi / params.min_period_mm / step))
     across = np.arange(-n_across, n_across + 1) * step
-    n_more = 2 * phasors.is_kind.shape[1] + 1  # unknowns of the second wave
-    if 2 * len(z) < 2 * (2 * n_more + 1):
-        return None
-    best, most = None, alone + n_more / 2 * np.log(2 * len(z))
-    for forward in along:
-        grid = np.concatenate([forward * heading + across[:, np.newaxis] * normal, np.zeros((1, 2))])
-        starts = _starts(phasors, grid)
-        likelihood = phasors.likelihood(starts)
-        for start in np.argsort(-likelihood, kind="stable")[:_MOST_STARTS]:
-            if likelihood[start] > most - _COARSE:
-                pair, refined = _refined(phasors, starts[start], normal, step)
-                if refined > most:
-                    best, most = pair, refined
-    if best is None:
-        return None
-    power = (np.abs(phasors.fit(best[np.newaxis])[0]) ** 2).mean(axis=0)
-    order = np.argsort(-power)
-    return Pair(best[order], power[order])
+    starts = [_starts(phasors, forward * heading + across[:, np.newaxis] * normal) for forward in along]
+    pairs = np.concatenate(starts)
+    if not len(pairs):
+        return []
+    pairs = _refined(phasors, pairs, step * normal)
+    likelihood = phasors.likelihood(pairs)
+    if likelihood.max() <= alone:
+        return []
+    order = np.argsort(-likelihood, kind="stable")
+    likelihood = likelihood[order]
+    fitted = phasors.fit(pairs[order])
+    power = (np.abs(fitted) ** 2).mean(axis=1)
+    stronger = np.argsort(-power, axis=1)
+    pairs = np.take_along_axis(pairs[order], stronger[..., np.newaxis], axis=1)
+    power = np.take_along_axis(power, stronger, axis=1)
+    distinct: list[int] = []
+    for i, pair in enumerate(pairs):
+        if all(np.abs(pair - pairs[j]).max() * rim_mm > _SAME_RAD for j in distinct):
+            distinct.append(i)
+    odds = np.exp(likelihood[distinct] - likelihood[0])
+    odds /= odds.sum() + np.exp(alone - likelihood[0])
+    return [
+        Pair(pairs[i], power[i] / power[i].sum(), fitted[i, :, stronger[i, 1]], float(weight))
+        for i, weight in zip(distinct, odds, strict=True)
+    ]
 
 
 def _starts(phasors: _Phasors, grid: FloatArray) -> FloatArray:
-    """The pairs of a grid's points that explain most by least squares: (pairs, 2, 2)."""
+    """Peaks of what pairs on a grid explain by least squares: (pairs, 2, 2).
+
+    The second of a pair may be in step everywhere, too.
+    """
+    grid = np.concatenate([grid, np.zeros((1, 2))])
     explained = np.zeros((len(grid), len(grid)))
     alike = np.zeros_like(explained)
-    for kinds in phasors.kinds_by_place():
-        mine = phasors.is_kind[:, kinds].astype(bool)
-        wave = np.exp(1j * (grid @ phasors.place[mine[:, 0]].T))  # (points, channels)
-        seen = np.stack([wave.conj() @ phasors.z[each] for each in mine.T], axis=1)  # (points, kinds)
+    for place, z in phasors.groups:
+        wave = np.exp(1j * (grid @ place.T))  # (points, channels)
+        seen = wave.conj() @ z  # (points, kinds)
         n = wave.shape[1]
         overlap = wave.conj() @ wave.T / n
         common = overlap.real**2 + overlap.imag**2
@@ -161,21 +229,28 @@ def _starts(phasors: _Phasors, grid: FloatArray) -> FloatArray:
         alike = np.maximum(alike, common)
     explained[alike > _MOST_ALIKE] = 0.0
     explained[np.tril_indices(len(grid))] = 0.0
-    top = np.argpartition(explained.ravel(), -_TOP)[-_TOP:]
-    first, second = np.unravel_index(np.sort(top), explained.shape)
-    return np.stack([grid[first], grid[second]], axis=1)
+    highest = np.empty_like(explained)
+    highest[:, :-1] = ndimage.maximum_filter(explained[:, :-1], size=3)
+    highest[:, -1] = ndimage.maximum_filter(explained[:, -1], size=3)
+    first, second = np.nonzero((explained == highest) & (explained > 0))
+    top = np.argsort(-explained[first, second], kind="stable")[:_TOP]
+    return np.stack([grid[first[top]], grid[second[top]]], axis=1)
 
 
-def _refined(
-    phasors: _Phasors, pair: FloatArray, normal: FloatArray, step: float
-) -> tuple[FloatArray, float]:
-    """The likeliest pair next to one."""
+def _refined(phasors: _Phasors, pairs: FloatArray, step: FloatArray) -> FloatArray:
+    """What explains most next to pairs, the likeliest few of them; by least squares, which costs little.
+
+    Parameters
+    ----------
+    step : (2,) float64
+        From one point of the grid to the next.
+    """
     moves = np.stack(np.meshgrid(*[np.arange(-2, 3) / 4] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    most = -np.inf
-    for _ in range(_REFINEMENTS):
-        free = (np.abs(pair).sum(axis=1) > 0).astype(np.float64)
-        near = pair + step * (moves * free)[..., np.newaxis] * normal
-        likelihood = phasors.likelihood(near)
-        pair, most = near[int(likelihood.argmax())], float(likelihood.max())
-        step /= 4
-    return pair, most
+    for most in _KEPT:
+        free = (np.abs(pairs).sum(axis=2) > 0).astype(np.float64)[:, np.newaxis, :, np.newaxis]
+        near = pairs[:, np.newaxis] + moves[..., np.newaxis] * step * free
+        explained = phasors.explained(near.reshape(-1, 2, 2)).reshape(len(pairs), -1)
+        pairs = near[np.arange(len(pairs)), explained.argmax(axis=1)]
+        pairs = pairs[np.argsort(-explained.max(axis=1), kind="stable")[:most]]
+        step = step / 4
+    return pairs

@@ -1,5 +1,6 @@
 """Whether one reading of the phases is the true one: the best against all others that they allow."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,15 @@ from tactiled.detect.wave_basis import Window, tabulate
 from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import design_effect
+from tactiled.detect.wave_pair import Pair
 from tactiled.detect.wave_refine import Refined, refine
 from tactiled.detect.wave_search import search
 from tactiled.detect.wave_solve import Solver
 from tactiled.events.types import Candidate
 
 _MOST_CANDIDATES = 8
+_MOST_PAIRS = 4  # that suit about as well: with more, naming them says nothing
+_LEAST_WEIGHT = 0.02  # of a pair to be named
 _FALSE_CONFLICT = 1e-6  # phases belie a motion that is true so often
 _LEAST_SPREAD_MM2 = 1e-6  # of places: less, and there are no delays to go by
 
@@ -93,6 +97,21 @@ def _candidates(found: Waves, weights: FloatArray) -> tuple[Candidate, ...]:
         for i in shown
         for period_mm, angle_deg in [reading(found.k[i])]
     )
+
+
+def pair_candidates(pairs: Sequence[Pair]) -> tuple[Candidate, ...]:
+    """Members of the pairs that may be true, each with its share of the pair's weight; none of too many."""
+    likely = [pair for pair in pairs if pair.weight > _LEAST_WEIGHT]
+    if len(likely) > _MOST_PAIRS:
+        return ()
+    named = [
+        Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(pair.weight * share))
+        for pair in likely
+        for k, share in zip(pair.k, pair.share, strict=True)
+        if k.any()
+        for period_mm, angle_deg in [reading(k)]
+    ]
+    return tuple(sorted(named, key=lambda candidate: -candidate.weight))
 
 
 def reading(k: FloatArray) -> tuple[float, float]:

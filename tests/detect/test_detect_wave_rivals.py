@@ -117,3 +117,53 @@ def test_gains_may_differ_from_channel_to_channel_by_any_amount(motion_of: Motio
         assert_right(
             fit(slide, motion_of(slide), volts=slide.volts(ARRAY, _OFFSETS_S) * gain + noise), grating
         )
+
+
+@motions
+@pytest.mark.parametrize("seed", range(6))
+def test_taxels_that_are_pressed_unevenly_feel_one_grating(motion_of: MotionOf, seed: int) -> None:
+    """All channels of a taxel share its gain, and gains vary smoothly: no beat of two waves."""
+    grating = Grating(1.05, -35.0 + 12 * seed)
+    slide = Slide((grating,), duration_s=5.0, speed_mm_s=1.5, noise=0.0, seed=seed)
+    x, y = ARRAY.x_mm[ARRAY.channel_taxel], ARRAY.y_mm[ARRAY.channel_taxel]
+    pressed = np.exp(-((x - 2.0 - 0.5 * seed) ** 2 + (y - 5.0) ** 2) / 60)
+    gain = np.random.default_rng(0).uniform(0.97, 1.03, 36) / gains(slide)
+    noise = 0.0005 * np.random.default_rng(seed).normal(size=(len(slide.times()), 36))
+    volts = (slide.volts(ARRAY, _OFFSETS_S) - slide.level) * pressed * gain + noise
+    assert_right(fit(slide, motion_of(slide), volts=volts), grating)
+
+
+def gains(slide: Slide) -> FloatArray:
+    """Those that a slide over one grating draws for its channels, over the mean."""
+    return np.random.default_rng(slide.seed).uniform(0.6, 1.4, 36)
+
+
+@motions
+@pytest.mark.parametrize("angle_deg", [15.0, 30.0, 35.0, 45.0, 60.0])
+def test_crossed_grooves_alike_are_the_pair_that_is_named(motion_of: MotionOf, angle_deg: float) -> None:
+    """Of steep ones too many pairs suit as well: none is named then, and so no false one."""
+    slide = Slide((), duration_s=6.0, noise=0.001)
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + _OFFSETS_S)
+    y = ARRAY.y_mm[ARRAY.channel_taxel]
+    along = 2 * np.pi / 1.1 * np.cos(np.radians(angle_deg))
+    across = 2 * np.pi / 1.1 * np.sin(np.radians(angle_deg))
+    own = np.nan_to_num(ARRAY.azimuth_deg)
+    waves = 0.05 * (np.cos(along * x + across * y + own) + np.cos(along * x - across * y + 1 - 2 * own))
+    found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, _OFFSETS_S) + waves)
+    assert found.status == "ambiguous"
+    assert found.candidates or angle_deg > 40
+    for sign in (-1, 1) if found.candidates else ():
+        named = [c for c in found.candidates if abs(c.angle_deg - sign * angle_deg) < 2]
+        assert sum(c.weight for c in named) == pytest.approx(0.5, abs=0.1)
+
+
+@motions
+def test_a_weak_vibration_at_the_ripples_frequency_is_taken_out(motion_of: MotionOf) -> None:
+    for angle_deg in (-35.0, 30.0):
+        grating = Grating(1.2, angle_deg)
+        slide = Slide((grating,), duration_s=8.0, noise=0.001)
+        hertz = slide.speed_mm_s * np.cos(np.radians(angle_deg)) / grating.period_mm
+        time_s = slide.times()[:, np.newaxis] + _OFFSETS_S
+        hum = 0.1 * grating.amplitude * np.cos(2 * np.pi * hertz * time_s + 1.0)
+        volts = (slide.volts(ARRAY, _OFFSETS_S) - slide.level) / gains(slide)
+        assert_right(fit(slide, motion_of(slide), volts=volts + hum), grating)
