@@ -15,7 +15,7 @@ the pressure.
 import numpy as np
 
 # Rates an hour, and the growth of shear over pressure that raises them.
-PER_HOUR = (3.2, 5.6, 22.2, 37.8, 69.8, 115.0, 170.0, 219.0, 239.0, 263.0)
+PER_HOUR = (2.52, 8.11, 19.6, 36.4, 68.2, 115.0, 161.0, 206.0, 228.0, 252.0)
 SHEAR = (0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.05, 0.02, 0.005)
 # Motion can be announced, noise cannot: of a rate that stands for both noise gets so much, which at the rate
 # of `fast` leaves less than one an hour to a hand that announces all that it does.
