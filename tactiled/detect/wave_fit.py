@@ -3,6 +3,10 @@
 `wave_model` has the model. Steps: find the line in the pooled spectrum (`wave_lines`); list every wave vector
 that its phases allow (`wave_search`); climb to the maximum from the best, harmonics and all (`wave_solve`);
 weigh best against the others; state sigmas from the Fisher information.
+
+Each window is fitted anew. Running sums could spare the spectrum and the projection of trends alone: of a fit
+of 36 channels these were measured to be 5 % at 2 s, 16 % at 20 s. Starting from the last answer would spare
+the search, but bits would then depend on which windows came before.
 """
 
 from dataclasses import replace

@@ -38,7 +38,7 @@ def inflation(
         With the noise and strays of `best`.
     slope : (answers, 3) float64
     """
-    stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-300)
+    stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-200)
     factor, strayed = np.ones(len(slope)), np.ones(len(slope))
     noise = _beside(window, best)
     if len(noise):

@@ -164,9 +164,9 @@ class Solver:
             return np.zeros_like(q)
         share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
         found = (q > dof) & (dof > 0)
-        own = np.where(found, (q - dof) / np.where(found, total * share, 1.0), 0.0)
+        own = np.where(found, (q - dof) / np.where(found, np.maximum(total * share, 1e-200), 1.0), 0.0)
         # A kind has few channels: what all kinds show is worth one more of them.
-        pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-300), 0.0)
+        pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-200), 0.0)
         # Harmonics of a channel stray together, and then all of them tell no more than one.
         stray = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
         return np.asarray(tables.n_harmonics * stray)
