@@ -157,7 +157,7 @@ def _text(found: Found, sizes: Sizes) -> str:
             by_band(found.joint),
             refusals(found.joint),
             "How often an answer that says ok is wrong, and what coloured noise does to intervals "
-            f"(seeds {FIRST_SEED} and on: nothing was tuned on them):",
+            f"(coloured: seeds {FIRST_SEED} and on, on which nothing was tuned; white: the trials above):",
             count_table(found.joint, found.coloured),
             f"The procedure: {wrong_rate(found.procedure)}",
             "Noise from which on nine of ten windows of three periods are answered:",

@@ -123,13 +123,14 @@ def _rate(name: str, trials: Sequence[Trial]) -> Row:
 
 
 def _smaller(plates: Sequence[Answered], method: str, least: float) -> list[Row]:
-    """Against the procedure, on the plate where least is won; a plate that either refuses says nothing."""
+    """Against the procedure, on the plate where least is won; one that the procedure refuses says nothing."""
     errors = {(a.plate, a.method): a.errors() for a in plates}
     rows: list[Row] = []
     for k, what in enumerate(("period", "angle")):
         base = {plate: error[k] for (plate, of), error in errors.items() if of == "procedure"}
         exact = [plate for plate, error in base.items() if error < _BY_ITS_GRID]
         times = {plate: base[plate] / errors[plate, method][k] for plate in base if plate not in exact}
+        silent = [p for p in times if np.isfinite(base[p]) and not np.isfinite(errors[p, method][k])]
         times = {plate: ratio for plate, ratio in times.items() if np.isfinite(ratio)}
         name = f"errors of the {what} smaller than the procedure's of 10 s: {method}"
         if not times:
@@ -140,7 +141,9 @@ def _smaller(plates: Sequence[Answered], method: str, least: float) -> list[Row]
             f"{times[worst]:.1f} times ({worst[0]:g} mm, {worst[1]} deg; {len(times)} of {len(base)} plates"
         )
         words += f", the procedure is exact by its grid on {len(exact)})" if exact else ")"
-        rows.append((name, f"{least:g} times", words, _verdict(times[worst] >= least)))
+        if silent:
+            words += "; never answered: " + ", ".join(f"{mm:g} mm, {deg} deg" for mm, deg in silent)
+        rows.append((name, f"{least:g} times", words, _verdict(times[worst] >= least and not silent)))
     return rows
 
 

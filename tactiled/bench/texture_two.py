@@ -65,11 +65,11 @@ def _faster(ratio: float, part: float) -> Spoil:
     return spoil
 
 
-def _in_step(part: float) -> Spoil:
-    """All channels breathe together at the very frequency of the grooves: an eccentric roller, say."""
+def _in_step(part: float, ratio: float = 1.0) -> Spoil:
+    """All channels breathe together at, or just beside, the grooves' frequency: an eccentric roller, say."""
 
     def spoil(window: Window, rng: np.random.Generator) -> None:
-        turns = window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
+        turns = ratio * window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
         size = part * AMPLITUDE_VOLTS
         window.added_volts += size * np.cos(2 * np.pi * (turns + rng.uniform(0, 1)))
 
@@ -85,6 +85,7 @@ TWO: dict[str, Spoil] = {
     "second of three times the frequency, at 50 %": _faster(3.0, 0.5),
     "all in step at the grooves' frequency, at 30 %": _in_step(0.3),
     "all in step at the grooves' frequency, at 10 %": _in_step(0.1),
+    "all in step, 2 % beside that, at 30 %": _in_step(0.3, 1.02),
 }
 
 
