@@ -24,6 +24,7 @@ from tactiled.bench.slip_oracle import Oracle
 from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, Quiet, count, quiet_families
 from tactiled.bench.slip_report import Measured, numbers_of, text_of
+from tactiled.bench.slip_rest import rests, tasks
 from tactiled.bench.slip_rivals import Knobs, at_noise
 from tactiled.bench.slip_scenes import NOISES_V, Played, play, slipping_families, tuned_families
 from tactiled.emulator.families import QUIET, Family
@@ -37,6 +38,7 @@ _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "acceler
 # Seconds of one core, for the bar: a second of a held object, an hour of noise for all rules, a slip for all
 # detectors.
 _HELD_S, _NOISE_S, _SLIP_S = 0.3, 3.0, 0.5
+_REST_S = 2.0  # a load that rests, for all settings
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,13 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
     to_tune = [(name, seed) for name in tuned for seed in tune_seeds]
     to_measure = [(name, seed) for name in slips for seed in slip_seeds]
     to_count = [(name, seed) for name in quiet for seed in quiet_seeds]
+    to_rest = tasks(range(REPORT_SEED, REPORT_SEED + sizes.slips))
     work = [
         _NOISE_S * sizes.noise_hours,
         sum(_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune),
         sum(_play_s(slips[name], seed) + _SLIP_S for name, seed in to_measure),
         sum(_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count),
+        _REST_S * len(to_rest),
     ]
     progress = Progress(say, sum(work))
     with workers() as pool:
@@ -130,6 +134,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
             [_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count],
         ):
             without.add(part)
+        resting = each("loads that rest", rests, to_rest, [_REST_S] * len(to_rest))
     progress.close()
     return Measured(
         seeds={
@@ -143,6 +148,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
         oracle=oracle,
         cases=list(itertools.chain(*cases)),
         quiet=without,
+        resting=list(itertools.chain(*resting)),
         cost=costs(play(HELD, QUIET[HELD], TUNE_SEED), knobs, scans=sizes.cost_scans),
     )
 

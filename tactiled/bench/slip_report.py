@@ -14,6 +14,7 @@ from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case
 from tactiled.bench.slip_limit import GROWTHS, LATENCIES_S
 from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_quiet import QUIET_NOISES_V, Quiet
+from tactiled.bench.slip_rest import Rest, rest_table
 from tactiled.bench.slip_rivals import PER_HOUR, Knobs, rivals
 from tactiled.bench.slip_scenes import LEAD_S, NOISES_V
 from tactiled.detect.slip_coherent import SETTINGS, CoherentParams
@@ -30,6 +31,7 @@ class Measured:
     oracle: Tail
     cases: Sequence[Case]
     quiet: Quiet
+    resting: Sequence[Rest]
     cost: Mapping[str, Cost]
 
 
@@ -89,6 +91,9 @@ def text_of(found: Measured) -> str:
             "all after it. Settings are read for the whole time, the others once a scene.",
             quiet_table(counted, names),
             hold_table(counted, {name: rival.per_hour for name, rival in known.items()}),
+            "Loads that grow to less than friction bears and rest there: how many are called gross slip. "
+            "Their shear grows and stops as that of a slip does.",
+            rest_table(found.resting),
             "Cost, 36 channels.",
             slip_tables.cost_table(found.cost),
         ]
@@ -129,6 +134,7 @@ def numbers_of(found: Measured) -> dict[str, Any]:
             for (family, noise_v, name), alarms in found.quiet.counted.items()
         ],
         "motions": found.quiet.motions,
+        "resting": [rest._asdict() for rest in found.resting],
         "limit": {
             "latencies_s": LATENCIES_S,
             "growths": GROWTHS.tolist(),

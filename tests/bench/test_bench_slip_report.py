@@ -23,6 +23,7 @@ from tactiled.bench.slip_noise import Tail
 from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted, Quiet, count
 from tactiled.bench.slip_report import Measured, numbers_of, text_of
+from tactiled.bench.slip_rest import BANDS, Rest, rest_table, rests
 from tactiled.bench.slip_rivals import Knobs, rivals
 from tactiled.bench.slip_rules import COHERENT, LEVELS, RULES
 from tactiled.bench.slip_scenes import (
@@ -36,6 +37,7 @@ from tactiled.bench.slip_scenes import (
 )
 from tactiled.bench.slip_score import Found
 from tactiled.cli import cli
+from tactiled.detect.slip_coherent import SETTINGS as DETECTOR_SETTINGS
 from tactiled.emulator.families import QUIET
 
 TAIL = Tail(5.0, 0.5, 1.0)
@@ -217,6 +219,7 @@ def test_all_is_printed_written_without_nan_and_drawn(
         oracle=TAIL,
         cases=[*cases, *steady],
         quiet=Quiet(counted, {"taps": some}, {"taps": 1}),
+        resting=[Rest(BANDS[0], QUIET_NOISES_V[0], "quiet", is_gross) for is_gross in (True, False, False)],
         cost={"some": Cost(30.0, 1e5), "pywt.swt, plain": Cost(300.0, 1e4)},
     )
     read = json.loads(json.dumps(numbers_of(found), allow_nan=False))
@@ -226,6 +229,8 @@ def test_all_is_printed_written_without_nan_and_drawn(
     assert read["limit"]["families"]["taps"]["times"][0][0] == 1
     text = text_of(found)
     assert "held out, never looked at: braking-drag" in text
+    assert "1 of 3" in rest_table(found.resting)
+    assert read["resting"][0]["is_gross"] is True
     assert cells(limit_table(cases, {"taps": some}), "1 mV")[0] == "15 ms"
     draw_slip(tmp_path / "slip.png", found.cases, found.quiet, KNOBS)
     assert (tmp_path / "slip.png").stat().st_size > 10_000
@@ -244,6 +249,12 @@ def test_work_is_done_longest_first_and_given_in_order() -> None:
         )
     assert begun == ["b", "c", "a"]
     assert found == ["A", "B", "C"]
+
+
+def test_a_load_that_rests_is_read_at_every_noise_by_every_setting() -> None:
+    said = rests(BANDS[0], 1)
+    assert len(said) == len(QUIET_NOISES_V) * len(DETECTOR_SETTINGS)
+    assert rests(BANDS[0], 1) == said
 
 
 def test_scenes_without_slip_are_counted_for_every_detector() -> None:
