@@ -150,7 +150,7 @@ def test_it_runs_as_nobody_with_nothing(container: Container) -> None:
         assert "0" not in status["Uid"]
         assert status["CapBnd"] == ["0000000000000000"]
         assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
-        assert container.shown(unit(), "MemoryMax") == [str(256 << 20)]
+        assert container.shown(unit(), "MemoryMax") == [str(512 << 20)]
         assert int(status["VmHWM"][0]) << 10 < 128 << 20  # which leaves room for what it may hold
 
 
