@@ -7,13 +7,11 @@
     |   |-- ConfigError        a file or option says something impossible; every fault at once
     |   |-- DataError          a data file cannot be read as what it claims to be
     |   `-- PortError          the port cannot be opened or was lost (retried by the daemon)
-    |-- BoardError             the board, its firmware or its wiring must be mended
-    |   |-- ProtocolMismatch   the board speaks another protocol, or is another board or array
-    |   `-- CommandRefused     the board acknowledged a command with a reason why not
     `-- ContractError          our own code broke a promise: a bug, please report it
 
 Corrupt bytes, missing frames and estimates that cannot be made are *values* (``Corrupt``, ``Gap``,
-``TextureEvent.status``), not exceptions: they are what a robot sees every day.
+``TextureEvent.status``), not exceptions: they are what a robot sees every day. So is a board that is not the one
+configured, or that refuses a command: `status` says so.
 """
 
 from collections.abc import Sequence
@@ -55,18 +53,6 @@ class DataError(OperatorError):
 
 class PortError(OperatorError):
     """The port cannot be opened, or was lost; the daemon retries, one-shot commands end."""
-
-
-class BoardError(TactiledError):
-    """The board, its firmware or its wiring must be mended."""
-
-
-class ProtocolMismatch(BoardError):
-    """The board speaks another protocol version, or is not the board or array that was configured."""
-
-
-class CommandRefused(BoardError):
-    """The board acknowledged a command with a reason why not."""
 
 
 class ContractError(TactiledError):
