@@ -10,8 +10,8 @@
     `-- ContractError          our own code broke a promise: a bug, please report it
 
 Corrupt bytes, missing frames and estimates that cannot be made are *values* (``Corrupt``, ``Gap``,
-``TextureEvent.status``), not exceptions: they are what a robot sees every day. So is a board that is not the one
-configured, or that refuses a command: `status` says so.
+``TextureEvent.status``), not exceptions: they are what a robot sees every day. So is a
+board that is not the one configured, or that refuses a command: `status` says so.
 """
 
 from collections.abc import Sequence
