@@ -5,6 +5,7 @@ grow towards it: `slipwatch`'s instant, or a later one where the load first rest
 and is then jerked).
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import Literal
 
@@ -41,6 +42,7 @@ NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
 _RESTS, _RESTS_S = 0.002, 0.1
 _MOTOR_STARTS_S = 0.5  # from standing to its speed
 _GRID_S = 0.005  # step of the plates' contact models: truth is no finer
+_PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,20 @@ def play(name: str, family: Family, seed: int) -> Played:
     sensor = Sensor(scene, array, adc_bits=ADC_BITS, adc_reference_v=ADC_REFERENCE_V)
     n = int(scene.duration_s * RATE_HZ) - 1
     time_s = np.arange(n)[:, None] / RATE_HZ + CHANNEL_STEP_S * np.arange(array.n_channels)
-    volts = sensor.volts(time_s)
     truth = Truth(scene, 0.0, sensor.contact, array)
-    rests_s = _rests_s(truth, scene.duration_s)
+    grid_s = np.arange(0.0, scene.duration_s, _GRID_S)
+    # Volts and truth by turns: who asks for more than the newest seconds has the scene played anew.
+    volts, loads_n = [], []
+    bounds = [*range(0, n - _PIECE_SCANS, _PIECE_SCANS), n]
+    for start, end in itertools.pairwise(bounds):
+        volts.append(sensor.volts(time_s[start:end]))
+        until_s = time_s[end, 0] if end < n else np.inf
+        loads_n.append(_loads_n(truth, grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)]))
+    rests_s = _rests_s(grid_s, *np.concatenate(loads_n, axis=1))
     return Played(
         family=name,
         seed=seed,
-        volts=volts,
+        volts=np.concatenate(volts),
         held_s=scene.phases[0].duration_s,
         slip=_first_gross(truth, rests_s),
         slipping=tuple((_shear_s(e, rests_s), e.end_s) for e in truth.episodes),
@@ -197,14 +206,17 @@ def _shear_s(slip: TrueSlip, rests_s: FloatArray) -> float:
     return max(slip.shear_s or 0.0, float(rested[-1]) if len(rested) else 0.0)
 
 
-def _rests_s(truth: Truth, until_s: float) -> FloatArray:
-    """Instants at which the tangential load had not changed for `_RESTS_S`."""
-    time_s = np.arange(0.0, until_s, _GRID_S)
+def _loads_n(truth: Truth, time_s: FloatArray) -> FloatArray:
+    """Tangential and normal load (2, n) of all taxels at instants (n,)."""
     state = truth.state(time_s)
-    shear_n = np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1)
+    return np.stack([np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1), state.normal_n.sum(axis=1)])
+
+
+def _rests_s(time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> FloatArray:
+    """Instants, of those on the grid, at which the tangential load had not changed for `_RESTS_S`."""
     back = round(_RESTS_S / _GRID_S)
     moved_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
-    return np.asarray(time_s[back:][moved_n <= _RESTS * state.normal_n.sum(axis=1)[back:]])
+    return np.asarray(time_s[back:][moved_n <= _RESTS * normal_n[back:]])
 
 
 def announcements(scene: Scene) -> tuple[Announcement, ...]:
