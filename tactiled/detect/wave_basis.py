@@ -9,6 +9,7 @@ questions about wave vectors, phases and amplitudes are asked of the tables.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,11 @@ class Window:
     def n(self) -> int:
         return len(self.trend)
 
+    @cached_property
+    def power(self) -> FloatArray:
+        """Sum of squares of each channel, volts^2: (channels,)."""
+        return np.asarray(np.einsum("cn,cn->c", self.volts, self.volts))
+
     def without(self, turn: float, multiples: Iterable[float]) -> "Window":
         """The same with lines at multiples of a frequency taken to be part of the trend."""
         turns = [turn * multiple for multiple in multiples]
@@ -87,7 +93,7 @@ class Window:
         """Of a phase for 1 of way, on average."""
         return turn / np.pi / self.duration_s
 
-    @property
+    @cached_property
     def largest_step(self) -> float:
         """Way between two scans, at the most."""
         return float(np.diff(self.way[0]).max())
@@ -136,9 +142,21 @@ class Tables:
     gram: FloatArray
     product: FloatArray
 
+    def times_gram(self, on: FloatArray) -> FloatArray:
+        """Products that combinations of the functions have: (..., functions, starts, channels)."""
+        if len(self.gram) > 1:
+            return np.asarray(np.einsum("cef,...fsc->...esc", self.gram, on))
+        return np.asarray((self.gram[0] @ on.reshape(*on.shape[:-2], -1)).reshape(on.shape))
+
     def phasors(self) -> FloatArray:
         """Least-squares cosine and sine parts of each channel by itself: (channels, 2 harmonics)."""
+        return self._phasors
+
+    @cached_property
+    def _phasors(self) -> FloatArray:
         m = 2 * self.n_harmonics
+        if len(self.gram) == 1:
+            return np.asarray(np.linalg.solve(self.gram[0, :m, :m], self.product[:, :m].T).T)
         return np.asarray(np.linalg.solve(self.gram[:, :m, :m], self.product[:, :m, np.newaxis])[..., 0])
 
     def turn_sd(self, variance: FloatArray) -> float:
@@ -167,8 +185,10 @@ def tabulate(window: Window, turn: float, n_harmonics: int) -> Tables:
         rows += [power.real, power.imag]
     basis = np.stack(rows, axis=1)  # (groups, 2 harmonics, n)
     basis = np.concatenate([basis, basis * window.way[:, np.newaxis]], axis=1)
-    basis -= (basis @ window.trend) @ window.trend.T
-    gram = basis @ basis.transpose(0, 2, 1) + _RIDGE * window.n / 2 * np.eye(basis.shape[1])
+    # Readings have no trend, so that functions need not be rid of theirs: their products are.
+    slow = basis @ window.trend
+    gram = basis @ basis.swapaxes(1, 2) - slow @ slow.swapaxes(1, 2)
+    gram += _RIDGE * window.n / 2 * np.eye(basis.shape[1])
     if len(basis) == 1:
         product = window.volts @ basis[0].T
     else:

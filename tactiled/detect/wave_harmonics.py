@@ -1,7 +1,7 @@
 """Which lines of a spectrum are one wave's own: harmonics that are seen, and those that only look like it."""
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window, tabulate
@@ -27,7 +27,7 @@ def n_seen(window: Window, turn: float, params: WaveParams) -> int:
     variance = noise_variance(window, tables)
     information = np.linalg.inv(tables.gram[:, : 2 * highest, : 2 * highest])
     parts = tables.phasors()
-    level = stats.chi2.isf(_FALSE_LINE, 2 * len(parts))
+    level = special.chdtri(2 * len(parts), _FALSE_LINE)
     for h in range(highest, 1, -1):
         pair = slice(2 * h - 2, 2 * h)
         own = np.linalg.solve(information[:, pair, pair], parts[:, pair, np.newaxis])[..., 0]
@@ -38,7 +38,7 @@ def n_seen(window: Window, turn: float, params: WaveParams) -> int:
 
 def noise_variance(window: Window, tables: Tables) -> FloatArray:
     """Of what the tables' own phasors leave of each channel."""
-    rest = (window.volts**2).sum(axis=1) - tables.explained()
+    rest = window.power - tables.explained()
     n_free = max(window.n - window.trend.shape[1] - 2 * tables.n_harmonics, 1)
     return np.asarray(np.maximum(rest / n_free, LEAST_VARIANCE))
 
@@ -74,7 +74,7 @@ def foreign_lines(
     """
     power = window.n / 2  # of a line of amplitude 1
     n_channels = len(variance)
-    level = stats.chi2.isf(_FALSE_LINE, n_channels)
+    level = special.chdtri(n_channels, _FALSE_LINE)
     n_free = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
     foreign = []
     for h in range(1, tables.n_harmonics + 1):

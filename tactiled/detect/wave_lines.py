@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window
@@ -138,5 +138,5 @@ def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
     scatter = 1.4826 * np.median(np.abs(around - level[:, np.newaxis]), axis=1)
     shape = np.clip(1.0 / np.maximum(scatter, 1e-3) ** 2, 1.0, n_channels)
     mean = np.exp(level - special.digamma(shape)) * shape
-    needed = mean * stats.gamma.isf(_FALSE_LINE / len(bins), shape) / shape
+    needed = mean * special.gammainccinv(shape, _FALSE_LINE / len(bins)) / shape
     return np.repeat(needed, _PADDING)[: len(pooled)]

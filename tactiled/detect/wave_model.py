@@ -13,6 +13,7 @@ to wave vector, an unknown one is found from the two.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,31 @@ class Layout:
     x_mm: FloatArray
     y_mm: FloatArray
     kind: NDArray[np.int64]
+
+    @cached_property
+    def is_kind(self) -> FloatArray:
+        """1 where the channel is of the kind: (channels, kinds)."""
+        return np.asarray((self.kind[:, np.newaxis] == np.unique(self.kind)).astype(np.float64))
+
+    @cached_property
+    def places_mm(self) -> FloatArray:
+        """Where taxels are: (taxels, 2)."""
+        return self._places[0]
+
+    @cached_property
+    def taxel(self) -> NDArray[np.int64]:
+        """Which of the places each channel is at: (channels,)."""
+        return self._places[1]
+
+    @cached_property
+    def _places(self) -> tuple[FloatArray, NDArray[np.int64]]:
+        places, taxel = np.unique(np.stack([self.x_mm, self.y_mm], axis=1), axis=0, return_inverse=True)
+        return places, taxel.reshape(-1)
+
+    @cached_property
+    def rim_mm(self) -> float:
+        """From the middle to the farthest channel; half a millimetre for what is smaller."""
+        return max(float(np.hypot(self.x_mm, self.y_mm).max()), 0.5)
 
 
 def layout_of(array: Array) -> Layout:

@@ -10,7 +10,7 @@ answer is one sample of how far taxels move it (a cluster-robust variance: Liang
 """
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window
@@ -48,10 +48,9 @@ def inflation(
         factor = np.maximum(factor, _more_than_white(np.array(floor), m * noise[..., 0].size))
         moved = ((solver.moves(best.tables, best.waves, noise) @ slope.T) ** 2).mean(axis=0)
         factor = np.maximum(factor, _more_than_white(moved / stated, len(noise)))
-    places, taxel = np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1, return_inverse=True)
-    n_taxels = places.shape[1]
+    n_taxels = len(layout.places_mm)
     if best.stray.any() and n_taxels > _SPENT_TAXELS:
-        is_taxel = taxel.reshape(-1) == np.arange(n_taxels)[:, np.newaxis]
+        is_taxel = layout.taxel == np.arange(n_taxels)[:, np.newaxis]
         parts = is_taxel[..., np.newaxis] * solver.surprise(best.tables, best.waves)
         moved = ((solver.moves(best.tables, best.waves, parts) @ slope.T) ** 2).sum(axis=0)
         left = n_taxels - _SPENT_TAXELS
@@ -62,7 +61,7 @@ def inflation(
 
 def _unsure(dof: float) -> float:
     """A variance out of so few is itself unsure: as wide as makes two sigmas hold as they do elsewhere."""
-    return float(stats.t.isf(_TAIL, dof) / stats.norm.isf(_TAIL)) ** 2
+    return float(special.stdtrit(dof, _TAIL) / special.ndtri(_TAIL)) ** 2
 
 
 def design_effect(strays: FloatArray, layout: Layout) -> tuple[float, float]:
@@ -75,9 +74,8 @@ def design_effect(strays: FloatArray, layout: Layout) -> tuple[float, float]:
     strays : (channels,) float64
         In sigmas.
     """
-    places, taxel = np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1, return_inverse=True)
-    n_taxels, n_channels = places.shape[1], len(strays)
-    sums, sizes = np.bincount(taxel.reshape(-1), strays), np.bincount(taxel.reshape(-1))
+    n_taxels, n_channels = len(layout.places_mm), len(strays)
+    sums, sizes = np.bincount(layout.taxel, strays), np.bincount(layout.taxel)
     left = max(n_taxels - _SPENT_TAXELS, 1)
     left_channels = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
     effect = (sums**2 / sizes).sum() / left / max((strays**2).sum() / left_channels, 1e-300)
@@ -87,7 +85,7 @@ def design_effect(strays: FloatArray, layout: Layout) -> tuple[float, float]:
 
 def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:
     """The ratio where white noise would hardly reach it, else 1."""
-    return np.where(ratio > stats.chi2.isf(_FALSE_COLOUR, dof) / dof, ratio, 1.0)
+    return np.where(ratio > special.chdtri(dof, _FALSE_COLOUR) / dof, ratio, 1.0)
 
 
 def _beside(window: Window, best: Refined) -> FloatArray:

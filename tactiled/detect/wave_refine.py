@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window, tabulate
@@ -72,20 +72,23 @@ def refine(window: Window, layout: Layout, motion: WaveMotion, params: WaveParam
 
 
 def _climbed(window: Window, layout: Layout, motion: WaveMotion, start: Waves, n_harmonics: int) -> Refined:
-    best = start
+    best, phase = start, None
     stray = np.zeros((len(np.unique(layout.kind)), n_harmonics))
     for _ in range(_REFINEMENTS):
         tables = tabulate(window, float(best.turn[0]), n_harmonics)
         variance = noise_variance(window, tables)
         solver = Solver(window, layout, motion, variance, stray)
-        before, best = best, solver.solve(tables, best.k, best.turn, steps=2)
+        before, best = best, solver.solve(tables, best.k, best.turn, 2, phase)
+        phase = best.phase
         strayed, stray = stray, solver.stray_of(tables, best)
         moved = max(float(np.abs(best.turn - before.turn)[0]), float(np.abs(best.k - before.k).max()))
         if moved < _CONVERGED and np.allclose(stray, strayed, rtol=0.05):
             break
     free = float((tables.explained() / variance).sum())
-    tied = float(Solver(window, layout, motion, variance).solve(tables, best.k, best.turn, 2).gain[0])
-    is_wave = free - tied < max(_LEAST_TIED * free, stats.chi2.isf(_FALSE_LINE, len(variance) * n_harmonics))
+    plain = Solver(window, layout, motion, variance)
+    tied = float(plain.solve(tables, best.k, best.turn, 2, best.phase).gain[0])
+    noise = float(special.chdtri(len(variance) * n_harmonics, _FALSE_LINE))
+    is_wave = free - tied < max(_LEAST_TIED * free, noise)
     is_wave &= abs(float(best.turn[0] - start.turn[0])) < _FARTHEST
     is_wave &= float(stray[:, 0].mean()) / n_harmonics < _MOST_STRAY
     return Refined(best, tables, variance, stray, is_wave, window.n)

@@ -15,6 +15,7 @@ _MOST_STARTS = 24
 _LEAST_PART = 0.5
 _LEAST_GAP = 100.0
 _SLACK_SIGMAS = 3.0
+_TINY = 1e-300  # what is nothing at all may be divided by
 _SAME_RAD = 0.3  # at the rim: two starts that meet this closely have found one maximum
 
 
@@ -69,7 +70,7 @@ def search(
 
 def _step(layout: Layout) -> float:
     """From one point of the grid to the next, radians per millimetre."""
-    return _STEP_RAD / max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
+    return _STEP_RAD / layout.rim_mm
 
 
 def _is_within(
@@ -102,7 +103,10 @@ def phasors_at(window: Window, tables: Tables, harmonic: int) -> FloatArray:
 
 def score(z: FloatArray, layout: Layout, k: FloatArray, variance: FloatArray) -> float:
     """Power over noise that a wave vector explains of phasors, in amplitudes squared."""
-    return float(_scores(z, layout, np.array([1.0, 0.0]), k[:1], k[1:], variance)[0, 0])
+    pull = np.abs(z) * z / variance
+    late = np.exp(-1j * (layout.x_mm * k[0] + layout.y_mm * k[1]))
+    seen, total = (pull * late) @ layout.is_kind, np.abs(pull) @ layout.is_kind
+    return float((np.abs(seen) ** 2 / np.maximum(total, _TINY)).sum())
 
 
 def best_score(
@@ -150,17 +154,14 @@ def _scores(
     variance: FloatArray,
 ) -> FloatArray:
     """What a wave would explain if amplitudes were those that channels show by themselves."""
-    x = layout.x_mm * heading[0] + layout.y_mm * heading[1]
-    y = layout.y_mm * heading[0] - layout.x_mm * heading[1]
+    x, y = layout.places_mm @ heading, layout.places_mm @ [-heading[1], heading[0]]
+    by_along, by_across = np.exp(-1j * np.outer(along, x)), np.exp(-1j * np.outer(y, across))
+    pull = np.zeros((layout.is_kind.shape[1], len(x)), dtype=np.complex128)
+    np.add.at(pull, (layout.is_kind.argmax(axis=1), layout.taxel), np.abs(z) * z / variance)
     scores = np.zeros((len(along), len(across)))
-    for kind in np.unique(layout.kind):
-        mine = layout.kind == kind
-        pull = np.abs(z[mine]) * z[mine] / variance[mine]
-        total = np.abs(pull).sum()
-        if total > 0:
-            by_along = np.exp(-1j * np.outer(along, x[mine])) * pull
-            by_across = np.exp(-1j * np.outer(y[mine], across))
-            scores += np.abs(by_along @ by_across) ** 2 / total
+    for each in pull:
+        seen = (by_along * each) @ by_across
+        scores += (seen.real**2 + seen.imag**2) / max(float(np.abs(each).sum()), _TINY)
     return scores
 
 
@@ -179,11 +180,10 @@ def _is_peak(scores: FloatArray) -> NDArray[np.bool_]:
 
 def _distinct(waves: Waves, layout: Layout) -> Waves:
     """Without those that another start found before."""
-    rim_mm = max(float(np.hypot(layout.x_mm, layout.y_mm).max()), 0.5)
     kept: list[int] = []
     for i in range(len(waves.k)):
         gaps = np.abs(waves.k[kept] - waves.k[i]).max(axis=1) if kept else np.array([np.inf])
-        if gaps.min() * rim_mm > _SAME_RAD:
+        if gaps.min() * layout.rim_mm > _SAME_RAD:
             kept.append(i)
     return waves[np.array(kept)]
 

@@ -8,17 +8,16 @@ So each channel's phases may stray from its kind's, with a variance of the kind 
 (`stray`). Strays are integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
-from dataclasses import replace
-
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Tables, Window
-from tactiled.detect.wave_linear import Geometry, Waves, linearise, spread
+from tactiled.detect.wave_linear import Geometry, Linear, Waves, expected, linearise, spread
 from tactiled.detect.wave_model import Layout, WaveMotion
 
 _STEPS = 3  # quadratic from a start within a quarter of a radian
+_CONVERGED = 0.03  # sigmas: after one more step, a third of that or less on any window that was tried
 _LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
 _FALSE_STRAY = 1e-3  # noise passes for strays so often
 _ANY_PHASE = np.pi**2 / 3  # variance of phases that are anything
@@ -50,12 +49,11 @@ class Solver:
         stray: FloatArray | None = None,
     ) -> None:
         place = np.stack([layout.x_mm, layout.y_mm], axis=1)
-        is_kind = (layout.kind[:, np.newaxis] == np.unique(layout.kind)).astype(np.float64)
         # Where the motion is known, turn = half_way (k . heading), but for what its sigmas allow.
         tie = window.half_way * motion.heading * float(motion.has_speed)
-        self._geometry = Geometry(place, window.lag, is_kind, 1.0 / variance, tie)
+        self._geometry = Geometry(place, window.lag, layout.is_kind, 1.0 / variance, tie)
         self._rim_mm = max(float(np.abs(place).max()), 1e-3)
-        self._stray = None if stray is None else is_kind @ stray
+        self._stray = None if stray is None or not stray.any() else (layout.is_kind @ stray).T
         self._motion = motion
 
     def _turn_of(self, k: FloatArray) -> FloatArray:
@@ -80,7 +78,14 @@ class Solver:
         sd = np.radians(self._motion.direction_sd_deg)
         return np.asarray(np.linalg.norm([by_speed, across * sd, along * _SECOND_ORDER * sd**2], axis=0))
 
-    def solve(self, tables: Tables, k: FloatArray, turn: FloatArray, steps: int = _STEPS) -> Waves:
+    def solve(
+        self,
+        tables: Tables,
+        k: FloatArray,
+        turn: FloatArray,
+        steps: int = _STEPS,
+        phase: FloatArray | None = None,
+    ) -> Waves:
         """Nearest maxima of the likelihood.
 
         Parameters
@@ -88,30 +93,36 @@ class Solver:
         k : (starts, 2) float64
         turn : (starts,) float64
             Near that of `tables`: a change of frequency is followed to first order.
+        steps : int
+            At the most; the last is one that hardly moves (Newton's decrement: Boyd, Vandenberghe 2004,
+            9.5.1), and then gain and covariance are those from where it began.
+        phase : (starts, kinds, harmonics) float64, optional
+            Where they are known from a fit nearby.
         """
         k, turn = k.copy(), turn.copy()
-        phase = self._first_phase(tables, k, turn)
+        phase = self._first_phase(tables, k, turn) if phase is None else phase
+        product = tables.product[np.newaxis]
         for step in range(steps + 1):
             slack = self._slack(k)
             off = (turn - self._turn_of(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
-            waves = Waves(k, turn, np.zeros(len(k)), np.zeros((len(k), 3, 3)), phase)
-            normal, gradient, gain = self._linearised(tables, waves, slack)
-            if self._motion.has_speed:
-                normal[:, 2, 2] += 1.0
-                gradient[:, 2] -= off
-                gain = gain - off**2
-            inverse = _inverse(normal)
+            near = self._near(tables, Waves(k, turn, off, off, phase), product)
+            normal, gradient = self._normal(near, slack)
+            gradient[:, 2] -= off * self._motion.has_speed
             if step == steps:
                 break
-            move = (inverse @ gradient[..., np.newaxis])[..., 0]
+            move = _solved(normal, gradient[..., np.newaxis])[..., 0]
+            is_last = (move * gradient).sum(axis=1).max() < _CONVERGED**2
             size = np.abs(move[:, :2]).max(axis=1) * self._rim_mm
             move *= (_LARGEST_STEP_RAD / np.maximum(size, _LARGEST_STEP_RAD))[:, np.newaxis]
             k = k + move[:, :2]
             turn = self._turn_of(k) + slack * (off + move[:, 2])
             phase = phase + move[:, 3:].reshape(phase.shape)
+            if is_last:
+                break
+        gain = near.gain.sum(axis=1) - off**2 * self._motion.has_speed
         to_turn = self._to_turn(slack)
-        covariance = to_turn @ inverse[:, :3, :3] @ to_turn.transpose(0, 2, 1)
-        return Waves(k, turn, gain, covariance, phase)
+        covariance = _solved(normal, np.eye(normal.shape[1])[:, :3])[:, :3]
+        return Waves(k, turn, gain, to_turn @ covariance @ to_turn.transpose(0, 2, 1), phase)
 
     def _to_turn(self, slack: FloatArray) -> FloatArray:
         """What makes (kx, ky, turn) of (kx, ky, turn in units of its slack): (starts, 3, 3)."""
@@ -132,35 +143,28 @@ class Solver:
             What it adds to the products of the tables.
         """
         slack = self._slack(waves.k)
-        expected = linearise(self._geometry, tables, waves, slack).expected
-        noisy = replace(tables, product=expected + noise)
-        repeated = waves[np.zeros(len(noise), dtype=np.int64)]
-        normal, gradient, _ = self._linearised(noisy, repeated, np.repeat(slack, len(noise)))
-        normal[:, 2, 2] += float(self._motion.has_speed)
-        move = (_inverse(normal) @ gradient[..., np.newaxis])[:, :3]
-        return np.asarray((self._to_turn(slack) @ move)[..., 0])
+        noisy = expected(self._geometry, tables, waves) + noise
+        normal, gradient = self._normal(self._near(tables, waves, noisy), slack)
+        return np.asarray(_solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_turn(slack)[0].T)
 
     def surprise(self, tables: Tables, waves: Waves) -> FloatArray:
         """What the wave does not explain of the products: (channels, functions)."""
-        return np.asarray(
-            tables.product - linearise(self._geometry, tables, waves, self._slack(waves.k)).expected[0]
-        )
+        return np.asarray(tables.product - expected(self._geometry, tables, waves)[0])
 
     def stray_of(self, tables: Tables, waves: Waves) -> FloatArray:
         """Variance of phases within each kind that noise does not account for: (kinds, harmonics).
 
         The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any at all.
         """
-        near = linearise(self._geometry, tables, waves, self._slack(waves.k))
-        push, information = near.push, near.information
-        known = np.einsum("chh->ch", information[0, :, 3:, 3:])
-        excess = np.where(known > 0, push[0, :, 3:] ** 2 / np.where(known > 0, known, 1.0), 0.0)
+        near = linearise(self._geometry, tables, waves, tables.product[np.newaxis])
+        known = np.einsum("hhsc->ch", near.information[:-1, :-1])
+        excess = np.where(known > 0, near.push[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
         seen = (known > 0).astype(np.float64)
         # Each kind spends a phase of its own for each harmonic, and all of them two for the wave vector.
         spent = 1.0 + 2.0 / max(tables.n_harmonics * self._geometry.is_kind.shape[1], 1)
         dof = np.maximum(self._geometry.is_kind.T @ seen - spent, 0.0)
         q, total = self._geometry.is_kind.T @ excess, self._geometry.is_kind.T @ known
-        if q.sum() <= stats.chi2.isf(_FALSE_STRAY, max(float(dof.sum()), 1e-3)):
+        if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_STRAY):
             return np.zeros_like(q)
         share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
         found = (q > dof) & (dof > 0)
@@ -173,48 +177,38 @@ class Solver:
 
     def strays(self, tables: Tables, waves: Waves) -> FloatArray:
         """How far each channel's fundamental is from its kind's, in sigmas of what it may: (channels,)."""
-        near = linearise(self._geometry, tables, waves, self._slack(waves.k))
-        known = near.information[0, :, 3, 3]
-        allowed = 0.0 if self._stray is None else self._stray[:, 0]
-        return np.asarray(near.push[0, :, 3] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
+        near = linearise(self._geometry, tables, waves, tables.product[np.newaxis])
+        known = near.information[0, 0, 0]
+        allowed = 0.0 if self._stray is None else self._stray[0]
+        return np.asarray(near.push[0, 0] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
 
     def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
         parts = tables.phasors()
         z = parts[:, 0::2] - 1j * parts[:, 1::2]  # a cos(h t + p) has the phasor a exp(i p)
-        psi = k @ self._geometry.place.T + turn[:, np.newaxis] * self._geometry.lag
+        psi = self._geometry.psi(k, turn)
         times = np.arange(1, tables.n_harmonics + 1)
         turned = (
             np.abs(z) * z * np.exp(-1j * psi[..., np.newaxis] * times) * self._geometry.weight[:, np.newaxis]
         )
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._geometry.is_kind)))
 
-    def _linearised(
-        self, tables: Tables, waves: Waves, slack: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information, gradient and gain, with amplitudes and strays taken out.
+    def _near(self, tables: Tables, waves: Waves, product: FloatArray) -> Linear:
+        """What channels say near waves, but for strays."""
+        near = linearise(self._geometry, tables, waves, product)
+        return near if self._stray is None else near.strayed(self._stray)
 
-        Unknowns: kx, ky, the turn in units of its slack, then kind by kind the phases of the harmonics.
-        """
-        near = linearise(self._geometry, tables, waves, slack)
-        gain, push, information = near.gain, near.push, near.information
-        if self._stray is not None and self._stray.any():
-            # With T their variance, strays e have the information F + T^-1; its inverse is T (1 + F T)^-1.
-            straying = information[..., 3:, 3:] * self._stray[:, np.newaxis] + np.eye(tables.n_harmonics)
-            freedom = self._stray[..., np.newaxis] * np.linalg.inv(straying)
-            taken = information[..., 3:] @ freedom
-            gain = gain + (push[..., np.newaxis, 3:] @ freedom @ push[..., 3:, np.newaxis]).sum(
-                axis=(1, 2, 3)
-            )
-            push = push - (taken @ push[..., 3:, np.newaxis])[..., 0]
-            information = information - taken @ information[..., 3:, :]
-        return *spread(information, push, self._geometry.is_kind), gain
+    def _normal(self, near: Linear, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Information and gradient; a motion that is known has one unit of the slack's."""
+        normal, gradient = spread(self._geometry, near, slack)
+        normal[:, 2, 2] += float(self._motion.has_speed)
+        return normal, gradient
 
 
-def _inverse(normal: FloatArray) -> FloatArray:
-    """Inverse of information matrices; finite, and very large where there is no information."""
+def _solved(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution for information matrices; finite, and very large where there is no information."""
     diagonal = np.einsum("sii->si", normal)
     least = np.maximum(_RIDGE * diagonal.max(axis=1, keepdims=True), 1e-30)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
-    both = scale[:, :, np.newaxis] * scale[:, np.newaxis]
-    return np.asarray(np.linalg.inv(normal * both + _RIDGE * np.eye(normal.shape[1])) * both)
+    scale = (1.0 / np.sqrt(np.maximum(diagonal, least)))[..., np.newaxis]
+    scaled = normal * scale * scale.swapaxes(1, 2) + _RIDGE * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.solve(scaled, right * scale) * scale)
