@@ -3,8 +3,8 @@
 Amplitudes are each channel's own, so the sum of two waves may pass for one between them whose channels differ
 in gain, and phase a little. But then gains and phases are no accident: a second wave with the same motion
 explains them. Both readings are given gains and phases that stray around one complex amplitude for each kind
-of channel; their likelihoods say which it is (with the penalty of Schwarz 1978 for the second wave's
-unknowns). A taxel that is pressed more feels more in all its channels: such gains belong to one wave.
+of channel, by as much as suits the kind; their likelihoods say which it is (with the penalty of Schwarz 1978
+for the second wave's unknowns). A taxel that is pressed more feels more in all its channels: such gains belong to one wave.
 """
 
 from dataclasses import dataclass
@@ -100,7 +100,7 @@ class _Phasors:
         return np.asarray(np.einsum("pcga,pga->pca", by_kind, amplitude))
 
     def likelihood(self, k: FloatArray) -> FloatArray:
-        """Logarithm, at the likeliest strays of gain and of phase: (pairs,)."""
+        """Logarithm, at the likeliest strays of gain and of phase of each kind: (pairs,)."""
         each = self.fit(k)
         model = each.sum(axis=-1)
         left = self.z - model
@@ -118,7 +118,9 @@ class _Phasors:
             both = (_GAIN - _PHASE) * mixed
             volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
             square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
-            total = np.maximum(total, -0.5 * (np.log(volume) + square / volume).sum(axis=-1).min(axis=0))
+            # Kinds stray each by its own: a kind that feels little of the ripple strays by more of it.
+            by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (strays, pairs, kinds)
+            total = np.maximum(total, -0.5 * by_kind.min(axis=0).sum(axis=-1))
         return total
 
     def alone(self, k: FloatArray) -> float:
