@@ -4,7 +4,8 @@ Amplitudes are each channel's own, so the sum of two waves may pass for one betw
 in gain, and phase a little. But then gains and phases are no accident: a second wave with the same motion
 explains them. Both readings are given gains and phases that stray around one complex amplitude for each kind
 of channel, by as much as suits the kind; their likelihoods say which it is (with the penalty of Schwarz 1978
-for the second wave's unknowns). A taxel that is pressed more feels more in all its channels: such gains belong to one wave.
+for the second wave's unknowns). A taxel that is pressed more feels more in all its channels: such gains
+belong to one wave.
 """
 
 from dataclasses import dataclass
