@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
@@ -64,15 +65,15 @@ def find_lines(window: Window, *others: Window) -> list[Lines]:
         volts = np.array([np.interp(even, way, row) for way, row in zip(ways, window.volts, strict=True)])
     hann = 1.0 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
     power = np.abs(np.fft.rfft(volts * hann, _PADDING * n, axis=1)) ** 2 / (hann**2).sum()
-    at_bins = slice(_PADDING, None, _PADDING)
-    variance = np.maximum(np.median(power[:, at_bins], axis=1) / np.log(2), LEAST_VARIANCE)
+    variance = np.maximum(_median(power[:, _PADDING::_PADDING]) / np.log(2), LEAST_VARIANCE)
     pooled = (1 / variance) @ power / len(volts)
     needed = _needed(pooled, len(volts))
     cycles = np.arange(len(pooled)) / _PADDING
     n_slow = min(_SLOW_CYCLES * _PADDING, len(pooled))
+    waves = _slow_waves(window, n_slow)
     found = []
     for each in (window, *others):
-        slow = _slow_power(each, cycles[:n_slow], variance)
+        slow = _least_squares_power(each, waves, variance)
         found.append(Lines(cycles, np.concatenate([slow, pooled[n_slow:]]), needed, variance))
     return found
 
@@ -97,26 +98,38 @@ def floor_beside(window: Window, turn: float, variance: FloatArray, line: float)
     if not len(there):
         return np.inf
     rises = np.maximum(there / here, 1.0) ** 2
-    powers = _least_squares_power(window, np.pi * there, variance)
+    waves = np.exp(1j * np.outer(np.pi * there, window.way.mean(axis=0)))
+    powers = _least_squares_power(window, waves, variance)
     return float((powers * rises).mean())
 
 
-def _slow_power(window: Window, cycles: FloatArray, variance: FloatArray) -> FloatArray:
-    """The same by least squares, sine and cosine with the slow part taken out: (bins,)."""
-    turns = np.pi * np.maximum(cycles, cycles[1] / 2) * (window.n - 1) / window.n
-    return _least_squares_power(window, turns, variance)
+def _slow_waves(window: Window, n_bins: int) -> NDArray[np.complex128]:
+    """Waves of the first bins of the spectrum: (bins, n); of half a bin in place of none."""
+    turn = np.pi / _PADDING * (window.n - 1) / window.n
+    first = np.exp(1j * turn * window.way.mean(axis=0))
+    waves = np.cumprod(np.broadcast_to(first, (n_bins - 1, window.n)), axis=0)
+    return np.concatenate([np.exp(0.5j * turn * window.way.mean(axis=0))[np.newaxis], waves])
 
 
-def _least_squares_power(window: Window, turns: FloatArray, variance: FloatArray) -> FloatArray:
-    """Mean over channels of power over noise at frequencies, 1 for noise: (turns,)."""
-    angle = np.outer(turns, window.way.mean(axis=0))
-    basis = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (bins, 2, n)
+def _least_squares_power(window: Window, waves: NDArray[np.complex128], variance: FloatArray) -> FloatArray:
+    """Mean over channels of power over noise that waves explain, 1 for noise: (waves,).
+
+    By least squares, sine and cosine with the slow part taken out.
+    """
+    basis = np.concatenate([waves.real, waves.imag])
     basis -= (basis @ window.trend) @ window.trend.T
-    gram = basis @ basis.swapaxes(1, 2)
+    product = (basis @ window.volts.T).reshape(2, len(waves), -1).swapaxes(0, 1)
+    basis = basis.reshape(2, *waves.shape)
+    gram = np.einsum("itn,jtn->tij", basis, basis)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(2)
-    product = (basis.reshape(-1, window.n) @ window.volts.T).reshape(len(turns), 2, -1)
     explained = (product * np.linalg.solve(gram, product)).sum(axis=1)
     return np.asarray((explained / variance).mean(axis=1) / 2)
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """Of each row; NumPy sorts many short rows in a tenth of the time that its median takes."""
+    ordered, half = np.sort(values, axis=-1), values.shape[-1] // 2
+    return np.asarray((ordered[..., half] + ordered[..., -1 - half]) / 2)
 
 
 def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
@@ -132,10 +145,11 @@ def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
         around = np.broadcast_to(bins[1:], (len(bins), len(bins) - 1))
     else:
         views = np.lib.stride_tricks.sliding_window_view(padded, width)
-        around = np.concatenate([views[:1], views])
-        around = np.delete(around, slice(_NEIGHBOURS - _NEAR, _NEIGHBOURS + _NEAR + 1), axis=1)
-    level = np.median(around, axis=1)
-    scatter = 1.4826 * np.median(np.abs(around - level[:, np.newaxis]), axis=1)
+        views = np.concatenate([views[:1], views])
+        beside = [views[:, : _NEIGHBOURS - _NEAR], views[:, _NEIGHBOURS + _NEAR + 1 :]]
+        around = np.concatenate(beside, axis=1)
+    level = _median(around)
+    scatter = 1.4826 * _median(np.abs(around - level[:, np.newaxis]))
     shape = np.clip(1.0 / np.maximum(scatter, 1e-3) ** 2, 1.0, n_channels)
     mean = np.exp(level - special.digamma(shape)) * shape
     needed = mean * special.gammainccinv(shape, _FALSE_LINE / len(bins)) / shape
