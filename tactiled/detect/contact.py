@@ -1,9 +1,10 @@
 """Contact gate: nothing there, loading, holding, sliding.
 
 Wang, Chen, Mei 2019 call voltages above 0.5 V clear enough to analyse: a taxel whose pressure response
-(mean of its four resistors, or its normal channel) passes that is in contact. Loading and holding are told
-apart by the slope of the array's pressure response, a least-squares line over a short window. A falling
-pressure is neither: the state stays and only `steady_scans` starts anew.
+(mean of its four resistors, or its normal channel) passes that is in contact. What one resistor reads alone
+is a fault of its own and no contact: a press loads all four, and shear relieves two at most. Loading and
+holding are told apart by the slope of the array's pressure response, a least-squares line over a short
+window. A falling pressure is neither: the state stays and only `steady_scans` starts anew.
 
 `ContactTracker` is the state machine. `ContactGate` makes a detector of it. Sliding cannot be seen from
 pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `slip_wavelet`).
@@ -22,6 +23,11 @@ from tactiled.detect.quantise import Held, Quantiser
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
+
+# Of the mean of the others of its taxel: a side that reads more than so many times counts for no more. With
+# two sides relieved of all that they carry, and that on the third, it would be three.
+_ONE_SIDE = 5.0
+_LEAST_SIDES = 3  # two that differ do not tell which of them is wrong
 
 
 class ContactParams(Params):
@@ -90,11 +96,15 @@ class ContactTracker:
         self._grid = Quantiser(array)
         weights = array.normal_weights()
         self._signs = np.sign(weights).T.copy()  # (channels, taxels): whole, so that sums are exact
+        self._sign = self._signs.sum(axis=1)  # a channel is of one taxel
         self._counted = np.abs(self._signs)
         # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
         counts = np.maximum(self._counted.sum(axis=0), 1).astype(np.int64)
         self._denominator = float(np.lcm.reduce(counts))
         self._total_weights = np.rint(weights.sum(axis=0) * self._denominator)
+        own = [np.flatnonzero(column) for column in self._counted.T]
+        most = max(1, *map(len, own))
+        self._own = np.array([np.resize(row, most) for row in own])  # (taxels, channels of one)
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         self._line = 2.0 * np.arange(n) - (n - 1)
@@ -109,16 +119,20 @@ class ContactTracker:
         self._steady_before = 0  # length of the steady stretch before this unsteady one
         self._unsteady = 0
 
-    def measure(self, block: ScanBlock, held: Held) -> Pressure:
+    def measure(self, block: ScanBlock, held: Held, stuck: NDArray[np.bool_] | None = None) -> Pressure:
         """Pressure of each scan of a block.
 
-        A saturated reading still says "pressed": contact takes any finite reading. The slope takes held
-        ones, since a channel that vanishes is no change of load.
+        A saturated reading still says "pressed": contact takes any finite reading but those that are known
+        to be `stuck` (n, channels). The slope takes held ones, since a channel that vanishes is no change of
+        load.
         """
-        finite = ~np.isnan(block.volts)
-        steps = np.where(finite, self._grid.round(block.volts), 0.0)
-        readings = finite.astype(np.float64) @ self._counted
-        pressure = (steps @ self._signs) * self._grid.volts_per_step / np.maximum(readings, 1.0)
+        if held.ok.all():
+            steps, readings = held.steps, self._counted.sum(axis=0)
+        else:
+            counts = ~np.isnan(block.volts) if stuck is None else ~(np.isnan(block.volts) | stuck)
+            steps = np.where(counts, self._grid.round(block.volts), 0.0)
+            readings = counts.astype(np.float64) @ self._counted
+        pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
         taxel_touches = pressure > self._params.contact_volts
         n_touching = taxel_touches.sum(axis=1)
         return Pressure(
@@ -127,6 +141,14 @@ class ContactTracker:
             released=(pressure < self._params.release_volts).all(axis=1),
             slope_volts_s=self._slope(held.steps) / np.maximum(n_touching, 1),
         )
+
+    def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
+        """Of each taxel (n, taxels); whole, but where one side has it alone."""
+        sums = steps @ self._signs
+        largest = (steps * self._sign)[:, self._own].max(axis=2)
+        rest = sums - largest
+        bounded = rest + np.minimum(largest, _ONE_SIDE / np.maximum(readings - 1, 1.0) * rest)
+        return np.where(readings >= _LEAST_SIDES, bounded, sums)
 
     def _slope(self, steps: FloatArray) -> FloatArray:
         totals = steps @ self._total_weights

@@ -151,8 +151,9 @@ class CoherentSlip:
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
         if not self._rate_hz:
             self._start(item.rate_hz)
-        for start in range(0, len(item), _PIECE_SCANS):
-            events += self._process_piece(item[start : start + _PIECE_SCANS])
+        starts = range(0, len(item), _PIECE_SCANS)
+        for piece in [item] if len(starts) == 1 else [item[n : n + _PIECE_SCANS] for n in starts]:
+            events += self._process_piece(piece)
         self._last_time_s = float(item.time_s[-1])
         return events
 
@@ -170,7 +171,7 @@ class CoherentSlip:
         stuck = self._stuck.process(held.steps)
         if stuck.any():
             held = Held(held.steps, held.ok & ~stuck)
-        pressure = self._tracker.measure(block, held)
+        pressure = self._tracker.measure(block, held, stuck)
         gate = pressure.rows()
         events: list[Event] = []
         for stretch in self._evidence.stretches(held):

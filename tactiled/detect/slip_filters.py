@@ -22,7 +22,6 @@ ramps have whole weights with absolute sums below 2^28: every sum stays below 2^
 """
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from tactiled.array import FloatArray
 from tactiled.detect.wavelet import taps
@@ -77,7 +76,11 @@ class Filters:
         ramps : (n, columns, ramps)
         details : (n, columns, levels)
         """
-        out = sliding_window_view(seen, self.window, axis=0) @ self._matrix
+        seen = np.ascontiguousarray(seen)
+        scan, column = seen.strides
+        # As `sliding_window_view` has it, which takes longer than the filters of one scan.
+        shape = (len(seen) - self.window + 1, seen.shape[1], self.window)
+        out = np.ndarray(shape, seen.dtype, seen, strides=(scan, column, scan)) @ self._matrix
         return out[..., : self._n_ramps], out[..., self._n_ramps :]
 
     def rise(self, ramp: int, seen: FloatArray) -> FloatArray:

@@ -44,6 +44,20 @@ def test_one_taxel_is_enough() -> None:
     assert all(isinstance(e, ContactEvent) and e.taxels == (4,) for e in events[:2])
 
 
+@pytest.mark.parametrize("stuck_volts", [1.1, 2.9])
+def test_what_one_side_reads_alone_is_no_contact(stuck_volts: float) -> None:
+    volts = QUIET_TOUCH.volts(WANG, 100.0)
+    volts[:, 17] = stuck_volts  # from before the touch to after it: a quarter of it is above the threshold
+    block = regular_block(volts, 100.0, start_s=100.0)
+    healthy = ContactGate(WANG).process(QUIET_TOUCH.block(WANG))
+    events = ContactGate(WANG).process(block)
+    assert contact_states(events) == ["loading", "holding", "none"]
+    assert [e.time_s for e in events[1:]] == pytest.approx([e.time_s for e in healthy[1:]], abs=0.02)
+    assert 100.5 < events[0].time_s <= healthy[0].time_s  # the others need not bear all of the threshold
+    alone = ContactGate(WANG)
+    assert [e for n in range(len(block)) for e in alone.process(block[n : n + 1])] == events
+
+
 def test_channels_that_vanish_are_no_change_of_load() -> None:
     volts = QUIET_TOUCH.volts(WANG, 100.0)
     volts[500:, 3:20] = np.nan

@@ -52,6 +52,27 @@ def test_a_channel_that_sticks_in_a_hold_takes_its_taxel_out(volts: float | None
     assert {e.taxels for e in slips(events)} == {(1, 2, 3, 5, 6, 7, 8)}
 
 
+def test_a_press_that_is_over_mends_no_channel() -> None:
+    touch = Touch(slide_s=3.0, stop_s=3.5, lift_s=4.0, end_s=5.0)
+    volts = np.concatenate([touch.volts(ARRAY, 100.0)] * 2)
+    volts[:, 5] = 2.9  # before it could have had noise
+    stuck = Stuck(ARRAY).process(steps(volts))
+    assert stuck[150:, 5].all()
+    assert not np.delete(stuck, 5, axis=1).any()
+    volts[600:, 5] += LSB
+    assert not Stuck(ARRAY).process(steps(volts))[600, 5]
+
+
+def test_a_side_that_is_stuck_from_the_start_costs_no_confidence() -> None:
+    block = Touch().block(ARRAY)
+    broken = stuck_at(block, [5], 2.9, 0)
+    events, with_all = detect(broken), detect(block)
+    assert told(events) == told(with_all)
+    for event, whole in zip(onsets(events), onsets(with_all), strict=True):
+        assert event.confidence == pytest.approx(whole.confidence, abs=0.02)
+        assert event.taxels == tuple(sorted({*whole.taxels} - {1}))
+
+
 def test_a_stuck_channel_works_again_when_it_moves() -> None:
     block = Touch(slide_s=7.0, noise=1e-3, seed=4).block(ARRAY)
     stuck = block.volts.copy()
