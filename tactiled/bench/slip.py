@@ -25,8 +25,8 @@ from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, Quiet, count, quiet_families
 from tactiled.bench.slip_report import Measured, numbers_of, text_of
 from tactiled.bench.slip_rest import rests, tasks
-from tactiled.bench.slip_rivals import Knobs, at_noise
-from tactiled.bench.slip_scenes import NOISES_V, Played, play, slipping_families, tuned_families
+from tactiled.bench.slip_rivals import Knobs, rivals, sweep
+from tactiled.bench.slip_scenes import Played, play, slipping_families, tuned_families
 from tactiled.emulator.families import QUIET, Family
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
@@ -37,8 +37,8 @@ REPORT_SEED = 5001
 _ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
 # Seconds of one core, for the bar: a second of a held object, an hour of noise for all rules, a slip for all
 # detectors.
-_HELD_S, _NOISE_S, _SLIP_S = 0.3, 3.0, 0.5
-_REST_S = 2.0  # a load that rests, for all settings
+_HELD_S, _NOISE_S, _SLIP_S = 0.1, 3.0, 0.5
+_REST_S = 1.5  # a load that rests, for all settings
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ def bench_slip(
     say : callable
         Takes a line of progress.
     quick : bool
-        Fewer seeds, about a minute.
+        Fewer seeds, about a minute where no curve is asked for.
     picture : Path, optional
-        PNG to write: the speed-accuracy curve.
+        PNG to write: the speed-accuracy curve, which is measured only where it, or all numbers, are written.
     numbers : Path, optional
         JSON to write: every number, case by case.
     """
-    found = _measured(say, QUICK if quick else FULL)
+    found = _measured(say, QUICK if quick else FULL, with_sweep=picture is not None or numbers is not None)
     if picture is not None:
         draw_slip(picture, found.cases, found.quiet, found.knobs)
     if numbers is not None:
@@ -81,7 +81,7 @@ def bench_slip(
     return text_of(found)
 
 
-def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
+def _measured(say: Callable[[str], None], sizes: Sizes, *, with_sweep: bool) -> Measured:
     tune_seeds = range(TUNE_SEED, TUNE_SEED + sizes.tune)
     slip_seeds = range(REPORT_SEED, REPORT_SEED + sizes.slips)
     quiet_seeds = range(REPORT_SEED, REPORT_SEED + sizes.quiet)
@@ -119,7 +119,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes) -> Measured:
             [_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune],
         )
         knobs = Knobs(tails, fastest_level(list(itertools.chain(*cases)), "any channel"))
-        names = list(dict.fromkeys(name for noise_v in NOISES_V for name in at_noise(knobs, noise_v)))
+        names = [*rivals(knobs), *(sweep() if with_sweep else ())]
         cases = each(
             "slips",
             measure,
@@ -174,12 +174,12 @@ class Each:
 def _play_s(family: Family, seed: int) -> float:
     """About what it takes to play a scene."""
     scene = family(seed)
-    return _HELD_S * (scene.duration_s if scene.held_object is not None else 0.05 * scene.duration_s)
+    return _HELD_S * (scene.duration_s if scene.held_object is not None else 0.1 * scene.duration_s)
 
 
 def _count_s(family: str, readings: int) -> float:
     """About what it takes to read a scene; a hold is long, and has more noises and the faults."""
-    return (4.0 + 4.0 * readings) * (1.0 if family == HELD else 0.06)
+    return (0.4 + 0.15 * readings) * (35.0 if family == HELD else 1.0)
 
 
 def _first_that_slips(name: str, family: Family) -> Played:
