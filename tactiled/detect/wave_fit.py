@@ -116,6 +116,8 @@ def _strongest_wave(
     window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, least: float = 0.0
 ) -> tuple[WaveFit, Line | None]:
     """Fit of the strongest line that is a wave, of some power; lines that are none are taken out first."""
+    if float(window.power.sum()) < least:  # no line has more than all that is there
+        return WaveFit("low-snr"), None
     for _ in range(_MOST_LINES):
         readings = strongest(window, params)
         if not readings or max(_line_power(each.window, each.turn) for each in readings) < least:

@@ -138,18 +138,18 @@ def _directions(geometry: Geometry, tables: Tables, waves: Waves) -> FloatArray:
     n_harmonics = tables.n_harmonics
     psi = geometry.psi(waves.k, waves.turn)
     own = waves.phase.transpose(2, 0, 1) @ geometry.is_kind.T
-    h = np.arange(n_harmonics)
-    times = (h + 1.0).reshape(-1, 1, 1)
-    alpha = psi * times + own
-    cos, sin = np.cos(alpha), np.sin(alpha)
-    here, quarter = np.stack([cos, -sin], axis=1), np.stack([-sin, -cos], axis=1)
-    times = times[:, np.newaxis]
-    shift = times * (waves.turn - tables.turn)[:, np.newaxis]
+    ahead = waves.turn - tables.turn
     # (what, its harmonic, plain or times the way, harmonic, cosine or sine, starts, channels)
     on = np.zeros((3, n_harmonics, 2, n_harmonics, 2, *psi.shape))
-    on[0, h, 0, h], on[0, h, 1, h] = here, shift * quarter
-    on[1, h, 0, h], on[1, h, 1, h] = quarter, -shift * here
-    on[2, h, 1, h] = times * quarter
+    for h in range(n_harmonics):
+        times = h + 1.0
+        alpha = times * psi + own[h]
+        here = np.array([np.cos(alpha), -np.sin(alpha)])
+        quarter = np.array([here[1], -here[0]])
+        shift = (times * ahead)[:, np.newaxis]
+        on[0, h, 0, h], on[0, h, 1, h] = here, shift * quarter
+        on[1, h, 0, h], on[1, h, 1, h] = quarter, -shift * here
+        on[2, h, 1, h] = times * quarter
     return on.reshape(3 * n_harmonics, 4 * n_harmonics, *psi.shape)
 
 

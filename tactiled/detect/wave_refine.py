@@ -85,10 +85,14 @@ def _climbed(window: Window, layout: Layout, motion: WaveMotion, start: Waves, n
         if moved < _CONVERGED and np.allclose(stray, strayed, rtol=0.05):
             break
     free = float((tables.explained() / variance).sum())
-    plain = Solver(window, layout, motion, variance)
-    tied = float(plain.solve(tables, best.k, best.turn, 2, best.phase).gain[0])
     noise = float(special.chdtri(len(variance) * n_harmonics, _FALSE_LINE))
-    is_wave = free - tied < max(_LEAST_TIED * free, noise)
+    plain = Solver(window, layout, motion, variance)
+    # Where the wave is right here it is so at its maximum without strays, too.
+    is_wave = any(
+        free - float(plain.solve(tables, best.k, best.turn, steps, best.phase).gain[0])
+        < max(_LEAST_TIED * free, noise)
+        for steps in (0, 2)
+    )
     is_wave &= abs(float(best.turn[0] - start.turn[0])) < _FARTHEST
     is_wave &= float(stray[:, 0].mean()) / n_harmonics < _MOST_STRAY
     return Refined(best, tables, variance, stray, is_wave, window.n)
