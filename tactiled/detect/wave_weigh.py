@@ -64,18 +64,20 @@ def _belies(
     others = search(window, tables, layout, free, params, best.variance, 0.0)
     if not len(others.k):
         return False
+    shared = len(layout.x_mm) / len(layout.places_mm)
+    least = shared * stats.chi2.isf(_FALSE_CONFLICT, 1)
+    # Strays let either do better: what freedom is worth without them is more than with them.
+    likeliest = found[int(found.gain.argmax())]
+    plain = Solver(window, layout, motion, best.variance).solve(tables, likeliest.k, likeliest.turn, 2)
+    if others.gain[0] - plain.gain[0] <= least:
+        return False
     other = refine(window, layout, free, params, others[0])
     stray = other.stray_alone
     tied = Solver(window, layout, motion, other.variance, stray).solve(tables, found.k, found.turn, steps=2)
     loose = Solver(window, layout, free, other.variance, stray).solve(
         tables, other.waves.k, other.waves.turn, 2
     )
-    shared = len(layout.x_mm) / _n_places(layout)
-    return bool(loose.gain[0] - tied.gain.max() > shared * stats.chi2.isf(_FALSE_CONFLICT, 1))
-
-
-def _n_places(layout: Layout) -> int:
-    return int(np.unique(np.stack([layout.x_mm, layout.y_mm]), axis=1).shape[1])
+    return bool(loose.gain[0] - tied.gain.max() > least)
 
 
 def has_lever(layout: Layout, motion: WaveMotion) -> bool:
