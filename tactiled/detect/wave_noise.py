@@ -19,7 +19,8 @@ from tactiled.detect.wave_refine import Refined
 from tactiled.detect.wave_solve import Solver
 
 _PLACES = 8  # beside the line: fewer say little, more are far from it
-_NEAREST = 1.0 - 1e-9  # periods of the window (but for rounding): nearer, the fit took the noise with the line
+# Periods of the window, but for rounding: nearer, the fit has taken the noise with the line.
+_NEAREST = 1.0 - 1e-9
 _SLOWEST = 0.75  # periods: below, the trend has taken it
 # White noise passes for more than white so often; the sigma is then too wide by what it seemed to be.
 _FALSE_COLOUR = 0.01
