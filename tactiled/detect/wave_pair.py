@@ -72,15 +72,22 @@ class _Phasors:
             for kinds in together.values()
         ]
 
-    def explained(self, k: FloatArray) -> FloatArray:
-        """Power that pairs explain by least squares: (pairs,), for (pairs, 2, 2)."""
-        total = np.zeros(len(k))
+    def explained(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Power that pairs explain by least squares: (pairs, firsts, seconds).
+
+        Parameters
+        ----------
+        first, second : (pairs, firsts or seconds, 2) float64
+            Each of the one goes with each of the other.
+        """
+        total = np.zeros((len(first), first.shape[1], second.shape[1]))
         for place, z in self.groups:
-            wave = np.exp(-1j * (k @ place.T))  # (pairs, 2, channels)
-            seen = wave @ z
-            overlap = (wave[:, 0].conj() * wave[:, 1]).mean(axis=-1)
-            own = (np.abs(seen) ** 2).sum(axis=(1, 2))
-            crossed = (overlap * (seen[:, 0] * seen[:, 1].conj()).sum(axis=-1)).real
+            one, other = np.exp(-1j * (first @ place.T)), np.exp(-1j * (second @ place.T))
+            by_one, by_other = one @ z, other @ z  # (pairs, waves, kinds)
+            overlap = one.conj() @ other.swapaxes(1, 2) / len(place)
+            crossed = (overlap * (by_one @ by_other.conj().swapaxes(1, 2))).real
+            own = (np.abs(by_one) ** 2).sum(axis=-1)[:, :, np.newaxis]
+            own = own + (np.abs(by_other) ** 2).sum(axis=-1)[:, np.newaxis]
             total += (own - 2 * crossed) / np.maximum(1 - np.abs(overlap) ** 2, 1 - _MOST_ALIKE) / len(place)
         return total
 
@@ -248,12 +255,14 @@ def _refined(phasors: _Phasors, pairs: FloatArray, step: FloatArray) -> FloatArr
     step : (2,) float64
         From one point of the grid to the next.
     """
-    moves = np.stack(np.meshgrid(*[np.arange(-2, 3) / 4] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    moves = np.arange(-2, 3)[:, np.newaxis] / 4
     for most in _KEPT:
-        free = (np.abs(pairs).sum(axis=2) > 0).astype(np.float64)[:, np.newaxis, :, np.newaxis]
-        near = pairs[:, np.newaxis] + moves[..., np.newaxis] * step * free
-        explained = phasors.explained(near.reshape(-1, 2, 2)).reshape(len(pairs), -1)
-        pairs = near[np.arange(len(pairs)), explained.argmax(axis=1)]
+        free = (np.abs(pairs).sum(axis=2) > 0).astype(np.float64)[..., np.newaxis, np.newaxis]
+        near = pairs[:, :, np.newaxis] + moves * step * free  # (pairs, 2, moves, 2)
+        explained = phasors.explained(near[:, 0], near[:, 1]).reshape(len(pairs), -1)
+        first, second = np.divmod(explained.argmax(axis=1), len(moves))
+        each = np.arange(len(pairs))
+        pairs = np.stack([near[each, 0, first], near[each, 1, second]], axis=1)
         pairs = pairs[np.argsort(-explained.max(axis=1), kind="stable")[:most]]
         step = step / 4
     return pairs
