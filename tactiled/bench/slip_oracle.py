@@ -1,7 +1,8 @@
 """The bound of ``tactiled bench slip``: a generalised likelihood ratio that knows the shape of the onset.
 
-For noise-free channels s(t) from `t_shear` on, readings ``y = level + a s(t - onset) + noise``, white of
-known sigma, and unknown amplitude a > 0 and onset, the statistic of scan n is the largest over onsets of
+For noise-free channels s(t) from where the load grows on (`TrueInstants.grows_s`), readings ``y = level +
+a s(t - onset) + noise``, white of known sigma, and unknown amplitude a > 0 and onset, the statistic of scan n
+is the largest over onsets of
 
     sum_c,i s_c(i) (y_c(i) - level_c) / (sigma sqrt(sum_c,i s_c(i)^2)),
 
@@ -44,13 +45,13 @@ class Oracle:
     Attributes
     ----------
     first : int
-        First scan of which any channel is sampled after the onset.
+        First scan of which any channel is sampled after the load grows.
     """
 
     def __init__(self, played: Played) -> None:
         if played.slip is None:
             raise ContractError("an oracle knows a slip, and this scene has none")
-        self.first = int(np.ceil((played.slip.shear_s - SCAN_SPAN_S) * RATE_HZ))
+        self.first = int(np.ceil((played.slip.grows_s - SCAN_SPAN_S) * RATE_HZ))
         self._level = played.volts[self.first - 1]
         shape = (played.volts[self.first :] - self._level)[: AGES[-1]]
         # White noise stays white under a rotation of the channels; few combinations hold the whole shape.

@@ -66,7 +66,8 @@ def text_of(found: Measured) -> str:
             "the aims ask for, and how often an hour motion without slip grows by as much in that time, "
             "unannounced and without noise. Whoever looks at growing shear raises so many false alarms.",
             limit_table(tuned, found.quiet.exceeded),
-            "First event after the shear began, to the end of the scan that showed it. before gross: of "
+            "First event after the shear began, to the end of the scan that showed it; negative where it had "
+            "grown, but not yet by the 0.2 % of the grip that truth calls beginning. before gross: of "
             "slips that take 50 ms or more to become gross. incipient: median / p95 since 10 % slipped, of "
             "so many that said it. gross: median distance from 90 %. early, on the press: false alarms "
             "before the shear. Families tuned on:",

@@ -1,19 +1,14 @@
-"""Scenes of ``tactiled bench slip``: played once without noise, then read as often as wanted with noise.
-
-Latency is scored against the first gross slip of a scene. `t_shear` is when the tangential load begins to
-grow towards it: `slipwatch`'s instant, or a later one where the load first rested (an object that hangs still
-and is then jerked).
-"""
+"""Scenes of ``tactiled bench slip``: played once without noise, then read as often as wanted with noise."""
 
 import itertools
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
+from tactiled.bench.slip_truth import GRID_S, Course, TrueInstants, first_gross, loads_at
 from tactiled.emulator import families
 from tactiled.emulator.electronics import adc_counts
 from tactiled.emulator.families import Family, slipping
@@ -21,7 +16,7 @@ from tactiled.emulator.noise import ScanNoise
 from tactiled.emulator.phases import Load, Press
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.sensor import Sensor
-from tactiled.emulator.truth import TrueSlip, Truth
+from tactiled.emulator.truth import Truth
 from tactiled.samples.block import ScanBlock, regular_block
 
 FloatArray = NDArray[np.float64]
@@ -38,30 +33,8 @@ SCAN_SPAN_S = (
 LEAD_S = 3.0
 SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
 NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
-# A load rests where it changed by less than this part of the grip (as in `slipwatch`) in so many seconds.
-_RESTS, _RESTS_S = 0.002, 0.1
 _MOTOR_STARTS_S = 0.5  # from standing to its speed
-_GRID_S = 0.005  # step of the plates' contact models: truth is no finer
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps
-
-
-@dataclass(frozen=True)
-class TrueInstants:
-    """First gross slip of a scene, scene time.
-
-    Attributes
-    ----------
-    shear_s, incipient_s, gross_s, end_s : float
-        The tangential load begins to grow; 10 %, 90 % of the contact slip; less than 10 % again.
-    direction_deg : float or None
-        None where the skin turned on the spot.
-    """
-
-    shear_s: float
-    incipient_s: float
-    gross_s: float
-    end_s: float
-    direction_deg: float | None
 
 
 @dataclass(frozen=True)
@@ -135,22 +108,22 @@ def play(name: str, family: Family, seed: int) -> Played:
     n = int(scene.duration_s * RATE_HZ) - 1
     time_s = np.arange(n)[:, None] / RATE_HZ + CHANNEL_STEP_S * np.arange(array.n_channels)
     truth = Truth(scene, 0.0, sensor.contact, array)
-    grid_s = np.arange(0.0, scene.duration_s, _GRID_S)
+    grid_s = np.arange(0.0, scene.duration_s, GRID_S)
     # Volts and truth by turns: who asks for more than the newest seconds has the scene played anew.
     volts, loads_n = [], []
     bounds = [*range(0, n - _PIECE_SCANS, _PIECE_SCANS), n]
     for start, end in itertools.pairwise(bounds):
         volts.append(sensor.volts(time_s[start:end]))
         until_s = time_s[end, 0] if end < n else np.inf
-        loads_n.append(_loads_n(truth, grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)]))
-    rests_s = _rests_s(grid_s, *np.concatenate(loads_n, axis=1))
+        loads_n.append(loads_at(truth, grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)]))
+    load = Course(grid_s, *np.concatenate(loads_n, axis=1))
     return Played(
         family=name,
         seed=seed,
         volts=np.concatenate(volts),
         held_s=scene.phases[0].duration_s,
-        slip=_first_gross(truth, rests_s),
-        slipping=tuple((_shear_s(e, rests_s), e.end_s) for e in truth.episodes),
+        slip=first_gross(truth, load),
+        slipping=tuple((load.shear_s(e), e.end_s) for e in truth.episodes),
         announcements=announcements(scene),
     )
 
@@ -188,35 +161,6 @@ def _held_longer(scene: Scene, more_s: float) -> Scene:
     for extra in document["disturbances"]:
         extra["start_s"] += more_s
     return Scene.model_validate(document)
-
-
-def _first_gross(truth: Truth, rests_s: FloatArray) -> TrueInstants | None:
-    gross = next((slip for slip in truth.slips if slip.gross_s is not None), None)
-    if gross is None or gross.gross_s is None:
-        return None
-    shear_s = _shear_s(gross, rests_s)
-    # The contact may slip in part, hold, and slip again on its way to gross slip.
-    before = [e.onset_s for e in truth.episodes if e.end_s > shear_s and e.onset_s <= gross.onset_s]
-    return TrueInstants(shear_s, max(min(before), shear_s), gross.gross_s, gross.end_s, gross.direction_deg)
-
-
-def _shear_s(slip: TrueSlip, rests_s: FloatArray) -> float:
-    """When the tangential load began to grow to this slip."""
-    rested = rests_s[rests_s <= slip.onset_s]
-    return max(slip.shear_s or 0.0, float(rested[-1]) if len(rested) else 0.0)
-
-
-def _loads_n(truth: Truth, time_s: FloatArray) -> FloatArray:
-    """Tangential and normal load (2, n) of all taxels at instants (n,)."""
-    state = truth.state(time_s)
-    return np.stack([np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1), state.normal_n.sum(axis=1)])
-
-
-def _rests_s(time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> FloatArray:
-    """Instants, of those on the grid, at which the tangential load had not changed for `_RESTS_S`."""
-    back = round(_RESTS_S / _GRID_S)
-    moved_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
-    return np.asarray(time_s[back:][moved_n <= _RESTS * normal_n[back:]])
 
 
 def announcements(scene: Scene) -> tuple[Announcement, ...]:

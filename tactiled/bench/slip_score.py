@@ -1,9 +1,10 @@
 """What a slip event was worth: latency from true instants, misses, false alarms, direction, stated sigmas.
 
 An event is known when the scan that completed its evidence is complete: `detected_s` plus the scan's own
-`SCAN_SPAN_S`. Before `t_shear` it is a false alarm, except on the way to or in a slip of a tenth or more of
-the contact (it may say "incipient" there, never "gross"). From `t_shear` until the slip is over, or `GRACE_S`
-after it became gross if that is later, it is the detection; none by then is a miss.
+`SCAN_SPAN_S`. Before the tangential load grows at all (`slip_truth`) it is a false alarm, except on the way
+to or in a slip of a tenth or more of the contact (it may say "incipient" there, never "gross"). From then
+until the slip is over, or `GRACE_S` after it became gross if that is later, it is the detection; none by then
+is a miss. What an event states, its instant or sigma, has no say in this.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played, TrueInstants
+from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played
+from tactiled.bench.slip_truth import TrueInstants
 from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
 
 FloatArray = NDArray[np.float64]
@@ -29,11 +31,11 @@ class Found:
     Attributes
     ----------
     first_s : float
-        First event after `t_shear`, since `t_shear`.
+        First event since the load grew, after `t_shear`.
     to_gross_s : float
         From that event to `t_gross`: positive is early enough.
     incipient_s, gross_s : float
-        First event of that kind after `t_shear`, since `t_incipient` and `t_gross`: negative is before.
+        First event of that kind since the load grew, after `t_incipient` and `t_gross`: negative is before.
     onset_error_s, onset_sd_s : float
         Stated onset of the first event, against `t_shear`: the first kink is all that it can know of.
     gross_onset_error_s, gross_onset_sd_s : float
@@ -41,7 +43,7 @@ class Found:
     direction_error_deg, direction_sd_deg : float
         Of the first event about this slip that states a direction; NaN where truth has none too.
     early : int
-        False alarms before `t_shear`, the press not counted.
+        False alarms before the load grew, the press not counted.
     on_press : int
         False alarms while loading.
     """
@@ -73,10 +75,10 @@ def onsets(events: Sequence[Event]) -> list[SlipEvent]:
 def score_slip(events: Sequence[Event], played: Played, slip: TrueInstants) -> Found:
     """Score the events of a whole scene against its first gross slip."""
     said = onsets(events)
-    before = [e for e in said if known_s(e) < slip.shear_s and is_false(e, played)]
+    before = [e for e in said if known_s(e) < slip.grows_s and is_false(e, played)]
     on_press = sum(_is_on_press(e, played) for e in before)
     until_s = max(slip.end_s, slip.gross_s + GRACE_S)
-    about = [e for e in said if slip.shear_s <= known_s(e) <= until_s]
+    about = [e for e in said if slip.grows_s <= known_s(e) <= until_s]
     first = about[0] if about else None
     gross = next((e for e in about if e.kind == "gross"), None)
     turn_deg, turn_sd_deg = _direction_error_deg(about, slip)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played, TrueInstants
+from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played
 from tactiled.bench.slip_score import (
     GRACE_S,
     SETTLE_S,
@@ -17,6 +17,9 @@ from tactiled.bench.slip_score import (
     score_slip,
     tally,
 )
+from tactiled.bench.slip_truth import GRID_S, Course, TrueInstants
+from tactiled.emulator.phases import Flat
+from tactiled.emulator.truth import TrueSlip
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 SLIP = TrueInstants(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direction_deg=170.0)
@@ -57,6 +60,31 @@ def test_before_the_shear_is_a_false_alarm_and_no_detection() -> None:
     assert np.isnan(found.first_s)
     assert found.early == 1
     assert score_slip([said(5.0)], PLAYED, SLIP).first_s == pytest.approx(0.0)
+
+
+def test_what_is_said_while_the_load_grows_already_is_about_the_slip() -> None:
+    swells = replace(SLIP, grown_for_s=0.04)
+    found = score_slip([said(4.97), said(5.2)], PLAYED, swells)
+    assert found.first_s == pytest.approx(-0.03)
+    assert found.early == 0
+    before = said(4.95, onset_s=5.0, onset_sd_s=1.0)  # whatever it states
+    found = score_slip([before, said(5.2)], PLAYED, swells)
+    assert found.first_s == pytest.approx(0.2)
+    assert found.early == 1
+
+
+@given(st.floats(0.5, 3.0), st.sampled_from([1, 2, 3]))
+def test_a_load_grows_from_where_it_leaves_rest(swells_for_s: float, power: int) -> None:
+    time_s = np.arange(0.0, 6.0, GRID_S)
+    shear_n = np.where(time_s < 1.0, time_s, 1.0)  # it has come and stays
+    shear_n += 5.0 * (np.maximum(time_s - 3.0, 0.0) / swells_for_s) ** power
+    load = Course(time_s, shear_n, np.full(len(time_s), 10.0))
+    begins_s = load.shear_s(TrueSlip(5.9, np.inf, 0.0, Flat(friction=0.5), shear_s=0.0))
+    grown_for_s = load.grown_for_s(begins_s)
+    before_n, at_n, grown_n = np.interp([begins_s - 0.1, begins_s - grown_for_s, begins_s], time_s, shear_n)
+    assert grown_n - before_n <= 0.002 * 10.0 + 1e-9  # not yet growth
+    assert begins_s - grown_for_s >= 3.0 - GRID_S
+    assert grown_for_s == pytest.approx(0.1) or at_n - 1.0 <= 1e-3  # a twentieth of that: it leaves rest
 
 
 def test_an_alarm_while_pressing_is_counted_apart() -> None:
