@@ -4,9 +4,10 @@
 that its phases allow (`wave_search`); climb to the maximum from the best, harmonics and all (`wave_solve`);
 weigh best against the others; state sigmas from the Fisher information.
 
-Each window is fitted anew. Running sums could spare the spectrum and the projection of trends alone: of a fit
-of 36 channels these were measured to be 5 % at 2 s, 16 % at 20 s. Starting from the last answer would spare
-the search, but bits would then depend on which windows came before.
+Each window is fitted anew. Running sums could spare what depends on scans alone, the spectrum and the
+projection of trends, and that once a window slides: while it grows, its bins move with it. `tactiled bench
+texture` prints their part of a fit. Starting from the last answer would spare the search; but the search is
+what finds a rival that has become as likely since, and bits would depend on which windows came before.
 """
 
 from dataclasses import replace

@@ -1,0 +1,42 @@
+"""What the cost table times are full answers; what it says of them."""
+
+import numpy as np
+import pytest
+
+from tactiled.array import load_array
+from tactiled.bench.texture_answers import joint_fit
+from tactiled.bench.texture_cost import STRAY_RAD, Cost, OnlineCost, case_of, cost_table, online_table
+from tactiled.bench.texture_online import DIRECTION_SD_DEG
+from tactiled.bench.texture_signal import RATE_HZ, readings
+from tactiled.detect.grooves import Motion
+from tactiled.detect.wave_model import WaveFit
+
+ARRAY = load_array("wang2019-3x3")
+
+
+def fit(stray_rad: float, speed_mm_s: float) -> WaveFit:
+    case = case_of(ARRAY, 2.0, stray_rad)
+    motion = Motion(speed_mm_s, 0.0, case.wave.direction_deg, DIRECTION_SD_DEG)
+    return joint_fit(ARRAY, readings(case, np.random.default_rng(1)), RATE_HZ, case.sensed.offset_s, motion)
+
+
+@pytest.mark.parametrize("speed_mm_s", [9.0, 0.0])
+def test_windows_that_are_timed_are_answered(speed_mm_s: float) -> None:
+    alike, straying = fit(0.0, speed_mm_s), fit(STRAY_RAD, speed_mm_s)
+    assert (alike.status, straying.status) == ("ok", "ok")
+    assert alike.period_mm == pytest.approx(1.2, abs=4 * alike.period_sd_mm)
+    assert straying.period_mm == pytest.approx(1.2, abs=4 * straying.period_sd_mm)
+    assert straying.angle_sd_deg > 2 * alike.angle_sd_deg  # strays are there, and the fit has seen them
+
+
+def test_the_share_is_of_the_cheapest_and_of_the_dearest_fit() -> None:
+    cells = (
+        cost_table([Cost("joint fit", "pad", 9, 2.0, [4.0, 5.0, 10.0, 8.0], 1.0)]).splitlines()[-1].split("|")
+    )
+    assert [cell.strip() for cell in cells[5:-1]] == ["4.0", "5.0", "10.0", "8.0", "1.0 (10 to 25 %)"]
+
+
+def test_the_longest_hop_is_said() -> None:
+    row = online_table([OnlineCost("quick", 20.0, 100, 15000.0, 21.4, 1000.0)]).splitlines()[-1]
+    assert "21 ms" in row
+    assert "10.0 %" in row  # of a core, at a hundred scans a second
