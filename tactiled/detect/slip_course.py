@@ -8,7 +8,7 @@ slip, Mindlin's slope is 0.32 of that at the start.
 
 A load that stops growing below the friction limit has the same shape. What tells it apart: little shear over
 pressure is no gross slip on any likely surface; pressure that came with the shear and stops with it is a
-load; and taxels that keep their shares of the shear still hold (`slip_limit`). A response that falls back at
+load; and the taxels' shares of the shear tell (`slip_limit`). A response that falls back at
 once is a load that goes again; one that falls much faster than it rose has broken away (stick-slip). What
 comes after is `slip_after`'s.
 """
@@ -31,7 +31,7 @@ from tactiled.detect.slip_after import (
 )
 from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
-from tactiled.detect.slip_response import PRESSURE, motion
+from tactiled.detect.slip_response import PRESSURE, motion, rising_half
 
 _FLAT = 0.3
 _LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
@@ -48,6 +48,8 @@ _INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
 _LATE_PART, _SHAPE_SD_PART = 0.03, 0.03
 # The line is longer where noise would make its slope uncertain by more than this part of the steepest.
 _SLOPE_SD_PART = 0.15
+# Where the odds that all slips are below three to one either way, more scans are waited for, so long.
+_SURE, _WAIT_S = math.log(3), 0.08
 _STALLED_S = 0.3  # flat for so long below what is gross: the load stays, nothing slips any more
 _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
@@ -98,7 +100,7 @@ class Course:
         self.along = along
         self._along: list[float] = along.tolist()
         # Twice the side that rises stands for both: what it may miss is that the other bottoms out.
-        self._sides = 2 * np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
+        self._sides = 2 * rising_half(along)
         self._start = self._risen(start)
         self._even = self._risen(even)
         self._begun, self._began = index - began.delay_scans, began
@@ -136,15 +138,11 @@ class Course:
         """How far shear fell from its top to the newest response (7,), over the pressure of that."""
         return (self._top_shear - float(self.along @ motion(row))) / float(row[PRESSURE])
 
-    def look_back(self, seen: FloatArray, steps: FloatArray) -> None:
+    def look_back(self, steps: FloatArray) -> None:
         """Take the taxels' shares from before the slip was known, of what `step` is given."""
-        shears = motion(seen) @ self.along
-        ago = self._began.delay_scans
-        first = max(len(seen) - 1 - int(ago), self._least_line)
-        for row in range(first, len(seen)):
-            newest = steps[row + 1 - self._least_line : row + 1]
-            scans = row - (len(seen) - 1 - ago)
-            self._limit.take(float(shears[row]) - self._start_shear, scans, newest)
+        ago = min(int(self._began.delay_scans), len(steps) - 1)
+        for row in range(len(steps) - 1 - ago, len(steps)):
+            self._limit.take(self._began.delay_scans - (len(steps) - 1 - row), steps[row])
 
     def _risen(self, row: FloatArray) -> float:
         sides = row[:PRESSURE].tolist()
@@ -220,23 +218,26 @@ class Course:
         is_clear = 0 < _CLEARLY * self._gross * pressure < shear and slope > -_GOES * self._steepest
         is_flat = self._n_flat > (1 if is_clear else n // 2) and still_there
         if not self._n_flat:
-            self._limit.take(shear - self._start_shear, index - self._begun, steps[-n:])
+            self._limit.take(index - self._begun, steps[-1])
         self._stays = self._stays and self._n_flat > 0  # what is known of this rest: noise may not ask again
         if is_flat and shear >= self._gross * pressure and not self._stays:
-            self._stays = self._load_stops(knee, shear, pressure, steps)
-            if not self._stays:
+            odds = self._odds(shear, pressure, steps)
+            sure = _SURE if self._n_flat < _WAIT_S * self._rate_hz else 0.0
+            if odds > sure:
                 return self._go_gross(index, *self._reached(index, seen), 0)
+            self._stays = odds < -sure
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):
             return Verdict("turned", index - self._n_turned, n / 2)
         return None
 
-    def _load_stops(self, knee: float, shear: float, pressure: float, steps: FloatArray) -> bool:
-        """Whether the load came to rest where the shear did, and friction need not have."""
-        risen = shear - self._start_shear
-        pressed = pressure - self._start_pressure > _PRESSED * risen
-        return pressed or self._limit.holds(risen, knee - self._begun, steps[-self._n_flat :])
+    def _odds(self, shear: float, pressure: float, steps: FloatArray) -> float:
+        """Logarithm of the odds that friction is at its limit where shear has stopped."""
+        if pressure - self._start_pressure > _PRESSED * (shear - self._start_shear):
+            return -math.inf  # a load came to rest, and shear with it
+        odds = self._limit.odds(steps[-self._n_flat :])
+        return math.inf if odds is None else odds
 
     def _trend(self, seen: FloatArray, n: int) -> FloatArray:
         """Slopes (7,) of a line through the newest n scans: sums of whole numbers, exact in any order."""

@@ -1,46 +1,66 @@
 """Where a load's growth stops: has friction reached its limit, or does the load just stay?
 
-Both stand still at once, and the size of the shear tells only on surfaces of known friction. The taxels tell.
-All move as one while the contact holds, so a taxel under more load takes no more of the shear than it is
-stiffer for; at the limit each takes its own load's part. By Mindlin's curve, with travel x over the travel of
-gross slip, which grows as ``N^(2/3)`` of a ball's load,
+Both stand still at once, and the size of the shear tells only on surfaces of known friction. The taxels tell:
+while the contact holds they move as one, and their shares of the shear stay; where it slips, the shares turn
+towards what each taxel's load bears. By Mindlin's curve (Mindlin, J. Appl. Mech. 16, 1949), with s the shear
+over friction's limit and ``x = 1 - (1 - s)^(2/3)`` the travel over that of gross slip, which grows as
+``N^(2/3)`` of a ball's load,
 
-    d log T / d log N = 1 - x sqrt(1 - x) / (1 - (1 - x)^(3/2)),
+    d log T / d log N = 1 - x sqrt(1 - x) / s,
 
-a third at first, 0.45 when friction bears two thirds of its limit, 1 when all slips. So between the first
-part of the rise and its end the taxels' shares of the shear shift towards the loaded ones: their logarithms,
-over those of the loads, by two thirds on a surface that slips, by a tenth on one that holds. Gains of taxels
-fall out, since each is compared with itself. The slope's own residuals say how well it is known; where that
-is too little (few taxels, even loads and much noise, a rise within some scans, which are not of one instant)
-nothing is said, and what stops counts as slip.
+a third at first, 0.46 when friction bears two thirds of its limit, 1 when all slips. So a taxel's shear is
+
+    T = c s (1 + y h(s)),    h(s) = 3/2 (2/3 - x sqrt(1 - x) / s),
+
+with a gain c of its own. c and y are a least-squares fit to the whole rise, s being the shear over where it
+ended. If that was the limit, y is 2/3 of the logarithm of the taxel's load over the mean's, and strays from
+that as much again, since pads tilt and are no balls; if it was not, y is next to nothing. The odds are those
+of two normal distributions of all taxels' y, with what noise makes of them.
+
+A skin that is dragged evenly rises ever slower; that speaks for slip too, if less. Few taxels, even
+loads or a rise within some scans tell nothing.
 """
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from tactiled.array import FloatArray
 
-_FIRST_PART = 0.4  # of the rise: Mindlin's shares have shifted by a tenth of all by then
-# Between a load that stays at two thirds of the limit and one that slips. Measured where the slope is known
-# to `_MOST_SD`, on seeds 1001 to 1012 of the physical families and of loads at 0.3 to 0.8 of the limit that
-# rest there: slips 0.32 to 1.3, loads -0.55 to 0.5.
-_SLIPS = 0.33
-# A skin that is dragged evenly has risen to 0.4 in 0.72 of the time that a straight rise takes to it: what
-# bends like that is no load that grew evenly and stopped.
-_STRAIGHT = 0.86
-_SDS, _MOST_SD = 1.0, 0.4  # how sure it must be that a load only stays
-_MARK_STEP = 1.2  # a mark each time the rise has grown by this
-# Residuals of fewer tell too little: of slips on four, 1 to 9 % seemed to hold, on nine under 1 %.
-_LEAST_TAXELS = 7
-_EVEN = 1e-9  # of log loads: taxels that differ by less bear the same, and rounding tells no slope
+
+class _Bends(NamedTuple):
+    """What y of taxels may be: a slope over their log loads, and strays."""
+
+    slope: float
+    slope_sd: float
+    strays: tuple[float, ...]  # standard deviations, each as likely
+
+
+# Rounded from seeds 1001 to 1012 of loads that rest at 0.2 to 0.9 of the limit, that come evenly and at once,
+# swing, ease off and come in two steps; and of seeds 1001 to 1006 of the physical families. There slopes are
+# -0.1 to 0.2 and 0.1 to 1.1 (tenth to last tenth), strays 0.002 to 0.01 and 0.01 to 0.04. So taken, loads
+# below 0.8 were called slips in 0 of 46 at up to 3 mV, and slips loads in 7 of 132.
+_HOLDS = _Bends(0.05, 0.15, (0.003, 0.01))
+_SLIPS = _Bends(0.4, 0.4, (0.012, 0.035))
+# A rise has come to 0.4 of its end in 0.4 / 0.95 of the time to 0.95 if it is straight; by Mindlin's curve an
+# evenly dragged skin in 0.7 of that. On the same seeds slips at even speed lie at 0.65 to 0.84, loads that
+# come evenly at 0.87 to 1.03; loads may ease off as they like, so it counts for little.
+_BENT, _BENT_ODDS = 0.86, 0.5
+_EARLY, _LATE = 0.4, 0.95
+START_SCANS = 9  # averaged before a rise
+_LEAST_TAXELS = 7  # fewer tell too little of how they stray
+_LEAST_ROWS = 5  # of a rise: what is faster is not of one instant
+# Standard deviation of log loads below which all bear the same, and no share need turn where they slip: on
+# physical families 0.012 to 0.06.
+_EVEN = 0.008
 _LOADED = 0.3  # of the mean load: taxels with less have shares that are mostly noise
-
-
-class _Mark(NamedTuple):
-    risen: float
-    scans: float
-    shears: FloatArray  # (taxels,)
+_SEEN = 0.08  # of the rise: less is mostly noise, and hardly bends
+# A side that is relieved of its load reads half of what spreads from its taxel's other half, and falls no
+# further; from here on it bends. Then only the rising side tells, at twice the noise.
+_BOTTOMED = 0.6
+_MOST_ROWS = 128  # kept of a rise: then two become one
+_START_ROW = np.array([[0.0, 0.0, math.sqrt(START_SCANS)]])
 
 
 class Limit:
@@ -48,65 +68,146 @@ class Limit:
 
     Parameters
     ----------
-    along : (taxels, channels) float64
-        Readings to each taxel's shear along the slip; only taxels that are read.
+    rising, falling : (taxels, channels) float64
+        Readings to the two halves of each taxel's shear along the slip, which is rising less falling; only
+        taxels that are read.
     load : (taxels, channels) float64
         Readings to each taxel's load.
     start : (channels,) float64
-        Readings before the shear grew.
-    late : (taxels,) float64
-        When in a scan each is read, in scans.
+        Readings before the shear grew, the mean of `START_SCANS`.
+    late : (2 * taxels,) float64
+        When in a scan the rising and the falling halves are read, in scans.
     """
 
-    def __init__(self, along: FloatArray, load: FloatArray, start: FloatArray, late: FloatArray) -> None:
-        self._along, self._load, self._late = along, load, late
-        self._start = along @ start
-        self._marks: list[_Mark] = []
+    def __init__(
+        self, rising: FloatArray, falling: FloatArray, load: FloatArray, start: FloatArray, late: FloatArray
+    ) -> None:
+        self._halves = np.concatenate([rising, falling])
+        self._load, self._late = load, late
+        self._start = self._halves @ start
+        self._forget()
 
     @classmethod
     def of_nothing(cls, n_channels: int) -> Self:
-        """Where the rise was not seen: never sure."""
+        """Where the rise was not seen: knows nothing."""
         none = np.zeros((0, n_channels))
-        return cls(none, none, np.zeros(n_channels), np.zeros(0))
+        return cls(none, none, none, np.zeros(n_channels), np.zeros(0))
 
     def give_up(self) -> None:
         """Taxels come or go: what they shared is no measure any more."""
-        self._along, self._start, self._load = self._along[:0], self._start[:0], self._load[:0]
-        self._late, self._marks = self._late[:0], []
+        self._halves, self._load = self._halves[:0], self._load[:0]
+        self._start, self._late = self._start[:0], self._late[:0]
+        self._forget()
 
-    def take(self, risen: float, scans: float, steps: FloatArray) -> None:
-        """Newest readings (n, channels), and how far the array's shear has risen in how many scans."""
-        if risen > (_MARK_STEP * self._marks[-1].risen if self._marks else 0.0):
-            shears = self._along @ steps.T - self._start[:, np.newaxis]
-            whole, now = shears.sum(axis=0), shears.mean(axis=1)
-            # What grows has grown on by the time that a later taxel is read.
-            growth = (whole[-1] - whole[0]) / max(len(whole) - 1, 1)
-            ahead = growth * self._late * now / now.sum() if now.sum() > 0 else 0.0
-            self._marks.append(_Mark(risen, scans, now - ahead))
+    def _forget(self) -> None:
+        self._rows: list[FloatArray] = []  # scans since the start, halves
+        self._sum = np.zeros(1 + len(self._halves))
+        self._n_summed, self._each = 0, 1  # scans that are a row
 
-    def holds(self, risen: float, scans: float, steps: FloatArray) -> bool:
-        """Whether it is sure that the contact still holds where a rise stopped, of readings since then."""
-        if not self._marks or len(self._along) < _LEAST_TAXELS:
-            return False
-        mark = min(self._marks, key=lambda mark: abs(mark.risen - _FIRST_PART * risen))
-        if mark.scans < _STRAIGHT * scans * mark.risen / risen:
-            return False
-        first = mark.shears
-        readings = steps.mean(axis=0)
-        now, load = self._along @ readings - self._start, self._load @ readings
-        told = (first > 0) & (now > 0) & (load > _LOADED * load.mean()) & (load > 0)
+    def take(self, scans: float, readings: FloatArray) -> None:
+        """Readings (channels,) of a scan, so long after the shear began to grow."""
+        if not len(self._halves):
+            return
+        self._sum[0] += scans
+        self._sum[1:] += self._halves @ readings - self._start
+        self._n_summed += 1
+        if self._n_summed < self._each:
+            return
+        self._rows.append(self._sum / self._each)
+        self._sum, self._n_summed = np.zeros_like(self._sum), 0
+        if len(self._rows) == _MOST_ROWS:
+            pairs = zip(self._rows[::2], self._rows[1::2], strict=True)
+            self._rows = [(first + second) / 2 for first, second in pairs]
+            self._each *= 2
+
+    def odds(self, rest: FloatArray) -> float | None:
+        """Logarithm of the odds that all slips, of readings (n, channels) since the rise stopped.
+
+        None where nothing can be known of it.
+        """
+        if len(self._rows) < _LEAST_ROWS or len(self._load) < _LEAST_TAXELS:
+            return None
+        load = self._load @ rest.mean(axis=0)
+        both = self._bears_both(rest)
+        after = self._shear(rest @ self._halves.T - self._start, both=both)
+        end = after.mean(axis=0)
+        told = (end > 0) & (load > _LOADED * load.mean()) & (load > 0)
         if told.sum() < _LEAST_TAXELS:
-            return False
-        shift, sd = _slope(np.log(load[told]), np.log(now[told] / first[told]))
-        return sd < _MOST_SD and shift + _SDS * sd < _SLIPS
+            return None
+        log_load = np.log(load[told])
+        log_load -= log_load.mean()
+        if log_load.std() < _EVEN:
+            return None
+        rows = np.stack(self._rows)
+        at, rise = rows[:, 0], self._shear(self._at_once(rows[:, 1:], rows[:, 0]), both=both)
+        risen = np.minimum(rise.sum(axis=1) / end.sum(), 1.0)
+        seen = risen > _SEEN
+        s = np.concatenate([risen[seen], np.ones(len(rest))])
+        scans = np.concatenate([np.full(seen.sum(), float(self._each)), np.ones(len(rest))])
+        bends = _fitted(s, np.concatenate([rise[seen], after])[:, told], scans)
+        if bends is None:
+            return None
+        odds = _log_density(bends, log_load, _SLIPS) - _log_density(bends, log_load, _HOLDS)
+        reached = np.interp([_EARLY, _LATE], np.maximum.accumulate(risen), at)
+        is_bent = reached[0] / _EARLY < _BENT * reached[1] / _LATE
+        return odds + (_BENT_ODDS if is_bent else 0.0)
+
+    def _at_once(self, halves: FloatArray, at: FloatArray) -> FloatArray:
+        """As if all had been read when the scan began: what grows has grown on by the time of a later one."""
+        each = halves.reshape(len(at), 2, -1)
+        whole = each.sum(axis=2, keepdims=True)
+        part = np.divide(each, whole, where=whole != 0, out=np.zeros_like(each))
+        ahead = np.gradient(whole, at, axis=0) * part * self._late.reshape(2, -1)
+        return np.asarray(halves - ahead.reshape(halves.shape))
+
+    def _bears_both(self, rest: FloatArray) -> bool:
+        """Whether the falling sides still bear what they can lose."""
+        rising, falling = (self._halves @ rest.mean(axis=0)).reshape(2, -1).sum(axis=1)
+        return bool(falling >= _BOTTOMED * rising)
+
+    def _shear(self, halves: FloatArray, *, both: bool) -> FloatArray:
+        """Of each taxel (n, taxels), of both halves (n, 2 * taxels) or twice the rising one."""
+        rising, falling = np.split(halves, 2, axis=1)
+        return rising - falling if both else 2 * rising
 
 
-def _slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Least-squares slope of y over x with its standard deviation; infinite where x does not vary."""
-    x, y = x - x.mean(), y - y.mean()
-    energy = float(x @ x)
-    if energy < _EVEN:
-        return 0.0, np.inf
-    slope = float(x @ y) / energy
-    left = y - slope * x
-    return slope, float(np.sqrt(left @ left / (len(x) - 2) / energy))
+def _fitted(s: FloatArray, shear: FloatArray, scans: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Each taxel's y of the module's docstring, and what variance noise gives it: (taxels,) each.
+
+    Parameters
+    ----------
+    s : (rows,) float64
+    shear : (rows, taxels) float64
+    scans : (rows,) float64
+        That each row is the mean of.
+
+    Returns
+    -------
+    None where a taxel's shear does not grow.
+    """
+    x = 1 - (1 - s) ** (2 / 3)
+    bend = 1 - 1.5 * x * np.sqrt(1 - x) / s
+    weight = np.sqrt(scans)[:, np.newaxis]
+    # The start has noise, too: an offset, known as well as its scans tell.
+    model = np.concatenate([np.stack([s, s * bend, np.ones_like(s)], axis=1) * weight, _START_ROW])
+    seen = np.concatenate([shear * weight, np.zeros((1, shear.shape[1]))])
+    inverse = np.linalg.pinv(model.T @ model)
+    own, bent, offset = inverse @ (model.T @ seen)
+    if (own <= 0).any():
+        return None
+    left = seen - model @ np.stack([own, bent, offset])
+    variance = (left**2).sum() / (left.shape[1] * max(len(left) - len(model.T), 1))
+    return bent / own, variance * inverse[1, 1] / own**2
+
+
+def _log_density(fitted: tuple[FloatArray, FloatArray], log_load: FloatArray, bends: _Bends) -> float:
+    """Of all taxels' y, but for a constant; what they have in common is any."""
+    y, variance = fitted
+    common = 1.0 + bends.slope_sd**2 * np.outer(log_load, log_load)
+    off = y - bends.slope * log_load
+    each = []
+    for stray in bends.strays:
+        covariance = np.diag(variance + stray**2) + common
+        spread = float(np.linalg.slogdet(covariance)[1])
+        each.append(-0.5 * (float(off @ np.linalg.solve(covariance, off)) + spread))
+    return float(np.logaddexp.reduce(each) - math.log(len(each)))

@@ -109,6 +109,11 @@ def motion(rows: FloatArray) -> FloatArray:
     return np.asarray(rows[..., RISING] - rows[..., FALLING])
 
 
+def rising_half(along: FloatArray) -> FloatArray:
+    """Weights (6,) of the halves of the axes that rise with motion along a unit vector (3,)."""
+    return np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
+
+
 def unit(vector: FloatArray) -> FloatArray:
     """Of length 1; zero stays zero."""
     size = float(np.sqrt((vector**2).sum()))

@@ -171,7 +171,7 @@ class Story:
             gross=self._gross_shear,
             limit=limit,
         )
-        course.look_back(now.seen, now.steps)
+        course.look_back(now.steps)
         self._slip = _Slip(event, course, statistic)
         self._swings.begin(now.index)
         return event

@@ -6,13 +6,12 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.slip_evidence import Evidence, Growth
-from tactiled.detect.slip_limit import Limit
+from tactiled.detect.slip_limit import START_SCANS, Limit
 from tactiled.detect.slip_response import PRESSURE, motion, moved
 from tactiled.detect.slip_stretch import Stretch
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
-_REST_SCANS = 8  # averaged before a shear that grows
 _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may be leak
 
 # One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
@@ -129,7 +128,7 @@ class Witness:
     def limit(self, along: FloatArray, scans: float) -> Limit:
         """Of a shear that began to grow so long ago along a unit vector (3,)."""
         began = len(self.steps) + self.ago(scans)
-        start = self.steps[max(0, began - _REST_SCANS) : began + 1].mean(axis=0)
+        start = self.steps[max(0, began + 1 - START_SCANS) : began + 1].mean(axis=0)
         return self._evidence.limit(along, start, self._block.channel_offset_s * self._block.rate_hz)
 
     def testify(self, along: FloatArray, change: FloatArray) -> Testimony:

@@ -166,57 +166,80 @@ def test_coloured_noise_raises_few_more(smooth: float, times: float) -> None:
     assert alarms_per_hour(360.0, smooth, 60_000, 7) < 360 * times
 
 
-def is_only_a_load(travel: float, *, noise: float = 0.0, seed: int = 0, taxels: int = 9) -> bool:
-    """Whether taxels of unequal loads and gains are sure to hold, when an even pull has come to rest there.
+def odds_of_slip(
+    travel: float, *, noise: float = 0.0, seed: int = 0, taxels: int = 9, spread: float = 0.2, scans: int = 60
+) -> float | None:
+    """Of taxels of unequal loads and gains, when an even pull has come to rest there.
 
     Travel is in that of gross slip; taxels are balls on Mindlin's curve.
     """
     rng = np.random.default_rng(seed)
-    load, gain = rng.uniform(0.8, 1.2, taxels), np.diag(rng.uniform(0.9, 1.1, taxels))
+    load = 1 + rng.uniform(-spread, spread, taxels)
+    gain = np.diag(1 + rng.uniform(-spread / 2, spread / 2, taxels))
     late, none = rng.uniform(0.0, 0.7, taxels), np.zeros((taxels, taxels))
-    limit = Limit(np.hstack([gain, none]), np.hstack([none, gain]), np.concatenate([0 * load, load]), late)
-    risen = load * mindlin(np.linspace(0, travel, 101)[1:, np.newaxis] / load ** (2 / 3))
-    total = risen.sum(axis=1)
-    scan = 60 * total / total[-1]
-    seen = risen * (1 + late / scan[:, np.newaxis]) + noise * rng.normal(size=risen.shape)
-    readings = np.hstack([seen, np.tile(load, (100, 1))])
-    for k in range(1, 100):
-        rise = np.interp(scan[k] - np.arange(1.0, -1.0, -1.0), scan, np.arange(100.0)).astype(int)
-        limit.take(float(total[k]), float(scan[k]), readings[rise])
-    rest = np.concatenate([risen[-1] + noise * rng.normal(size=taxels), load])
-    return limit.holds(float(total[-1]), 60.0, rest[np.newaxis])
+    shear = np.hstack([gain / 2, none])
+    limit = Limit(shear, -shear, np.hstack([none, gain]), np.concatenate([0 * load, load]), np.tile(late, 2))
+    even = np.linspace(0, 1, 20 * scans)
+    rest = []
+    total = mindlin(travel * even[:, np.newaxis] / load ** (2 / 3)) @ load
+    for scan in range(1, scans + 5):
+        # Such travel that the whole grows evenly, and rests after the last scan.
+        part = np.minimum((scan + late) / scans, 1.0)
+        now = np.interp(part, total / total[-1], travel * even)
+        seen = load * mindlin(now / load ** (2 / 3)) + noise * rng.normal(size=taxels)
+        readings = np.concatenate([seen, load])
+        if scan <= scans:
+            limit.take(float(scan), readings)
+        else:
+            rest.append(readings)
+    return limit.odds(np.stack(rest))
 
 
 @given(st.floats(0.05, 0.5), st.integers(0, 99))
 @settings(max_examples=40)
 def test_taxels_that_keep_their_shares_hold(travel: float, seed: int) -> None:
-    assert is_only_a_load(travel, seed=seed)
+    odds = odds_of_slip(travel, seed=seed)
+    assert odds is not None
+    assert odds < -1
 
 
+@pytest.mark.parametrize("spread", [0.06, 0.2])
 @pytest.mark.parametrize("travel", [1.2, 1.5, 2.0, 3.0])
-def test_taxels_at_friction_s_limit_do_not(travel: float) -> None:
-    """But for one in a hundred, whose loads are so alike that they lie on a wrong line by chance."""
-    held = [is_only_a_load(travel, seed=seed, taxels=9 + seed % 8) for seed in range(200)]
-    assert np.mean(held) <= 0.01
+def test_taxels_at_friction_s_limit_do_not(travel: float, spread: float) -> None:
+    found = [odds_of_slip(travel, seed=seed, taxels=9 + seed % 8, spread=spread) for seed in range(60)]
+    odds = [each for each in found if each is not None]
+    assert len(odds) > 50
+    assert np.mean(np.array(odds) > 0) >= 0.95
+    assert min(odds) > -1.1
 
 
-@pytest.mark.parametrize("noise", [3e-3, 1e-2, 3e-2])
+@pytest.mark.parametrize("noise", [1e-3, 3e-3, 1e-2])
 def test_noise_makes_it_unsure_not_wrong(noise: float) -> None:
-    """Of the mean taxel's limit; 0 to 1 % were measured on 150 seeds."""
-    assert np.mean([is_only_a_load(1.2, noise=noise, seed=seed) for seed in range(50)]) <= 0.04
+    """Of the mean taxel's limit, loads alike to 6 %: what is surely said is right."""
+    slips = [odds_of_slip(1.2, noise=noise, seed=seed, spread=0.06) for seed in range(50)]
+    loads = [odds_of_slip(0.4, noise=noise, seed=seed, spread=0.06) for seed in range(50)]
+    assert np.mean([odds is not None and odds < -1.1 for odds in slips]) <= 0.04
+    assert np.mean([odds is not None and odds > 1.1 for odds in loads]) <= 0.04
 
 
 @pytest.mark.parametrize(("noise", "least"), [(3e-3, 0.9), (1e-2, 0.6)])
 def test_noise_leaves_most_loads_that_stay_known_as_such(noise: float, least: float) -> None:
-    assert np.mean([is_only_a_load(0.4, noise=noise, seed=seed) for seed in range(50)]) >= least
+    odds = [odds_of_slip(0.4, noise=noise, seed=seed) for seed in range(50)]
+    assert np.mean([each is not None and each < 0 for each in odds]) >= least
 
 
-def test_few_taxels_or_equal_loads_tell_nothing() -> None:
-    assert not is_only_a_load(0.3, taxels=6)
-    eye, none = np.eye(9), np.zeros((9, 9))
-    even = Limit(np.hstack([eye, none]), np.hstack([none, eye]), np.zeros(18), np.zeros(9))
-    even.take(1.0, 40.0, np.ones((1, 18)))
-    assert not even.holds(2.5, 100.0, np.ones((1, 18)))
+def test_a_long_rise_is_told_as_a_short_one() -> None:
+    """Rows become one in twos: no more memory, no other answer."""
+    short, long = odds_of_slip(1.2, scans=100, seed=3), odds_of_slip(1.2, scans=3000, seed=3)
+    assert short is not None
+    assert long is not None
+    assert abs(long - short) < 0.3 * short
+
+
+def test_few_taxels_equal_loads_or_a_rise_within_some_scans_tell_nothing() -> None:
+    assert odds_of_slip(0.3, taxels=6) is None
+    assert odds_of_slip(0.3, spread=0.0) is None
+    assert odds_of_slip(0.3, scans=4) is None
 
 
 def mindlin(x: FloatArray) -> FloatArray:
@@ -238,7 +261,7 @@ def follow(shear: FloatArray, *, noise: float = 0.0, seed: int = 0) -> list[tupl
     even = np.ones(7)
     slope = max(1e6 * float(shear[4]) / 4, 1.0)
     readings = np.zeros((156, 0))
-    limit = Limit(readings[:0], readings[:0], readings[0], np.zeros(0))  # of no taxel: knows nothing
+    limit = Limit.of_nothing(readings.shape[1])
     course = Course(
         np.eye(3)[0], rows[200], even, 204, Kink(4.0, 1.0), slope, 100.0, least=0.1, gross=0.45, limit=limit
     )
