@@ -96,6 +96,8 @@ class Evidence:
         Readings to each taxel's own response.
     window : int
         Scans that are kept.
+    longest : int
+        Scans of the longest ramp.
     """
 
     def __init__(self, array: Array, rate_hz: float, noise_per_hour: float, least_shear: float) -> None:
@@ -106,7 +108,7 @@ class Evidence:
         self._least = least_shear
         self._stretches = Stretches(array, rate_hz, self._fits)
         self._filters = self._stretches.filters
-        self.window = self._filters.window
+        self.window, self.longest = self._filters.window, self._filters.longest
         self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
 
     @property

@@ -16,17 +16,14 @@ from tactiled.detect.slip_after import Verdict
 from tactiled.detect.slip_again import OUTGROWS_S, Shake, Swings
 from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence, Growth
-from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_gap import LOOK_SCANS, BeforeGap, moved_in_gap
-from tactiled.detect.slip_kink import Kink, find_kink
+from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
+from tactiled.detect.slip_past import Past
 from tactiled.detect.slip_response import PRESSURE, motion, unit
 from tactiled.detect.slip_stretch import Stretch
 from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
-
-_BEGUN = 0.004  # shear over pressure that anyone would call growing: friction of 0.2 % of the load
-_LONGEST = 4  # times the ramp that shows it best: a pull that swells began so long before
 
 
 class _Slip(NamedTuple):
@@ -67,6 +64,8 @@ class Story:
         self._told = 0  # what was until this scan is told, or was no contact
         self._swings = Swings(rate_hz)
         self._shake: Shake | None = None  # what the slip goes on as
+        self._beneath: Shake | None = None  # swings that are no news
+        self._past = Past(rate_hz, evidence.longest)
 
     @property
     def is_gross(self) -> bool:
@@ -78,6 +77,7 @@ class Story:
         for slip in (self._slip, self._recoil):
             if slip is not None:
                 slip.course.shift(jump)
+        self._past.shift(jump)
 
     def cut_off(self, time_s: float) -> list[SlipEvent]:
         """The end of a slip that nobody saw end."""
@@ -88,11 +88,13 @@ class Story:
     def lift(self, now: Witness) -> list[SlipEvent]:
         """A scan without contact."""
         self._told = now.index
-        self._recoil = self._shake = None
+        self._recoil = self._shake = self._beneath = None
+        self._past.forget()
         return [] if self._slip is None else [self._end(now, now.time_s)]
 
     def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
         """A scan in contact; `is_sure` where the contact's beginning was seen."""
+        self._past.take(now.seen[-1])
         if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
             return self._look_back(self._before, now)
         if self._shake is not None:
@@ -103,15 +105,29 @@ class Story:
             if verdict is None:
                 return []
             return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
+        if self._is_outgrown(now):
+            return self._outgrow(now, self._evidence.threshold)
         since, pressure = now.index - self._told, float(now.seen[-1, PRESSURE])
         growth = self._evidence.growth(stretch, row, since, 0.0)
         if growth is None:
             return []
-        least = self._swings.least(now.index) * pressure
-        if least > 0 and self._evidence.growth(stretch, row, since, least) is None:
+        least = self._swings.least(now.index)
+        if least > 0 and self._evidence.growth(stretch, row, since, least * pressure) is None:
             self._swings.go_on(now.index)
+            if self._beneath is None:
+                self._beneath = Shake(now.index, now.shear, least, self._rate_hz, self._least_shear)
             return []
         return [self._onset(growth, now, is_sure)]
+
+    def _is_outgrown(self, now: Witness) -> bool:
+        """Whether shear is beyond swings that are no news: what they are worth as noise would hide it."""
+        if self._beneath is None:
+            return False
+        noise = self._evidence.noise(unit(now.shear)) / float(now.seen[-1, PRESSURE])
+        if self._beneath.rests(now.index, now.shear, noise):
+            self._beneath = None
+            return False
+        return self._beneath.is_outgrown(now.index, now.shear)
 
     def _look_back(self, before: BeforeGap, now: Witness) -> list[SlipEvent]:
         """What a gap hid, known some scans after it."""
@@ -131,11 +147,8 @@ class Story:
     def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
         size = float(np.sqrt((growth.rise**2).sum()))
         along = growth.rise / size
-        longest = _LONGEST * growth.scans
-        n = min(longest + max(N_BASELINE, growth.scans), now.index - self._told, len(now.seen))
-        course = motion(now.seen[-n:]) @ along
-        least = _BEGUN * float(now.seen[-1, PRESSURE])
-        kink = find_kink(course, longest, self._evidence.noise(along), least)
+        known, noise = now.index - self._told, self._evidence.noise(along)
+        kink = self._past.began(now.seen, growth.scans, known, along, noise)
         growth = now.at_once(growth, kink.delay_scans)
         along = unit(growth.rise)
         said = now.testify(along, growth.change)
@@ -155,7 +168,7 @@ class Story:
         """Onset of a slip; `before` is what was before it where a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
         event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
-        start = now.seen[now.ago(kink.delay_scans)]
+        start = self._past.at(now.seen, kink.delay_scans)
         limit = now.limit(along, kink.delay_scans)
         if before is not None:
             start, limit = self._evidence.weights @ before.readings, Limit.of_nothing(len(before.readings))
@@ -173,6 +186,7 @@ class Story:
         )
         course.look_back(now.steps)
         self._slip = _Slip(event, course, statistic)
+        self._beneath = None
         self._swings.begin(now.index)
         return event
 
@@ -215,10 +229,13 @@ class Story:
         self._told = int(now.index - since)
         self._swings.came_and_went(shake.largest, now.index)
         events = [self._end(now, now.time_s - since / self._rate_hz)]
-        if is_outgrown:
-            verdict = Verdict("again", now.index - since, since / 2)
-            events += self._resume(verdict, now, now.along(since), slip.statistic)
-        return events
+        return events + self._outgrow(now, slip.statistic) if is_outgrown else events
+
+    def _outgrow(self, now: Witness, statistic: float) -> list[SlipEvent]:
+        """Onset of a slip beyond swings that went on."""
+        since = OUTGROWS_S * self._rate_hz
+        verdict = Verdict("again", now.index - since, since / 2)
+        return self._resume(verdict, now, now.along(since), statistic)
 
     def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
         """What became of a slip that fell back."""
