@@ -13,6 +13,7 @@ once is a load that goes again; one that falls much faster than it rose has brok
 comes after is `slip_after`'s.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -32,6 +33,7 @@ from tactiled.detect.slip_after import (
 from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import PRESSURE, motion, rising_half
+from tactiled.detect.slip_rest import Rest
 
 _FLAT = 0.3
 _LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
@@ -48,8 +50,6 @@ _INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
 _LATE_PART, _SHAPE_SD_PART = 0.03, 0.03
 # The line is longer where noise would make its slope uncertain by more than this part of the steepest.
 _SLOPE_SD_PART = 0.15
-# Where the odds that all slips are below three to one either way, more scans are waited for, so long.
-_SURE, _WAIT_S = math.log(3), 0.08
 _STALLED_S = 0.3  # flat for so long below what is gross: the load stays, nothing slips any more
 _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
@@ -114,7 +114,7 @@ class Course:
         self._top_pressure = 0.0
         self._top_shear = 0.0
         self._n_flat = self._n_turned = 0
-        self._stays = False
+        self._rest = Rest(rate_hz)
         self._after: Gross | Recoil | None = None
 
     def shift(self, by: FloatArray) -> None:
@@ -129,6 +129,7 @@ class Course:
         self._start_pressure += pressure
         self._top_pressure += pressure
         self._limit.give_up()
+        self._rest.shift(shear)
 
     def excursion(self, row: FloatArray) -> float:
         """How far shear went, over the pressure of the newest response (7,)."""
@@ -219,13 +220,11 @@ class Course:
         is_flat = self._n_flat > (1 if is_clear else n // 2) and still_there
         if not self._n_flat:
             self._limit.take(index - self._begun, steps[-1])
-        self._stays = self._stays and self._n_flat > 0  # what is known of this rest: noise may not ask again
-        if is_flat and shear >= self._gross * pressure and not self._stays:
-            odds = self._odds(shear, pressure, steps)
-            sure = _SURE if self._n_flat < _WAIT_S * self._rate_hz else 0.0
-            if odds > sure:
+            self._rest.goes_on()
+        if is_flat and shear >= self._gross * pressure:
+            odds = functools.partial(self._odds, shear, pressure, steps)
+            if self._rest.is_gross(self._n_flat, shear, noise, odds):
                 return self._go_gross(index, *self._reached(index, seen), 0)
-            self._stays = odds < -sure
         if self._n_flat > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", knee, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):

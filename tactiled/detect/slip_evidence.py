@@ -34,7 +34,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held
 from tactiled.detect.slip_filters import N_BASELINE
 from tactiled.detect.slip_limit import Limit
-from tactiled.detect.slip_response import AXES, PRESSURE, motion, moved, rising_half
+from tactiled.detect.slip_response import AXES, motion, moved
 from tactiled.detect.slip_stretch import BEFORE_SCANS, Stretch, Stretches
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
@@ -221,15 +221,11 @@ class Evidence:
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
-    def limit(self, along: FloatArray, start: FloatArray, late: FloatArray) -> Limit:
-        """Of a slip along a unit vector (3,) that began at readings (channels,), each so late in a scan."""
+    def limit(self, start: FloatArray, late: FloatArray) -> Limit:
+        """Of a slip that began at readings (channels,), each read so late in a scan."""
         taxels = np.eye(self._array.n_taxels)[self.taxels & self._array.has_shear]
         each = taxels[:, self._array.channel_taxel]
-        shear = each * (along @ motion(self.weights.T).T)
-        rising = each * (rising_half(along) @ self.weights[:PRESSURE])
-        size = np.abs(np.concatenate([rising, rising - shear]))
-        mean_late = size @ late / np.maximum(size.sum(axis=1), 1e-9)
-        return Limit(rising, rising - shear, taxels @ self._normal_weights, start, mean_late)
+        return Limit(self.weights, each, taxels @ self._normal_weights, start, late)
 
     def is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.

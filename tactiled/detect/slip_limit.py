@@ -27,6 +27,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.slip_response import COLUMNS, PRESSURE, motion, moved, rising_half, unit
 
 
 class _Bends(NamedTuple):
@@ -39,10 +40,9 @@ class _Bends(NamedTuple):
 
 # Rounded from seeds 1001 to 1012 of loads that rest at 0.2 to 0.9 of the limit, that come evenly and at once,
 # swing, ease off and come in two steps; and of seeds 1001 to 1006 of the physical families. There slopes are
-# -0.1 to 0.2 and 0.1 to 1.1 (tenth to last tenth), strays 0.002 to 0.01 and 0.01 to 0.04. So taken, loads
-# below 0.8 were called slips in 0 of 46 at up to 3 mV, and slips loads in 7 of 132.
+# -0.1 to 0.2 and 0.1 to 1.1 (tenth to last tenth), strays 0.002 to 0.01 and 0.01 to 0.04.
 _HOLDS = _Bends(0.05, 0.15, (0.003, 0.01))
-_SLIPS = _Bends(0.4, 0.4, (0.012, 0.035))
+_SLIPS = _Bends(0.5, 0.3, (0.012, 0.035))
 # A rise has come to 0.4 of its end in 0.4 / 0.95 of the time to 0.95 if it is straight; by Mindlin's curve an
 # evenly dragged skin in 0.7 of that. On the same seeds slips at even speed lie at 0.65 to 0.84, loads that
 # come evenly at 0.87 to 1.03; loads may ease off as they like, so it counts for little.
@@ -68,48 +68,46 @@ class Limit:
 
     Parameters
     ----------
-    rising, falling : (taxels, channels) float64
-        Readings to the two halves of each taxel's shear along the slip, which is rising less falling; only
-        taxels that are read.
+    weights : (7, channels) float64
+        Readings to responses (`slip_response`), of the taxels that are read.
+    taxels : (taxels, channels) float64
+        1 where a channel is of a taxel; only taxels that are read.
     load : (taxels, channels) float64
         Readings to each taxel's load.
     start : (channels,) float64
         Readings before the shear grew, the mean of `START_SCANS`.
-    late : (2 * taxels,) float64
-        When in a scan the rising and the falling halves are read, in scans.
+    late : (channels,) float64
+        When in a scan each is read, in scans.
     """
 
     def __init__(
-        self, rising: FloatArray, falling: FloatArray, load: FloatArray, start: FloatArray, late: FloatArray
+        self,
+        weights: FloatArray,
+        taxels: FloatArray,
+        load: FloatArray,
+        start: FloatArray,
+        late: FloatArray,
     ) -> None:
-        self._halves = np.concatenate([rising, falling])
-        self._load, self._late = load, late
-        self._start = self._halves @ start
-        self._forget()
+        self._weights, self._taxels, self._load = weights, taxels, load
+        self._start, self._late = start, late
+        self._rows: list[FloatArray] = []  # scans since the start, readings
+        self._sum = np.zeros(1 + len(start))
+        self._n_summed, self._each = 0, 1  # scans that are a row
 
     @classmethod
     def of_nothing(cls, n_channels: int) -> Self:
         """Where the rise was not seen: knows nothing."""
         none = np.zeros((0, n_channels))
-        return cls(none, none, none, np.zeros(n_channels), np.zeros(0))
+        return cls(np.zeros((COLUMNS, n_channels)), none, none, np.zeros(n_channels), np.zeros(n_channels))
 
     def give_up(self) -> None:
         """Taxels come or go: what they shared is no measure any more."""
-        self._halves, self._load = self._halves[:0], self._load[:0]
-        self._start, self._late = self._start[:0], self._late[:0]
-        self._forget()
-
-    def _forget(self) -> None:
-        self._rows: list[FloatArray] = []  # scans since the start, halves
-        self._sum = np.zeros(1 + len(self._halves))
-        self._n_summed, self._each = 0, 1  # scans that are a row
+        self._taxels, self._load = self._taxels[:0], self._load[:0]
 
     def take(self, scans: float, readings: FloatArray) -> None:
         """Readings (channels,) of a scan, so long after the shear began to grow."""
-        if not len(self._halves):
-            return
         self._sum[0] += scans
-        self._sum[1:] += self._halves @ readings - self._start
+        self._sum[1:] += readings
         self._n_summed += 1
         if self._n_summed < self._each:
             return
@@ -127,9 +125,9 @@ class Limit:
         """
         if len(self._rows) < _LEAST_ROWS or len(self._load) < _LEAST_TAXELS:
             return None
-        load = self._load @ rest.mean(axis=0)
-        both = self._bears_both(rest)
-        after = self._shear(rest @ self._halves.T - self._start, both=both)
+        now = rest.mean(axis=0)
+        load, shear = self._load @ now, self._shear_to(now)
+        after = (rest - self._start) @ shear.T
         end = after.mean(axis=0)
         told = (end > 0) & (load > _LOADED * load.mean()) & (load > 0)
         if told.sum() < _LEAST_TAXELS:
@@ -139,7 +137,7 @@ class Limit:
         if log_load.std() < _EVEN:
             return None
         rows = np.stack(self._rows)
-        at, rise = rows[:, 0], self._shear(self._at_once(rows[:, 1:], rows[:, 0]), both=both)
+        at, rise = rows[:, 0], self._at_once(rows[:, 0], rows[:, 1:] - self._start, shear)
         risen = np.minimum(rise.sum(axis=1) / end.sum(), 1.0)
         seen = risen > _SEEN
         s = np.concatenate([risen[seen], np.ones(len(rest))])
@@ -152,23 +150,22 @@ class Limit:
         is_bent = reached[0] / _EARLY < _BENT * reached[1] / _LATE
         return odds + (_BENT_ODDS if is_bent else 0.0)
 
-    def _at_once(self, halves: FloatArray, at: FloatArray) -> FloatArray:
-        """As if all had been read when the scan began: what grows has grown on by the time of a later one."""
-        each = halves.reshape(len(at), 2, -1)
-        whole = each.sum(axis=2, keepdims=True)
+    def _shear_to(self, now: FloatArray) -> FloatArray:
+        """Weights (taxels, channels) of each taxel's shear along all that has come up to the readings now."""
+        along = unit(moved(self._weights @ self._start, self._weights @ now))
+        both = along @ motion(self._weights.T).T
+        rising = rising_half(along) @ self._weights[:PRESSURE]
+        bears_both = (rising - both) @ now >= _BOTTOMED * (rising @ now)
+        return self._taxels * (both if bears_both else 2 * rising)
+
+    def _at_once(self, at: FloatArray, risen: FloatArray, shear: FloatArray) -> FloatArray:
+        """Shear (rows, taxels) as if all had been read when a scan began: what grows has grown on since."""
+        each = risen @ shear.T
+        whole = each.sum(axis=1, keepdims=True)
         part = np.divide(each, whole, where=whole != 0, out=np.zeros_like(each))
-        ahead = np.gradient(whole, at, axis=0) * part * self._late.reshape(2, -1)
-        return np.asarray(halves - ahead.reshape(halves.shape))
-
-    def _bears_both(self, rest: FloatArray) -> bool:
-        """Whether the falling sides still bear what they can lose."""
-        rising, falling = (self._halves @ rest.mean(axis=0)).reshape(2, -1).sum(axis=1)
-        return bool(falling >= _BOTTOMED * rising)
-
-    def _shear(self, halves: FloatArray, *, both: bool) -> FloatArray:
-        """Of each taxel (n, taxels), of both halves (n, 2 * taxels) or twice the rising one."""
-        rising, falling = np.split(halves, 2, axis=1)
-        return rising - falling if both else 2 * rising
+        size = np.abs(shear)
+        late = size @ self._late / np.maximum(size.sum(axis=1), 1e-9)
+        return np.asarray(each - np.gradient(whole, at, axis=0) * part * late)
 
 
 def _fitted(s: FloatArray, shear: FloatArray, scans: FloatArray) -> tuple[FloatArray, FloatArray] | None:

@@ -169,7 +169,7 @@ class Story:
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
         event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
         start = self._past.at(now.seen, kink.delay_scans)
-        limit = now.limit(along, kink.delay_scans)
+        limit = now.limit(kink.delay_scans)
         if before is not None:
             start, limit = self._evidence.weights @ before.readings, Limit.of_nothing(len(before.readings))
         course = Course(

@@ -125,11 +125,11 @@ class Witness:
         """Change (channels,) of the readings since so long ago."""
         return np.asarray(self.steps[-1] - self.steps[self.ago(scans)])
 
-    def limit(self, along: FloatArray, scans: float) -> Limit:
-        """Of a shear that began to grow so long ago along a unit vector (3,)."""
+    def limit(self, scans: float) -> Limit:
+        """Of a shear that began to grow so long ago."""
         began = len(self.steps) + self.ago(scans)
         start = self.steps[max(0, began + 1 - START_SCANS) : began + 1].mean(axis=0)
-        return self._evidence.limit(along, start, self._block.channel_offset_s * self._block.rate_hz)
+        return self._evidence.limit(start, self._block.channel_offset_s * self._block.rate_hz)
 
     def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
         """About a change of the readings (channels,) that is one along a unit vector (3,)."""

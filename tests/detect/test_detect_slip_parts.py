@@ -175,10 +175,13 @@ def odds_of_slip(
     """
     rng = np.random.default_rng(seed)
     load = 1 + rng.uniform(-spread, spread, taxels)
-    gain = np.diag(1 + rng.uniform(-spread / 2, spread / 2, taxels))
-    late, none = rng.uniform(0.0, 0.7, taxels), np.zeros((taxels, taxels))
-    shear = np.hstack([gain / 2, none])
-    limit = Limit(shear, -shear, np.hstack([none, gain]), np.concatenate([0 * load, load]), np.tile(late, 2))
+    gain = 1 + rng.uniform(-spread / 2, spread / 2, taxels)
+    late, none, eye = rng.uniform(0.0, 0.7, taxels), np.zeros(taxels), np.eye(taxels)
+    weights = np.zeros((7, 2 * taxels))
+    weights[0], weights[6] = np.r_[gain / 2, none], np.r_[none, gain]
+    weights[3] = -weights[0]
+    own_load, start = np.hstack([0 * eye, np.diag(gain)]), np.concatenate([none, load])
+    limit = Limit(weights, np.hstack([eye, eye]), own_load, start, np.r_[late, none])
     even = np.linspace(0, 1, 20 * scans)
     rest = []
     total = mindlin(travel * even[:, np.newaxis] / load ** (2 / 3)) @ load
