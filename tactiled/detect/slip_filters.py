@@ -107,6 +107,17 @@ class Filters:
         return np.asarray(np.sqrt(np.einsum("rlc,lr->cr", octaves, self._octaves) * self._energy))
 
 
+def lasting(seen: FloatArray) -> FloatArray:
+    """Responses (n, columns) without what came and went within one scan; the newest may yet stay.
+
+    The median of three leaves what only rises, or only falls, as it is (Tukey, Exploratory Data Analysis,
+    1977, chapter 7).
+    """
+    before, now, after = seen[:-2], seen[1:-1], seen[2:]
+    middle = np.maximum(np.minimum(before, now), np.minimum(np.maximum(before, now), after))
+    return np.concatenate([seen[:1], middle, seen[-1:]])
+
+
 def _lengths(longest: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     lengths = [2]
     while lengths[-1] < longest:

@@ -11,6 +11,7 @@ from touches import LSB, Touch, onsets, pieces, run, slips, splits
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.quantise import Quantiser
 from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip_filters import lasting
 from tactiled.detect.slip_stuck import Stuck
 from tactiled.events.types import Event
 from tactiled.samples.block import ScanBlock, regular_block
@@ -127,6 +128,29 @@ WHOLE_RUN = detect(BROKEN, "fast")
 @settings(max_examples=15, deadline=None)
 def test_what_drops_out_does_so_at_the_same_scan_however_scans_are_chunked(cuts: list[int]) -> None:
     assert run(CoherentSlip(ARRAY, SETTINGS["fast"]), pieces(BROKEN, cuts)) == WHOLE_RUN
+
+
+@given(st.lists(st.integers(0, 1000), min_size=3, max_size=40), st.data())
+def test_what_lasts_is_what_only_rises_and_no_spike(steps_up: list[int], data: st.DataObject) -> None:
+    rises = np.cumsum(steps_up, dtype=np.float64)[:, np.newaxis]
+    np.testing.assert_array_equal(lasting(rises), rises)
+    struck, at = rises.copy(), data.draw(st.integers(1, len(rises) - 2))
+    struck[at] += data.draw(st.sampled_from([-1e6, 1e6]))
+    assert np.abs(lasting(struck) - rises).max() <= max(steps_up)
+    np.testing.assert_array_equal(lasting(struck)[[0, -1]], rises[[0, -1]])
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_spark_beside_noise_is_no_slip(seed: int) -> None:
+    """Neighbouring channels, one scan: a ramp that holds it seems shared where noise of others fits it."""
+    rng = np.random.default_rng(seed)
+    volts = Touch(slide_s=99.0, stop_s=100.0, lift_s=101.0, end_s=99.0, noise=10e-3, seed=seed).volts(
+        ARRAY, 100.0
+    )
+    for scan in range(500, 9900, 250):
+        channels = (rng.integers(36) + np.arange(rng.integers(1, 7))) % 36
+        volts[scan, channels] += rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
+    assert onsets(detect(regular_block(volts, 100.0), "fast")) == []
 
 
 def test_what_is_broken_leaves_a_slip_to_be_told() -> None:
