@@ -32,9 +32,9 @@ def pairs_of(
     params: WaveParams,
 ) -> list[Pair]:
     """Two waves of one frequency, where they explain the line and one does not."""
-    along = best.waves.k @ motion.heading
+    along = best.waves.turn / window.half_way
     if not motion.has_speed:
-        along = np.concatenate([along, found.k[:_MOST_ALONG] @ motion.heading])
+        along = np.concatenate([best.waves.k @ motion.heading, found.k[:_MOST_ALONG] @ motion.heading])
         along = along[np.unique(np.round(along * np.ptp(layout.x_mm)), return_index=True)[1]]
     variance = 2 * best.variance * colour / window.n
     z = phasors_at(window, best.tables, 1)
