@@ -22,7 +22,7 @@ from tactiled.samples.block import regular_block
 
 FloatArray = NDArray[np.float64]
 # Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); what is not given or not legible is "-".
-PUBLISHED: dict[tuple[float, int], dict[str, tuple[str, str, str]]] = {
+PUBLISHED: dict[tuple[float, float], dict[str, tuple[str, str, str]]] = {
     (0.9, 0): {"simulation": ("1.11", "0.90", NONE), "experiment": ("1.06", "0.95", NONE)},
     (1.2, 0): {"simulation": ("0.78", "1.12 1.14", "0.00"), "experiment": ("0.83", "1.20 1.25", "0.48")},
     (1.5, 0): {"simulation": ("0.67", "1.50", NONE), "experiment": ("0.67", "1.50", NONE)},

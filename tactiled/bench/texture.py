@@ -1,9 +1,9 @@
 """``tactiled bench texture``: how near the joint estimator is to the bound, and what spoils it.
 
 Five parts: error over the Cramer-Rao bound (`texture_bound`) on drawn gratings, and how often an answer is
-wrong; table 2 of the paper on scenes that obey physics; windows that break the model, two gratings in view
-among them; error against time since slip began; cost. Beside the joint estimator stands the published
-procedure, faithful as it is.
+wrong; table 2 of the paper on scenes that obey physics, and plates drawn at random there; windows that break
+the model, two gratings in view among them; error against time since slip began; cost. Beside the joint
+estimator stands the published procedure, faithful as it is.
 """
 
 import json
@@ -20,9 +20,19 @@ from tactiled.bench.texture_aims import aims_table
 from tactiled.bench.texture_cost import Cost, OnlineCost, cost_table, online_table, run_cost
 from tactiled.bench.texture_count import FIRST_SEED, Counted, count_table, run_count
 from tactiled.bench.texture_curve import Slide, curve_table, run_curve
+from tactiled.bench.texture_drawn import Drawn, drawn_table, run_drawn
 from tactiled.bench.texture_grid import Trial, run_grid
 from tactiled.bench.texture_misfit import Spoiled, misfit_table, run_misfit
-from tactiled.bench.texture_paper import PLATES, Answered, First, errors2, first_table, run_table2, table2
+from tactiled.bench.texture_paper import (
+    PLATES,
+    Answered,
+    First,
+    Plate,
+    errors2,
+    first_table,
+    run_table2,
+    table2,
+)
 from tactiled.bench.texture_picture import draw_texture
 from tactiled.bench.texture_tables import by_band, over_bound, refusals, threshold, wrong_rate
 from tactiled.bench.texture_two import Twofold, run_two, two_table
@@ -42,6 +52,8 @@ class Sizes:
         Windows in noise of each colour.
     scenes : int
         Slides a plate.
+    drawn : int
+        Plates drawn at random, a slide each.
     misfits : int
         Windows of each kind, speed known and not; so for two gratings.
     """
@@ -49,20 +61,37 @@ class Sizes:
     trials: int
     procedure_trials: int
     counted: int
-    plates: Sequence[tuple[float, int]]
+    plates: Sequence[Plate]
     scenes: int
+    drawn: int
     misfits: int
     slides: int
     repeats: int
 
 
 QUICK = Sizes(
-    trials=3, procedure_trials=5, counted=100, plates=_QUICK_PLATES, scenes=1, misfits=2, slides=2, repeats=2
+    trials=3,
+    procedure_trials=5,
+    counted=100,
+    plates=_QUICK_PLATES,
+    scenes=1,
+    drawn=2,
+    misfits=2,
+    slides=2,
+    repeats=2,
 )
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
 FULL = Sizes(
-    trials=80, procedure_trials=50, counted=3400, plates=PLATES, scenes=5, misfits=30, slides=16, repeats=10
+    trials=80,
+    procedure_trials=50,
+    counted=3400,
+    plates=PLATES,
+    scenes=5,
+    drawn=40,
+    misfits=30,
+    slides=16,
+    repeats=10,
 )
 
 
@@ -75,6 +104,8 @@ class Found:
     coloured: list[Counted]
     plates: list[Answered]
     firsts: list[First]
+    drawn: list[Drawn]
+    drawn_firsts: list[First]
     misfits: list[Spoiled]
     twofold: list[Twofold]
     slides: list[Slide]
@@ -113,6 +144,7 @@ def bench_texture(
             run_grid(part("procedure"), pool, "procedure", n_trials=sizes.procedure_trials, knowing=(True,)),
             run_count(part("coloured noise"), pool, n_windows=sizes.counted),
             *run_table2(part("plates"), pool, n_seeds=sizes.scenes, plates=sizes.plates),
+            *run_drawn(part("drawn plates"), pool, n_plates=sizes.drawn),
             run_misfit(part("misfits"), pool, n_windows=sizes.misfits),
             run_two(part("two gratings"), pool, n_windows=sizes.misfits),
             run_curve(part("slides"), pool, n_slides=sizes.slides),
@@ -135,6 +167,7 @@ def _work_s(sizes: Sizes) -> dict[str, float]:
         "procedure": 0.08 * sizes.procedure_trials,
         "coloured noise": 0.028 * sizes.counted,
         "plates": 2.2 * len(sizes.plates) * sizes.scenes,
+        "drawn plates": 1.0 * sizes.drawn,
         "misfits": 1.2 * sizes.misfits,
         "two gratings": 0.5 * sizes.misfits,
         "slides": 3.1 * sizes.slides,
@@ -169,6 +202,9 @@ def _text(found: Found, sizes: Sizes) -> str:
             errors2(found.plates),
             "First answers online on these slides: time since the true onset (median, latest), errors (rms):",
             first_table(found.firsts),
+            "Single plates drawn at random, 0.8 to 2.5 mm, -60 to 60 degrees, on the periodic rung "
+            f"({_seeds(sizes.drawn)}), direction as slip says:",
+            drawn_table(found.drawn, found.drawn_firsts),
             misfit_table(found.misfits),
             f"{two_table(found.twofold)}\n\nOf each of these: {_seeds(sizes.misfits)}.",
             "Error of the answer that stands at a time since the onset of slip, root mean square of "
@@ -178,7 +214,15 @@ def _text(found: Found, sizes: Sizes) -> str:
             cost_table(found.costs),
             "Cost online, over channels that stray; scans that come during the longest hop wait for it:",
             online_table(found.online),
-            aims_table(found.joint, found.coloured, found.plates, found.firsts, found.misfits, found.twofold),
+            aims_table(
+                found.joint,
+                found.coloured,
+                found.plates,
+                found.firsts,
+                found.drawn,
+                found.misfits,
+                found.twofold,
+            ),
         ]
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from tactiled.bench.report import table
 from tactiled.bench.texture_count import Counted
+from tactiled.bench.texture_drawn import WINDOWS_S, Drawn
 from tactiled.bench.texture_grid import MIN_PERIODS, Summary, Trial, summary
 from tactiled.bench.texture_misfit import Spoiled
 from tactiled.bench.texture_paper import Answered, First, Plate
@@ -26,6 +27,7 @@ _BY_ITS_GRID = 1e-9
 _TIMES = {"joint, 10 s": 10.0, "joint, 2 s": 1.0}  # smaller than the procedure's errors of 10 s
 _FIRST_S = 3.0  # since slip began
 _FIRST_PLATE: Plate = (1.2, 30)  # the demo's
+_MOST_REFUSED = 0.02  # of windows over one plate and nothing else
 _SURE = 2.0  # standard errors
 Verdict = Literal["met", "open", "MISSED"]
 Row = tuple[str, str, str, Verdict]
@@ -36,6 +38,7 @@ def aims_table(
     coloured: Sequence[Counted],
     plates: Sequence[Answered],
     firsts: Sequence[First],
+    drawn: Sequence[Drawn],
     misfits: Sequence[Spoiled],
     twofold: Sequence[Twofold],
 ) -> str:
@@ -49,6 +52,7 @@ def aims_table(
     rows = _near_the_bound(grid) + _held(grid) + _wrong(grid, coloured)
     rows += [row for method, least in _TIMES.items() for row in _smaller(plates, method, least)]
     rows += _first(firsts)
+    rows += _drawn(drawn)
     bare = [s for s in misfits if s.name in GROOVELESS]
     rows.append(_at_most("plates without grooves: answered", [s.status == "ok" for s in bare]))
     rest = [s for s in misfits if s.name not in GROOVELESS and s.status == "ok"]
@@ -154,6 +158,21 @@ def _first(firsts: Sequence[First]) -> list[Row]:
     name = f"{_FIRST_PLATE[0]:g} mm at {_FIRST_PLATE[1]} deg, balanced: first answer after slip began"
     measured = f"{max(after_s):.1f} s, latest of {len(after_s)}"
     return [(name, f"at most {_FIRST_S:g} s", measured, _verdict(max(after_s) <= _FIRST_S))]
+
+
+def _drawn(drawn: Sequence[Drawn]) -> list[Row]:
+    full = [d for d in drawn if d.window_s == max(WINDOWS_S)]
+    refused, most = sum(d.status != "ok" for d in full), _MOST_REFUSED * len(full)
+    measured = f"{refused} of {len(full)}"
+    name = f"plates drawn at random: windows of {max(WINDOWS_S):g} s refused"
+    limit = f"at most {100 * _MOST_REFUSED:g} %"
+    is_open = refused - _SURE * np.sqrt(max(refused, 1)) <= most
+    return [
+        (name, limit, measured, _verdict(refused <= most, bool(is_open))),
+        _at_most(
+            "plates drawn at random: wrong of those answered", [d.is_wrong for d in drawn if d.status == "ok"]
+        ),
+    ]
 
 
 def _at_most(name: str, happened: Sequence[bool]) -> Row:

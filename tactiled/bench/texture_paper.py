@@ -24,13 +24,13 @@ from tactiled.detect.grooves import Motion
 from tactiled.detect.texture_joint import PRESETS, JointParams, Preset
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import paper_scenes
-from tactiled.events.types import TextureEvent
+from tactiled.events.types import SlipEvent, TextureEvent
 
-Plate = tuple[float, int]
+Plate = tuple[float, float]
 PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
 WINDOWS_S = (10.0, 2.0)
 SPEED_MM_S = 1.0  # of the protocol
-_SETTLE_S = 1.0  # as the procedure has it
+SETTLE_S = 1.0  # as the procedure has it
 _LONGEST_S = 12.0  # after the onset, in which an answer must come
 
 
@@ -110,25 +110,30 @@ def _played(slide: tuple[Plate, int]) -> tuple[list[Answered], list[First]]:
         windows = _joint(run, window_s)
         said = [answer for answer in windows if answer is not None]
         found.append(Answered(plate, f"joint, {window_s:g} s", len(windows), said))
-    return found, [_first(run, First(plate, preset, seed)) for preset in PRESETS]
+    return found, [first_answer(run, First(plate, preset, seed)) for preset in PRESETS]
+
+
+def true_onset(run: Run) -> SlipEvent:
+    """The onset that the slip detector meant by the true one: it may cry before, on the press."""
+    return min(run.slips("onset"), key=lambda onset: abs(onset.onset_s - run.truth.slips[0].onset_s))
 
 
 def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
     """Period and angle of window after window of a slide; None where the fit refuses."""
-    onset, end_s = run.slips("onset")[0], run.truth.slips[0].end_s
-    begin = int(np.searchsorted(run.time_s, onset.detected_s + _SETTLE_S))
+    onset, end_s = true_onset(run), run.truth.slips[0].end_s
+    begin = int(np.searchsorted(run.time_s, onset.detected_s + SETTLE_S))
     end = int(np.searchsorted(run.time_s, end_s))
     array = load_array("wang2019-3x3")
     n = round(window_s * RATE_HZ)
     motion = Motion(SPEED_MM_S, 0.0, onset.direction_deg, onset.direction_sd_deg)
     said: list[tuple[float, float] | None] = []
     for first in range(begin, end - n + 1, n):
-        fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, _offsets_s(array), motion)
+        fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, offsets_s(array), motion)
         said.append((fit.period_mm, fit.angle_deg) if fit.status == "ok" else None)
     return said
 
 
-def _first(run: Run, first: First) -> First:
+def first_answer(run: Run, first: First) -> First:
     """The same, answered."""
     slip, array = run.truth.slips[0], load_array("wang2019-3x3")
     until = int(np.searchsorted(run.time_s, slip.onset_s + _LONGEST_S))
@@ -136,8 +141,8 @@ def _first(run: Run, first: First) -> First:
         array,
         JointParams(preset=first.preset, speed_mm_s=SPEED_MM_S),
         run.volts[:until],
-        _offsets_s(array),
-        run.slips("onset")[0],
+        offsets_s(array),
+        true_onset(run),
         start_s=float(run.time_s[0]),
     )
     ok = next((event for event in said if event.status == "ok"), None)
@@ -146,7 +151,7 @@ def _first(run: Run, first: First) -> First:
     return replace(first, after_s=ok.time_s - slip.onset_s, period_mm=ok.period_mm, angle_deg=ok.angle_deg)
 
 
-def _offsets_s(array: Array) -> FloatArray:
+def offsets_s(array: Array) -> FloatArray:
     return BoardParams().channel_step_s * np.arange(array.n_channels, dtype=np.float64)
 
 

@@ -8,6 +8,7 @@ import pytest
 from tactiled.array import load_array
 from tactiled.bench.texture_aims import aims_table
 from tactiled.bench.texture_count import FIRST_SEED, Counted, count_table, counted
+from tactiled.bench.texture_drawn import ANGLES_DEG, PERIODS_MM, Drawn, drawn_table, plate
 from tactiled.bench.texture_grid import Trial, turns_off
 from tactiled.bench.texture_misfit import Spoiled
 from tactiled.bench.texture_paper import Answered, First
@@ -106,12 +107,16 @@ def test_table_of_counts() -> None:
 
 
 def aims(
-    grid: list[Trial], *, plates: list[Answered] | None = None, misfits: list[Spoiled] | None = None
+    grid: list[Trial],
+    *,
+    plates: list[Answered] | None = None,
+    drawn: list[Drawn] | None = None,
+    misfits: list[Spoiled] | None = None,
 ) -> str:
     unknown = [replace(t, is_speed_known=False) for t in grid]
     firsts = [First((1.2, 30), "balanced", 0, 2.4)]
     return aims_table(
-        grid + unknown, [Counted(0.9, t) for t in grid], plates or [], firsts, misfits or [], []
+        grid + unknown, [Counted(0.9, t) for t in grid], plates or [], firsts, drawn or [], misfits or [], []
     )
 
 
@@ -131,6 +136,31 @@ def test_aims_that_are_met() -> None:
     assert "95.0 % | met |" in line(words, "95 % intervals of the angle hold, white noise, speed known")
     assert "0 of 3000 (95 %: below 1.00 in 1000) | met |" in line(words, "wrong of those that say ok, noise")
     assert "2.4 s, latest of 1 | met |" in line(words, "1.2 mm at 30 deg")
+
+
+def test_plates_drawn_at_random_must_be_answered() -> None:
+    right = Drawn(0, 1.2, 30.0, 10.0, True, "ok", False, 1e-4, 1e-3, 0.1, 0.02)
+    short = replace(right, window_s=4.0, status="too-few-periods")
+    refused, wrong = replace(right, status="ambiguous"), replace(right, is_wrong=True)
+    words = aims([RIGHT], drawn=[right] * 50 + [short] * 10)
+    assert line(words, "plates drawn at random: windows of 10 s refused").endswith("| 0 of 50 | met |")
+    words = aims([RIGHT], drawn=[right] * 40 + [refused] * 10 + [wrong])
+    assert line(words, "plates drawn at random: windows of 10 s refused").endswith("| 10 of 51 | MISSED |")
+    assert line(words, "plates drawn at random: wrong of those").endswith("| 1 of 41 | MISSED |")
+    firsts = [First((1.2, 30.0), "balanced", 0, 2.4), First((1.3, 20.0), "balanced", 1)]
+    words = drawn_table([right, right, refused, wrong, short], firsts)
+    assert "| 10 s   | known   | 3 of 4   | 1     | 0.1 um, 0.1 deg | 100 %, 0 %" in words
+    assert "too-few-periods 1" in words
+    assert "2.4 s after the true onset (1 of 2 plates)" in words
+
+
+def test_plates_are_drawn_anew_for_each_seed() -> None:
+    plates = [plate(seed) for seed in range(50)]
+    assert len(set(plates)) == 50
+    for (period_mm, angle_deg), again in zip(plates, map(plate, range(50)), strict=True):
+        assert (period_mm, angle_deg) == again
+        assert PERIODS_MM[0] <= period_mm <= PERIODS_MM[1]
+        assert ANGLES_DEG[0] <= angle_deg <= ANGLES_DEG[1]
 
 
 def test_few_windows_leave_aims_open() -> None:
