@@ -21,6 +21,7 @@ from tactiled.detect.wave_phasors import MOST_ALIKE, Phasors
 
 _STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
 # Three rows of taxels are nearly explained by any two waves: many pairs are looked at, fewer more closely.
+_ROWS = 64  # of the grid of pairs
 _TOP = 300  # peaks over the grid
 _KEPT = (100, 50, 50)  # of them after each refinement
 _STEPS = 2  # of each refinement
@@ -175,25 +176,36 @@ def _starts(
 
 def _peaks(phasors: Phasors, grid: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Which pairs of a grid's waves explain more than their neighbours, and how much; the last has none."""
-    explained = np.zeros((len(grid), len(grid)))
-    alike = np.zeros_like(explained)
+    groups = []
     for place, z in phasors.groups:
         wave = np.exp(1j * (grid @ place.T))  # (points, channels)
         seen = wave.conj() @ z  # (points, kinds)
-        n = wave.shape[1]
-        overlap = wave.conj() @ wave.T / n
-        common = overlap.real**2 + overlap.imag**2
-        own = (np.abs(seen) ** 2).sum(axis=1)
-        crossed = (overlap * (seen.conj() @ seen.T)).real
-        explained += (own[:, np.newaxis] + own - 2 * crossed) / np.maximum(1 - common, 1 - MOST_ALIKE) / n
-        alike = np.maximum(alike, common)
-    explained[alike > MOST_ALIKE] = 0.0
-    explained[np.tril_indices(len(grid))] = 0.0
-    highest = np.empty_like(explained)
-    highest[:, :-1] = ndimage.maximum_filter(explained[:, :-1], size=3)
-    highest[:, -1] = ndimage.maximum_filter(explained[:, -1], size=3)
-    first, second = np.nonzero((explained == highest) & (explained > 0))
-    return first, second, explained[first, second]
+        groups.append((wave, seen, (np.abs(seen) ** 2).sum(axis=1)))
+    found = []
+    # Some rows at a time, with a neighbour on either side: the whole would not fit into a processor's cache.
+    for begin in range(0, len(grid), _ROWS):
+        first = max(begin - 1, 0)
+        some, later = slice(first, begin + _ROWS + 1), slice(first, None)
+        explained = np.zeros((len(grid[some]), len(grid[later])))
+        alike = np.zeros_like(explained)
+        for wave, seen, own in groups:
+            n = wave.shape[1]
+            overlap = wave[some].conj() @ wave[later].T / n
+            common = overlap.real**2 + overlap.imag**2
+            crossed = (overlap * (seen[some].conj() @ seen[later].T)).real
+            both = own[some, np.newaxis] + own[later]
+            explained += (both - 2 * crossed) / np.maximum(1 - common, 1 - MOST_ALIKE) / n
+            alike = np.maximum(alike, common)
+        explained[alike > MOST_ALIKE] = 0.0
+        explained = np.triu(explained, 1)
+        highest = np.empty_like(explained)
+        highest[:, :-1] = ndimage.maximum_filter(explained[:, :-1], size=3)
+        highest[:, -1] = ndimage.maximum_filter(explained[:, -1], size=3)
+        row, column = np.nonzero((explained == highest) & (explained > 0))
+        mine = (row >= begin - first) & (row < begin - first + _ROWS)
+        found.append((row[mine] + first, column[mine] + first, explained[row, column][mine]))
+    rows, columns, heights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return rows, columns, heights
 
 
 def _refined(phasors: Phasors, motion: WaveMotion, tried: _Tried, rim_mm: float) -> _Tried:
@@ -225,36 +237,46 @@ def _refined(phasors: Phasors, motion: WaveMotion, tried: _Tried, rim_mm: float)
 def _move(
     phasors: Phasors, heading: FloatArray, tried: _Tried, is_along_free: bool, is_turned_free: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Where to go from pairs, (pairs, 4): along, turned, across of each; what they explain: (pairs,)."""
-    k = tried.k(heading)
-    direction = np.array([heading, [-heading[1], heading[0]]])
-    normal = np.zeros((len(k), 4, 4))
-    gradient = np.zeros((len(k), 4))
-    explained = np.zeros(len(k))
+    """Where to go from pairs, (pairs, 4): along, turned, across of each; what they explain: (pairs,).
+
+    A wave's phase grows from place to place by its components along and across. So of places only sums are
+    asked: over products of two waves, or of wave and phasors, times coordinates or their products.
+    """
+    k, n_pairs = tried.k(heading), len(tried.along)
+    normal = np.zeros((2, 2, 2, 2, n_pairs))  # wave and coordinate, twice
+    gradient = np.zeros((2, 2, n_pairs))
+    explained = np.zeros(n_pairs)
     for place, z in phasors.groups:
-        wave = np.exp(1j * (k @ place.T))  # (pairs, 2, places)
-        gram = wave.conj() @ wave.swapaxes(1, 2) + 1e-6 * len(place) * np.eye(2)
-        seen = wave.conj() @ z  # (pairs, 2, kinds)
-        inverse = np.linalg.inv(gram)
-        amplitude = inverse @ seen
-        explained += (seen.conj() * amplitude).real.sum(axis=(1, 2))
-        each = wave[..., np.newaxis] * amplitude[:, :, np.newaxis]  # (pairs, 2, places, kinds)
-        left = z - each.sum(axis=1)
-        # By each wave's components along and across: its phase grows from place to place.
-        each = each * tried.is_wave[..., np.newaxis, np.newaxis]
-        by_along, by_across = (1j * (place @ u)[:, np.newaxis] * each for u in direction)
-        columns = [
-            by_along.sum(axis=1) * is_along_free,
-            -(tried.across[..., np.newaxis, np.newaxis] * by_along).sum(axis=1) * is_turned_free,
-            *(by_across - tried.turned[:, np.newaxis, np.newaxis, np.newaxis] * by_along).swapaxes(0, 1),
-        ]
-        by = np.stack(columns, axis=1)  # (pairs, 4, places, kinds)
-        basis = wave[:, np.newaxis]
-        taken = inverse[:, np.newaxis] @ (basis.conj() @ by)
-        by = (by - basis.swapaxes(2, 3) @ taken).reshape(len(k), 4, -1)
-        normal += (by.conj() @ by.swapaxes(1, 2)).real
-        gradient += (by.conj() @ left.reshape(len(k), -1, 1)).real[..., 0]
-    scale = np.einsum("pii->pi", normal)
+        along, across = place @ heading, place @ [-heading[1], heading[0]]
+        times = np.stack([np.ones(len(place)), along, across])
+        wave = np.exp(1j * (place @ k.transpose(1, 2, 0)))  # (2, places, pairs)
+        squares = (times[:, np.newaxis] * times).reshape(9, -1)
+        crossed = (squares @ (wave[0].conj() * wave[1])).reshape(3, 3, n_pairs)
+        each = np.broadcast_to(squares.sum(axis=1).reshape(3, 3, 1), crossed.shape)
+        # Sums of times * times * conj(wave) * wave: (3, 3, 2, 2, pairs).
+        sums = np.stack([np.stack([each, crossed], axis=2), np.stack([crossed.conj(), each], axis=2)], axis=2)
+        seen = (times[:, np.newaxis] * z.T).reshape(-1, len(place)) @ wave.conj()
+        seen = seen.reshape(2, 3, -1, n_pairs)  # (waves, times, kinds, pairs)
+        own, shared = (1 + 1e-6) * len(place), crossed[0, 0]
+        inverse = np.array([[own + 0 * shared, -shared], [-shared.conj(), own + 0 * shared]])
+        inverse /= own**2 - np.abs(shared) ** 2
+        amplitude = np.einsum("mnj,nkj->mkj", inverse, seen[:, 0])
+        explained += np.einsum("mkj,mkj->j", seen[:, 0].conj(), amplitude).real
+        left = seen[:, 1:].swapaxes(0, 1) - np.einsum("umnj,nkj->umkj", sums[1:, 0], amplitude)
+        gradient += np.einsum("mkj,umkj->muj", amplitude.conj(), left).imag
+        taken = np.einsum("loj,vonj->vlnj", inverse, sums[1:, 0])
+        rest = sums[1:, 1:] - np.einsum("umlj,vlnj->uvmnj", sums[1:, 0], taken)
+        power = np.einsum("mkj,nkj->mnj", amplitude.conj(), amplitude)
+        normal += np.einsum("mnj,uvmnj->munvj", power, rest).real
+    by = np.zeros((4, 2, 2, n_pairs))  # wave and coordinate by what is looked for
+    by[0, :, 0] = float(is_along_free)
+    by[1, :, 0] = -tried.across.T * is_turned_free
+    for wave_number in range(2):
+        by[2 + wave_number, wave_number] = -tried.turned, np.ones(n_pairs)
+    by *= tried.is_wave.T[:, np.newaxis]
+    gradient = np.einsum("amuj,muj->ja", by, gradient)
+    normal = np.einsum("amuj,bmuj->jab", by, np.einsum("bnvj,munvj->bmuj", by, normal))
+    scale = np.einsum("jaa->ja", normal)
     normal[:, range(4), range(4)] += (
         _DAMPING * scale + np.maximum(scale.max(axis=1, keepdims=True), 1e-300) * 1e-9
     )
