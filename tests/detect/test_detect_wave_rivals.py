@@ -1,5 +1,7 @@
 """The joint fit of one window where another reading suits nearly as well: colour, harmonics, crossing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gratings import ARRAY, Grating, MotionOf, Slide, assert_right, fit, motions, off
@@ -131,6 +133,53 @@ def test_taxels_that_are_pressed_unevenly_feel_one_grating(motion_of: MotionOf, 
     noise = 0.0005 * np.random.default_rng(seed).normal(size=(len(slide.times()), 36))
     volts = (slide.volts(ARRAY, _OFFSETS_S) - slide.level) * pressed * gain + noise
     assert_right(fit(slide, motion_of(slide), volts=volts), grating)
+
+
+@motions
+@pytest.mark.parametrize("seed", range(8))
+def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(motion_of: MotionOf, seed: int) -> None:
+    """Load turns and scales each kind's response by its own amount; one kind feels next to nothing."""
+    rng = np.random.default_rng(seed)
+    grating = Grating(float(rng.uniform(0.9, 1.6)), float(rng.uniform(-45, 45)))
+    slide = Slide((), duration_s=5.0, noise=0.0003)
+    angle = np.radians(grating.angle_deg)
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + _OFFSETS_S)
+    y = ARRAY.y_mm[ARRAY.channel_taxel]
+    phase = 2 * np.pi * (x * np.cos(angle) + y * np.sin(angle)) / grating.period_mm
+    kind = np.arange(36) % 4
+    response = np.array([0.05, 0.03, 0.007, 0.02]) * np.exp(1j * rng.uniform(-3, 3, 4))
+    by_load = 0.002 * np.exp(1j * rng.uniform(-3, 3, 4))
+    middle_mm = rng.uniform(2.0, 5.0, 2)  # of a pad that is round, or taxels that are not alike
+    round_load = 1.5 - ((ARRAY.x_mm - middle_mm[0]) ** 2 + (ARRAY.y_mm - middle_mm[1]) ** 2) / 12
+    load = rng.standard_normal(9) if seed % 2 else round_load
+    own = 0.0006 * (rng.standard_normal(36) + 1j * rng.standard_normal(36))
+    felt = response[kind] + by_load[kind] * load[ARRAY.channel_taxel] + own
+    ripple = (felt * np.exp(1j * phase)).real
+    motion = replace(motion_of(slide), direction_deg=float(rng.normal(0, 1.5)), direction_sd_deg=1.5)
+    found = fit(slide, motion, volts=slide.volts(ARRAY, _OFFSETS_S) + ripple)
+    assert found.status == "ok"
+    assert is_near(found, grating)
+
+
+@motions
+@pytest.mark.parametrize("off_deg", [-2.0, 2.0])
+@pytest.mark.parametrize("angle_deg", [20.0, 35.0, 50.0])
+def test_a_direction_that_is_a_little_off_hides_no_crossed_grooves(
+    motion_of: MotionOf, off_deg: float, angle_deg: float
+) -> None:
+    gratings = Grating(1.3, angle_deg), Grating(1.3, -angle_deg)
+    slide = Slide((), duration_s=4.0)
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + _OFFSETS_S)
+    y = ARRAY.y_mm[ARRAY.channel_taxel]
+    along = 2 * np.pi / 1.3 * np.cos(np.radians(angle_deg))
+    across = 2 * np.pi / 1.3 * np.sin(np.radians(angle_deg))
+    own = np.nan_to_num(ARRAY.azimuth_deg)
+    for part in (0.05, 0.03):
+        waves = 0.05 * np.cos(along * x + across * y + own)
+        waves = waves + part * np.cos(along * x - across * y + 1 - 2 * own)
+        motion = replace(motion_of(slide), direction_deg=off_deg, direction_sd_deg=1.5)
+        found = fit(slide, motion, volts=slide.volts(ARRAY, _OFFSETS_S) + waves)
+        assert found.status == "ambiguous" or any(is_near(found, grating) for grating in gratings)
 
 
 def gains(slide: Slide) -> FloatArray:
