@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.slip_direction import direction
 from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_limit import START_SCANS, Limit
 from tactiled.detect.slip_response import PRESSURE, motion, moved
@@ -13,13 +14,6 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
 _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may be leak
-
-# One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
-_ONE_TAXEL_SD = 0.05
-# Taxels share some of their error (a tilt of the load, a side that bottoms out), which no spread shows:
-# without this too few directions of physical scenes lay within one sigma.
-_SHARED = 1.2
-_MODEL_SD = 0.0035  # what the divider's bend makes of all taxels alike, at the small shear of an onset
 
 
 @dataclass(frozen=True)
@@ -138,35 +132,13 @@ class Witness:
         response = self._evidence.weights @ change
         opposed, common = float(np.sqrt((motion(response) ** 2).sum())), abs(float(response[PRESSURE]))
         part = shares >= _TAKES_PART * max(float(np.maximum(shares, 0.0).mean()), 1.0)
-        direction_deg, direction_sd_deg = self._direction_deg(along, change)
+        if self._array.has_shear:
+            direction_deg, direction_sd_deg = direction(self._evidence, along, change, self.seen[-1])
+        else:
+            direction_deg, direction_sd_deg = 0.0, UNKNOWN_SD_DEG
         return Testimony(
             direction_deg,
             direction_sd_deg,
             agreement * opposed / max(opposed + common, 1.0),
             tuple(np.flatnonzero(part).tolist()),
         )
-
-    def _direction_deg(self, along: FloatArray, change: FloatArray) -> tuple[float, float]:
-        """None where the skin turns on the spot rather than moves, or the array has no shear channels."""
-        size = float(np.hypot(along[0], along[1]))
-        if not self._array.has_shear or size <= abs(float(along[2])):
-            return 0.0, UNKNOWN_SD_DEG
-        towards = along[:2] / size
-        sd_deg = min(UNKNOWN_SD_DEG, float(np.degrees(self._spread(towards, change))))
-        return float(np.degrees(np.arctan2(towards[1], towards[0]))), sd_deg
-
-    def _spread(self, towards: FloatArray, change: FloatArray) -> float:
-        """Standard error, in radians, of the direction of a sum of taxels that point to different sides.
-
-        Noise and unequal resistors alike; what all taxels share, as the divider's bend, it does not know.
-        """
-        x, y = (self._evidence.shear_weights @ change)[:, self._evidence.taxels]
-        total = float(np.hypot(x.sum(), y.sum()))
-        n = len(x)
-        if total == 0:
-            return np.pi
-        if n < 2:
-            noise = self._evidence.noise(np.array([*towards, 0.0]))
-            return float(np.hypot(_ONE_TAXEL_SD, np.sqrt(2) * noise / total))
-        across = towards[0] * y - towards[1] * x
-        return float(np.hypot(_MODEL_SD, _SHARED * np.sqrt(n / (n - 1) * (across**2).sum()) / total))
