@@ -71,23 +71,50 @@ class Phasors:
         each = self.fit(k)
         model = each.sum(axis=-1)
         left = self.z - model
-        total = np.full(len(k), -np.inf)
-        # A gain may be the channel's, for both waves, or each wave's own.
-        for waves in (model[..., np.newaxis], each):
-            # Strays of gain are along a phasor, strays of phase across it: 2 x 2 matrices of variance.
-            size = np.abs(waves) ** 2
-            square = waves**2
-            along = (size + square.real).sum(axis=-1) / 2  # of the real part
-            across = (size - square.real).sum(axis=-1) / 2
-            mixed = square.imag.sum(axis=-1) / 2
-            one = _GAIN * along + _PHASE * across + self.variance
-            other = _GAIN * across + _PHASE * along + self.variance
-            both = (_GAIN - _PHASE) * mixed
-            volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
-            square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
-            by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (strays, pairs, kinds)
-            total = np.maximum(total, -0.5 * by_kind.min(axis=0).sum(axis=-1))
-        return np.asarray(np.maximum(total, self._by_taxel(left * np.exp(-1j * np.angle(model)))))
+        beside = left * np.exp(-1j * np.angle(model))  # strays of gain are along a phasor, of phase across it
+        total = self._by_one(np.abs(model) ** 2, beside)
+        if each.shape[-1] > 1:
+            total = np.maximum(total, self._by_each(each, left))
+        return np.maximum(total, self._by_taxel(beside))
+
+    def _by_one(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
+        """The same where a gain is the channel's, for all waves: (pairs,).
+
+        Parameters
+        ----------
+        size : (pairs, channels) float64
+            Squares of what waves explain.
+        left : (pairs, channels) complex128
+            What they leave, along it and across it.
+        """
+        variance = _STRAYS[:, np.newaxis, np.newaxis] * size + self.variance
+        log = np.log(variance)
+        total = np.zeros(len(size))
+        for part in (left.real, left.imag):
+            by_kind = (log + part**2 / variance) @ self.is_kind  # (strays, pairs, kinds)
+            total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
+        return total
+
+    def _by_each(self, waves: NDArray[np.complex128], left: NDArray[np.complex128]) -> FloatArray:
+        """The same where a gain is each wave's own: (pairs,).
+
+        Parameters
+        ----------
+        waves : (pairs, channels, waves) complex128
+        left : (pairs, channels) complex128
+        """
+        size = np.abs(waves) ** 2
+        square = waves**2
+        along = (size + square.real).sum(axis=-1) / 2  # of the real part; 2 x 2 matrices of variance
+        across = (size - square.real).sum(axis=-1) / 2
+        mixed = square.imag.sum(axis=-1) / 2
+        one = _GAIN * along + _PHASE * across + self.variance
+        other = _GAIN * across + _PHASE * along + self.variance
+        both = (_GAIN - _PHASE) * mixed
+        volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
+        square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
+        by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (strays, pairs, kinds)
+        return np.asarray(-0.5 * by_kind.min(axis=0).sum(axis=-1))
 
     def _by_taxel(self, left: NDArray[np.complex128]) -> FloatArray:
         """The same where one thing about a taxel, its load, moves all its channels: (pairs,).
