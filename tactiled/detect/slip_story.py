@@ -114,8 +114,8 @@ class Story:
         least = self._swings.least(now.index)
         if least > 0 and self._evidence.growth(stretch, row, since, least * pressure) is None:
             self._swings.go_on(now.index)
-            if self._beneath is None:
-                self._beneath = Shake(now.index, now.shear, least, self._rate_hz, self._least_shear)
+            if self._beneath is None:  # a swing goes from one end to the other: half of it about its middle
+                self._beneath = Shake(now.index, now.shear, least / 2, self._rate_hz, self._least_shear)
             return []
         return [self._onset(growth, now, is_sure)]
 
