@@ -92,9 +92,9 @@ def text_of(found: Measured) -> str:
             "all after it. Settings are read for the whole time, the others once a scene.",
             quiet_table(counted, names),
             hold_table(counted, {name: rival.per_hour for name, rival in known.items()}),
-            "Loads that grow to less than friction bears and rest there: how many are called gross slip. "
-            "Their shear grows and stops as that of a slip does.",
-            rest_table(found.resting),
+            "Loads that grow to less than friction bears and rest there, or swing: how many are called gross "
+            "slip. Their shear grows and stops as that of a slip does. Below them, how many slips are.",
+            rest_table(found.resting, found.cases),
             "Cost, 36 channels.",
             slip_tables.cost_table(found.cost),
         ]

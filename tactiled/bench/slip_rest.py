@@ -1,42 +1,75 @@
-"""Loads that come and rest below what friction bears: how often they are taken for gross slip.
+"""Loads below what friction bears that come and rest, or swing: how often they are taken for gross slip.
 
 A load that grows and rests, and one that grows until all slips, show the same shear: it grows and stops. On a
-surface of unknown friction only the taxels' shares of it differ (`detect.slip_limit`).
+surface of unknown friction only the taxels' shares of it differ (`detect.slip_limit`). Who calls less of the
+one gross may call less of the other, so slips that are called so stand beside them.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from tactiled.array import load_array
 from tactiled.bench.report import table
-from tactiled.bench.slip_quiet import QUIET_NOISES_V
-from tactiled.bench.slip_scenes import play
+from tactiled.bench.slip_latency import Case
+from tactiled.bench.slip_scenes import NOISES_V, play
 from tactiled.bench.slip_score import known_s, onsets
 from tactiled.detect.slip_coherent import SETTINGS, CoherentSlip
-from tactiled.emulator.families.parts import begin, load_phase, made
+from tactiled.emulator.families import HELD_OUT_SLIPPING
+from tactiled.emulator.families.parts import any_direction_deg, begin, disturb, friction_n, load_phase, made
 from tactiled.emulator.scene import Scene
 
-BANDS = ((0.2, 0.4), (0.4, 0.6), (0.6, 0.8))  # of what friction bears
-_REST_S = 1.0
+# Of what friction bears; the last is a rest within a fifth of slipping.
+BANDS = {
+    "rests at 20 to 40 %": (0.2, 0.4),
+    "rests at 40 to 60 %": (0.4, 0.6),
+    "rests at 60 to 80 %": (0.6, 0.8),
+    "rests at 80 to 90 %": (0.8, 0.9),
+    "swings by 30 to 75 %": (0.3, 0.75),
+}
+_SWINGS = "swings"
+_NOISES_V = (NOISES_V[0], NOISES_V[2], NOISES_V[3])
+_REST_S, _SWING_S = 1.0, 3.0
 
 
 class Rest(NamedTuple):
-    """Whether one load was called gross slip while it grew and rested."""
+    """Whether one load was called gross slip while it grew and rested, or swung."""
 
-    band: tuple[float, float]
+    band: str
     noise_v: float
     setting: str
     is_gross: bool
 
 
-def rests(band: tuple[float, float], seed: int) -> list[Rest]:
-    """One load, read at `QUIET_NOISES_V` by every setting; none where a rung lets it slip."""
+def rests(band: str, seed: int) -> list[Rest]:
+    """One load, read at each noise by every setting; none where a rung lets it slip."""
 
     def family(seed: int) -> Scene:
-        rng, scene = begin(f"rest-{band[0]:g}", seed)
+        rng, scene = begin(band, seed)
         scene["held_object"] = {"mass_kg": 0.3}
-        load = load_phase(rng, scene, rng.uniform(0.1, 1.0), rng.uniform(*band))
-        scene["phases"] += [load, {"kind": "hold", "duration_s": _REST_S}]
+        part = rng.uniform(*BANDS[band])
+        if band.startswith(_SWINGS):
+            scene["phases"] += [
+                load_phase(rng, scene, 0.5, 0.05),
+                {"kind": "hold", "duration_s": _SWING_S + _REST_S},
+            ]
+            starts_s = sum(phase["duration_s"] for phase in scene["phases"][:-1])
+            pull_n, rate_hz = part * friction_n(scene), rng.uniform(0.5, 2.5)
+            towards_deg = any_direction_deg(rng)
+            disturb(
+                scene,
+                "pull_n",
+                "sine",
+                pull_n,
+                starts_s,
+                _SWING_S,
+                frequency_hz=rate_hz,
+                direction_deg=towards_deg,
+            )
+        else:
+            load = load_phase(rng, scene, rng.uniform(0.1, 1.0), part)
+            scene["phases"] += [load, {"kind": "hold", "duration_s": _REST_S}]
         return made(scene)
 
     played = play("rest", family, seed)
@@ -44,7 +77,7 @@ def rests(band: tuple[float, float], seed: int) -> list[Rest]:
         return []
     array = load_array("wang2019-3x3")
     said = []
-    for noise_v in QUIET_NOISES_V:
+    for noise_v in _NOISES_V:
         for name, params in SETTINGS.items():
             events = onsets(CoherentSlip(array, params).process(played.read(noise_v, 0)))
             is_gross = any(e.kind == "gross" and known_s(e) > played.held_s for e in events)
@@ -52,20 +85,30 @@ def rests(band: tuple[float, float], seed: int) -> list[Rest]:
     return said
 
 
-def rest_table(found: Sequence[Rest]) -> str:
-    """Rows: how large the load is; columns: noises and settings."""
-    columns = [(noise_v, name) for noise_v in QUIET_NOISES_V for name in SETTINGS]
+def rest_table(found: Sequence[Rest], cases: Sequence[Case]) -> str:
+    """Rows: what the load does, and slips; columns: noises and settings."""
+    columns = [(noise_v, name) for noise_v in _NOISES_V for name in SETTINGS]
     rows = []
     for band in BANDS:
         cells = []
         for noise_v, name in columns:
             some = [r.is_gross for r in found if (r.band, r.noise_v, r.setting) == (band, noise_v, name)]
             cells.append(f"{sum(some)} of {len(some)}")
-        rows.append([f"{100 * band[0]:.0f} to {100 * band[1]:.0f} %", *cells])
+        rows.append([band, *cells])
+    for what, is_held_out in (("slips", False), ("slips, held out", True)):
+        cells = []
+        for noise_v, name in columns:
+            said = [
+                np.isfinite(case.found[f"coherent, {name}"].gross_s)
+                for case in cases
+                if case.noise_v == noise_v and (case.family in HELD_OUT_SLIPPING) == is_held_out
+            ]
+            cells.append(f"{sum(said)} of {len(said)}")
+        rows.append([what, *cells])
     head = ["of what friction bears", *(f"{1e3 * noise_v:g} mV, {name}" for noise_v, name in columns)]
     return table(head, rows)
 
 
-def tasks(seeds: Sequence[int]) -> list[tuple[tuple[float, float], int]]:
+def tasks(seeds: Sequence[int]) -> list[tuple[str, int]]:
     """Arguments of `rests`."""
     return [(band, seed) for band in BANDS for seed in seeds]

@@ -57,6 +57,8 @@ _COMMON = 4.0
 # Pressure that grew with the shear by more than this of it is a load that came at a slant: slip itself moves
 # the pressure by an eighth, jolts by up to 0.65, slanted loads on the physical families by 1.1 to 1.7.
 _PRESSED = 0.8
+# Friction bears what it bore: the less the shear has grown since it began, the less likely it met the limit.
+_LITTLE = 0.2
 _SETTLE_S = 0.05  # after a break-away, before the new level is one
 _ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
 
@@ -236,7 +238,10 @@ class Course:
         if pressure - self._start_pressure > _PRESSED * (shear - self._start_shear):
             return -math.inf  # a load came to rest, and shear with it
         odds = self._limit.odds(steps[-self._n_flat :])
-        return math.inf if odds is None else odds
+        if odds is None:
+            return math.inf
+        beyond = (shear - self._start_shear) / (_LITTLE * shear)
+        return odds + math.log(min(beyond, 1.0)) if beyond > 0 else -math.inf
 
     def _trend(self, seen: FloatArray, n: int) -> FloatArray:
         """Slopes (7,) of a line through the newest n scans: sums of whole numbers, exact in any order."""

@@ -125,8 +125,9 @@ class Limit:
         """
         if len(self._rows) < _LEAST_ROWS or len(self._load) < _LEAST_TAXELS:
             return None
-        now = rest.mean(axis=0)
-        load, shear = self._load @ now, self._shear_to(now)
+        rows = np.stack(self._rows)
+        load = self._load @ np.concatenate([rows[:, 1:], rest]).mean(axis=0)
+        shear = self._shear_to(rest.mean(axis=0))
         after = (rest - self._start) @ shear.T
         end = after.mean(axis=0)
         told = (end > 0) & (load > _LOADED * load.mean()) & (load > 0)
@@ -136,7 +137,6 @@ class Limit:
         log_load -= log_load.mean()
         if log_load.std() < _EVEN:
             return None
-        rows = np.stack(self._rows)
         at, rise = rows[:, 0], self._at_once(rows[:, 0], rows[:, 1:] - self._start, shear)
         risen = np.minimum(rise.sum(axis=1) / end.sum(), 1.0)
         seen = risen > _SEEN
