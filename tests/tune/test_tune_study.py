@@ -130,6 +130,17 @@ def test_an_onset_smaller_than_what_counts_is_never_told() -> None:
     assert found == [np.inf] * 20
 
 
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_hand_that_sways_hides_no_slip(name: str) -> None:
+    time_s = np.arange(30 * int(RATE_HZ)) / RATE_HZ
+    sway = 0.083 * np.sin(2 * np.pi * 0.7 * time_s) * (time_s > 5)
+    swaying = recording(slide(ARRAY, held(30.0, 1e-3, seed=3), sway, 40.0))
+    for rise_s in (0.1, 1.0):
+        found = latencies(swaying, SETTINGS[name], Onset(WEAK_SHEAR, rise_s))
+        assert len(found) >= 15  # others fall into a swing that is said already
+        assert max(found) < rise_s + 0.5
+
+
 def test_shakes_are_silenced_and_slips_are_not() -> None:
     """Shakes of 0.03 to 0.12: the fast setting tells them, the proposal does not, and is in time for slip."""
     sizes = np.linspace(0.03, 0.12, 6)
