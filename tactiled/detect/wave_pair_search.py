@@ -7,6 +7,7 @@ there are two waves at all, is asked elsewhere (`wave_pair`).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -97,12 +98,17 @@ def _starts(
 
 
 def _peaks(phasors: Phasors, grid: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Which pairs of a grid's waves explain more than their neighbours, and how much; the last has none."""
+    """Which pairs of a grid's waves explain more than their neighbours, and how much.
+
+    Points of the grid are evenly apart along a line, but for the last, which has no neighbour.
+    """
     groups = []
     for place, z in phasors.groups:
         wave = np.exp(1j * (grid @ place.T))  # (points, channels)
         seen = wave.conj() @ z  # (points, kinds)
-        groups.append((wave, seen, (np.abs(seen) ** 2).sum(axis=1)))
+        # What two waves have in common depends on how many steps they are apart.
+        by_steps, with_last = (wave.conj()[[0, -1]] @ wave.T) / len(place)
+        groups.append((len(place), by_steps, with_last.conj(), seen, (np.abs(seen) ** 2).sum(axis=1)))
     found = []
     # Some rows at a time, with a neighbour on either side.
     for begin in range(0, len(grid), _ROWS):
@@ -110,9 +116,10 @@ def _peaks(phasors: Phasors, grid: FloatArray) -> tuple[NDArray[np.int64], NDArr
         some, later = slice(first, begin + _ROWS + 1), slice(first, None)
         explained = np.zeros((len(grid[some]), len(grid[later])))
         alike = np.zeros_like(explained)
-        for wave, seen, own in groups:
-            n = wave.shape[1]
-            overlap = wave[some].conj() @ wave[later].T / n
+        for n, by_steps, with_last, seen, own in groups:
+            steps = np.concatenate([np.zeros(len(explained) - 1), by_steps[: explained.shape[1]]])
+            overlap = sliding_window_view(steps, explained.shape[1])[::-1].copy()  # 0 below the diagonal
+            overlap[:, -1] = with_last[some]
             common = overlap.real**2 + overlap.imag**2
             crossed = (overlap * (seen[some].conj() @ seen[later].T)).real
             both = own[some, np.newaxis] + own[later]
