@@ -48,7 +48,9 @@ class Past:
         self._sum, self._n = np.zeros(COLUMNS), 0
 
     def shift(self, jump: FloatArray) -> None:
-        """Other taxels make the response from now on, which jumps by (7,)."""
+        """Other taxels make the response from now on, which jumps by (7,); zeros where they stay."""
+        if not jump.any():
+            return
         self._sum = self._sum + self._n * jump
         for k, mean in enumerate(self._means):
             self._means[k] = mean._replace(row=mean.row + jump)
