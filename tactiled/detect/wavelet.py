@@ -220,9 +220,8 @@ class SwtBank:
         n = len(ok)
         scans = np.arange(self._n_seen, self._n_seen + n)[:, np.newaxis]
         self._n_seen += n
-        if ok.all():
-            newest_bad = np.broadcast_to(self._newest_bad, ok.shape)
-        else:
+        newest_bad = self._newest_bad
+        if not ok.all():
             bad = np.where(ok, self._newest_bad, scans)
             newest_bad = np.maximum.accumulate(bad, axis=0)
             self._newest_bad = newest_bad[-1].copy()
