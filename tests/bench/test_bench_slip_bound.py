@@ -26,6 +26,8 @@ from tactiled.bench.slip_rules import (
 from tactiled.bench.slip_scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
 from tactiled.detect.base import Detector
 from tactiled.detect.wavelet import BankParams, SwtBank
+from tactiled.emulator.families import QUIET
+from tactiled.emulator.imposed import Imposed
 from tactiled.errors import ContractError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -45,6 +47,20 @@ def test_truth_is_in_order(slide: Played) -> None:
     assert slide.held_s < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
     still = slide.volts[int(slip.shear_s * 100) - 20 : int(slip.shear_s * 100) - 1]
     assert np.ptp(still, axis=0).max() < 1e-3  # nothing moves before the shear but creep
+
+
+def test_a_held_object_is_played_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[Imposed] = []
+    reset = Imposed.reset
+
+    def counted(source: Imposed) -> None:
+        begun.append(source)
+        reset(source)
+
+    monkeypatch.setattr(Imposed, "reset", counted)
+    held = play("inclined-load", QUIET["inclined-load"], 1)
+    assert held.duration_s > 4.0  # longer than a contact model keeps
+    assert len(begun) <= 2  # where it is made
 
 
 @pytest.mark.parametrize("level", [1, 3, 5])
