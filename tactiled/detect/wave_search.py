@@ -44,21 +44,21 @@ def search(
         return _none()
     z = phasors_at(window, tables, 1)
     scores = _scores(z, layout, heading, along, across, variance)
-    a, b = np.meshgrid(along, across, indexing="ij")
     if motion.has_speed and len(along) > 1:
         # What is said of the motion counts too; without it ridges, as a column of taxels has, have no peak.
         sigmas = (along - tables.turn / window.half_way) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
         scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
     # A maximum just inside the limits may have its point of the grid outside.
     step = _step(layout)
-    starts = np.flatnonzero((_is_peak(scores) & _is_within(a, b, motion, params, step)).ravel())
+    starts = np.argwhere(_is_peak(scores))
+    starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], motion, params, step)]
     if not len(starts):
         return _none()
-    high = scores.ravel()[starts]
+    high = scores[starts[:, 0], starts[:, 1]]
     near = high >= min(_LEAST_PART * high.max(), high.max() - _LEAST_GAP)
     starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
     normal = np.array([-heading[1], heading[0]])
-    k = a.ravel()[starts, np.newaxis] * heading + b.ravel()[starts, np.newaxis] * normal
+    k = along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal
     solver = Solver(window, layout, motion, variance)
     found = solver.solve(tables, k, solver.likely_turn(k, tables.turn, _SLACK_SIGMAS))
     found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, motion, params, step / 2))]
