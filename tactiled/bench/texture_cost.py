@@ -1,8 +1,9 @@
 """What texture costs: processor time of one answer, and of the whole online estimator, by size.
 
-Signals are clean enough that every answer is a full one. Channels that are alike show what the wave costs;
-those whose phases stray, as on real skins they do, what it costs to tell strays from other waves. Times are
-of one thread, the least of several runs: what else the machine does can only add.
+Signals are clean enough that every answer is a full one; to pads of even pitch the grating is ambiguous, and
+with the speed known they look twice. Channels that are alike show what the wave costs; those whose phases
+stray, as on real skins they do, what it costs to tell strays from other waves. Times are of one thread, the
+least of several runs: what else the machine does can only add.
 """
 
 import time
