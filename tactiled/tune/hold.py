@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact import ContactParams
+from tactiled.detect.contact import ContactParams, ContactTracker
+from tactiled.detect.quantise import Quantiser
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock
@@ -110,9 +111,8 @@ class Collector:
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Scans (n,) in which some taxel is pressed above the threshold of contact."""
-    volts = np.nan_to_num(block.volts)
-    pressed = (volts @ array.normal_weights().T).max(axis=1)
-    return np.asarray(pressed > ContactParams().contact_volts)
+    tracker = ContactTracker(array, ContactParams(), block.rate_hz)
+    return tracker.measure(block, Quantiser(array).process(block)).touches
 
 
 def quiet_part(recording: Recording) -> Recording:

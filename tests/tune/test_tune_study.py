@@ -135,10 +135,9 @@ def test_a_hand_that_sways_hides_no_slip(name: str) -> None:
     time_s = np.arange(30 * int(RATE_HZ)) / RATE_HZ
     sway = 0.083 * np.sin(2 * np.pi * 0.7 * time_s) * (time_s > 5)
     swaying = recording(slide(ARRAY, held(30.0, 1e-3, seed=3), sway, 40.0))
-    for rise_s in (0.1, 1.0):
-        found = latencies(swaying, SETTINGS[name], Onset(WEAK_SHEAR, rise_s))
-        assert len(found) >= 15  # others fall into a swing that is said already
-        assert max(found) < rise_s + 0.5
+    found = latencies(swaying, SETTINGS[name], Onset(WEAK_SHEAR, 0.1))
+    assert len(found) >= 15  # others fall into a swing that is said already
+    assert max(found) < 0.6
 
 
 def test_shakes_are_silenced_and_slips_are_not() -> None:
@@ -212,8 +211,11 @@ def test_too_little_contact_names_what_to_do(volts: Floats, says: str) -> None:
 
 def test_the_press_is_no_part_of_the_hold() -> None:
     volts = np.concatenate([held(2, 3e-4) - 1.2, held(8, 3e-4), held(2, 3e-4) - 1.2])
-    (block,) = quiet_part(recording(volts)).blocks
-    assert (block.index[0], block.index[-1]) == (300, 999)
+    stuck = volts.copy()
+    stuck[:, 17] = 2.9  # one side alone is no contact
+    for seen in (volts, stuck):
+        (block,) = quiet_part(recording(seen)).blocks
+        assert (block.index[0], block.index[-1]) == (300, 999)
 
 
 def test_what_was_lost_of_the_hold_is_said() -> None:
