@@ -27,17 +27,18 @@ _POWERS = 2.0 ** np.linspace(-0.25, 1.5, 8)
 _BEFOREHAND = np.exp(-(np.log2(_POWERS[:, np.newaxis, np.newaxis]) ** 2) / 2)
 # When all slips, in times since the beginning: from where nothing of it is to be seen, to long ago.
 _ALL_SLIPS = np.array([100.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.03])
-# Part of the rise that readings differ from the shape by. On seeds 1001 to 1012 of the physical families 69
-# to 70 % of all onsets then lie within one sigma for each setting, be it two scans of a rise that it sees or
-# all of it; with half of this 65 to 69 %, with twice 73 to 74 %.
+# Part of the rise that readings differ from the shape by. On seeds 1001 to 1024 of the physical families 70
+# to 71 % of all onsets then lie within one sigma for each setting, be it two scans of a rise that it sees or
+# all of it; with half of this 68 to 70 %, with twice 72 to 76 %.
 _MISFIT = 0.1
 _LATEST = 0.05  # scans ago: a rise that one scan shows may have begun just before it
 _LEVEL_READINGS = 16  # the oldest, that tell the level roughly
 _INSTANTS = 64  # tried over all that is searched, and again where the likelihood is
 _FINEST_STEP = 0.06  # scans between them
 _UNLIKELY = 1e-4  # of the best: instants that are not tried again
-# What no fit to the few readings of a jolt shows, in scans: channels are sampled one after the other.
-_INSTANT_SD = 0.1
+# What no fit to the few readings of a jolt shows, in scans: channels are sampled one after the other, over
+# two thirds of a scan at 100 Hz.
+_INSTANT_SD = 0.12
 _PARAMETERS = 5  # of a fit: level, size, instant, power, when all slips
 
 
