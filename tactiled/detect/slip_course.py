@@ -50,7 +50,9 @@ _INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
 _LATE_PART, _SHAPE_SD_PART = 0.03, 0.03
 # The line is longer where noise would make its slope uncertain by more than this part of the steepest.
 _SLOPE_SD_PART = 0.15
-_STALLED_S = 0.3  # flat for so long below what is gross: the load stays, nothing slips any more
+# Flat for so long, scans that noise bends taken off twice, below what is gross: the load stays, nothing slips
+# any more.
+_STALLED_S, _BENT_SCANS = 0.3, 2
 _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
 _COMMON = 4.0
@@ -115,7 +117,7 @@ class Course:
         self._top = Extreme(-math.inf, index)
         self._top_pressure = 0.0
         self._top_shear = 0.0
-        self._n_flat = self._n_turned = 0
+        self._n_flat = self._n_still = self._n_turned = 0
         self._rest = Rest(rate_hz)
         self._after: Gross | Recoil | None = None
 
@@ -211,24 +213,23 @@ class Course:
             return Verdict("back", self._top.index, since / 2)
         # The largest that is sure, not the largest that noise made.
         self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)
-        self._n_flat = self._n_flat + 1 if speed < _FLAT * self._steepest else 0
+        is_flat = speed < _FLAT * self._steepest
+        self._n_flat = self._n_flat + 1 if is_flat else 0
+        self._n_still = max(self._n_still + (1 if is_flat else -_BENT_SCANS), 0)
         aside = speed > _ASIDE * self._steepest and abs(slope) < _ASIDE * speed
         self._n_turned = self._n_turned + 1 if aside else 0
-        knee = (
-            index - self._n_flat - 0.35 * n + 0.5
-        )  # a line is flat by so much when most of it is past the knee
         still_there = self._top.index == index  # a load that goes again, if slowly, does not stay at its top
         is_clear = 0 < _CLEARLY * self._gross * pressure < shear and slope > -_GOES * self._steepest
-        is_flat = self._n_flat > (1 if is_clear else n // 2) and still_there
+        is_over = self._n_flat > (1 if is_clear else n // 2) and still_there
         if not self._n_flat:
             self._limit.take(index - self._begun, steps[-1])
             self._rest.goes_on()
-        if is_flat and shear >= self._gross * pressure:
+        if is_over and shear >= self._gross * pressure:
             odds = functools.partial(self._odds, shear, pressure, steps)
             if self._rest.is_gross(self._n_flat, shear, noise, odds):
                 return self._go_gross(index, *self._reached(index, seen), 0)
-        if self._n_flat > max(n, _STALLED_S * self._rate_hz):
-            return Verdict("stalled", knee, n / 4)
+        if self._n_still > max(n, _STALLED_S * self._rate_hz):
+            return Verdict("stalled", index - self._n_still - 0.35 * n, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):
             return Verdict("turned", index - self._n_turned, n / 2)
         return None
