@@ -24,13 +24,14 @@ from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_refine import Refined, refine
 from tactiled.detect.wave_ripple import Ripple, strongest
 from tactiled.detect.wave_search import search, together
-from tactiled.detect.wave_weigh import has_lever, pair_candidates, weighed
+from tactiled.detect.wave_weigh import TEMPER, by_load, has_lever, pair_candidates, weighed
 
 _MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
 _MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
 _MOST_STRAY_ALIASED = 0.2  # radians^2: with more, what suits no wave suits its mirror image no better
 _BROAD = 0.25 * np.pi  # of turn: what is no wave is no clean line either
 _ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
+_SAME_LINE = 0.25 * np.pi  # of turn: strong lines are known far better than by a quarter of a bin
 _MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
 _WAVES = ("ok", "ambiguous")
 _OWN_HARMONICS = 8  # of a grating, none of which is a second one
@@ -119,6 +120,7 @@ def _strongest_wave(
     """Fit of the strongest line that is a wave, of some power; lines that are none are taken out first."""
     if float(window.power.sum()) < least:  # no line has more than all that is there
         return WaveFit("low-snr"), None
+    gone: list[float] = []
     for _ in range(_MOST_LINES):
         readings = strongest(window, params)
         if not readings or max(_line_power(each.window, each.turn) for each in readings) < least:
@@ -127,11 +129,20 @@ def _strongest_wave(
             if line.periods < params.min_periods:
                 return WaveFit("too-few-periods", window.frequency_hz(line.turn)), None
             found = _wave(line, layout, motion, params)
+            if found is not None and found[0].status == "ok" and _is_multiple(line.turn, gone):
+                return WaveFit("ambiguous", found[0].frequency_hz), found[1]
             if found is not None:
                 return found
         turn = next(each.turn for each in readings if each.is_line)
+        gone.append(turn)
         window = window.without(turn, [1 - _BROAD / turn, 1 + _BROAD / turn])
     return WaveFit("low-snr"), None
+
+
+def _is_multiple(turn: float, gone: list[float]) -> bool:
+    """Whether a line may be a harmonic of one that was no wave: half a period is no grating's."""
+    times = [max(round(turn / other), 2) for other in gone]
+    return any(abs(turn - n * other) < _SAME_LINE for n, other in zip(times, gone, strict=True))
 
 
 def _wave(
@@ -145,6 +156,13 @@ def _wave(
     least = together(window, tables, layout, variance)
     found = search(window, tables, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
+    if best is not None and best.stray.any():
+        # Strays may have made another reading the best: of small ones both ways to take them know as little.
+        likelihood = by_load(best, found, window, layout)[1]
+        likeliest = int(likelihood.argmax())
+        if likelihood[likeliest] - likelihood[0] > -TEMPER * np.log(params.error_probability):
+            found = found[np.argsort(-likelihood, kind="stable")]
+            best = refine(window, layout, motion, params, found[0])
     is_wave = best is not None and best.is_wave
     if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.stray.any())):
         # Too fast to be sampled, a ripple shows as a slower one, whose phases suit no wave well.

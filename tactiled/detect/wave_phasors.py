@@ -13,6 +13,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.wave_model import Layout
 
 MOST_ALIKE = 0.9  # overlap (squared) of two waves on a kind's channels: beyond, they are one
+_NEARBY_RAD = (0.2, 0.08, 0.03)  # of phase at the rim of the array, two steps either way
 _FACTOR_STEPS = 6  # of expectation and maximisation
 _FALSE_PAIR = 1e-2  # one wave, channels alike, is looked at for another so often
 # Of the ripple, all kinds together: no skin's channels are more alike. Where a kind feels little because its
@@ -76,6 +77,18 @@ class Phasors:
         if each.shape[-1] > 1:
             total = np.maximum(total, self._by_each(each, left))
         return np.maximum(total, self._by_taxel(beside))
+
+    def nearby(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The likeliest near single waves (waves, 2), and the logarithms of their likelihoods (waves,)."""
+        rim_mm = max(float(np.hypot(*self.place.T).max()), 0.5)
+        moves = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+        likelihood = np.zeros(len(k))
+        for step_rad in _NEARBY_RAD:
+            near = k[:, np.newaxis] + moves * step_rad / rim_mm
+            each = self.likelihood(near.reshape(-1, 1, 2)).reshape(len(k), -1)
+            k = near[np.arange(len(k)), each.argmax(axis=1)]
+            likelihood = each.max(axis=1)
+        return k, likelihood
 
     def _by_one(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
         """The same where a gain is the channel's, for all waves: (pairs,).

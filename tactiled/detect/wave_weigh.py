@@ -12,13 +12,17 @@ from tactiled.detect.wave_linear import Waves
 from tactiled.detect.wave_model import Layout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.wave_noise import design_effect
 from tactiled.detect.wave_pair import Pair
+from tactiled.detect.wave_phasors import Phasors
 from tactiled.detect.wave_refine import Refined, refine
-from tactiled.detect.wave_search import search
+from tactiled.detect.wave_search import phasors_at, search
 from tactiled.detect.wave_solve import Solver
 from tactiled.events.types import Candidate
 
 _MOST_CANDIDATES = 8
 _MOST_PAIRS = 4  # that suit about as well: with more, naming them says nothing
+TEMPER = (
+    2.0  # likelihoods of strays that are not quite what they are taken for are no better than their roots
+)
 _LEAST_WEIGHT = 0.02  # of a pair to be named
 _FALSE_CONFLICT = 1e-6  # phases belie a motion that is true so often
 _LEAST_SPREAD_MM2 = 1e-6  # of places: less, and there are no delays to go by
@@ -41,6 +45,12 @@ def weighed(
     effect = design_effect(solver.strays(tables, found[0]), layout)[0] if best.stray.any() else 1.0
     odds = np.exp((found.gain - found.gain.max()) / 2 / max(effect, fit.colour))
     weights = odds / odds.sum()
+    if best.stray.any():
+        k, likelihood = by_load(best, found, window, layout, fit.colour)
+        fit = _as_unsure(fit, best.waves.k[0], k[0], motion)
+        odds = np.exp((likelihood - likelihood.max()) / TEMPER)
+        # Small strays are told better by the first way to take them, those of taxels' loads by the second.
+        weights = max(weights, odds / odds.sum(), key=lambda each: float(each[0]))
     error = float(1 - weights[0])
     if error <= params.error_probability and not _belies(best, found, window, layout, motion, params):
         return replace(fit, error_probability=error)
@@ -51,6 +61,24 @@ def weighed(
         error_probability=error,
         candidates=_candidates(found, weights),
     )
+
+
+def by_load(
+    best: Refined, found: Waves, window: Window, layout: Layout, colour: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Readings where strays are put down to taxels' loads (`Phasors.nearby`), and their likelihoods."""
+    variance = 2 * best.variance * colour / window.n
+    return Phasors(phasors_at(window, best.tables, 1), variance, layout).nearby(found.k)
+
+
+def _as_unsure(fit: WaveFit, k: FloatArray, other: FloatArray, motion: WaveMotion) -> WaveFit:
+    """As unsure as two ways to take strays differ: each wave vector is the answer of one."""
+    here, there = reading(k), reading(other)
+    turned = (np.radians(there[1] - here[1]) + np.pi / 2) % np.pi - np.pi / 2
+    along = float(k @ motion.heading), float(other @ motion.heading)
+    faster = fit.speed_mm_s * (along[0] / along[1] - 1) if not motion.has_speed and along[1] else 0.0
+    off = np.array([there[0] - here[0], turned, faster])
+    return replace(fit, covariance=fit.covariance + np.outer(off, off))
 
 
 def _belies(
