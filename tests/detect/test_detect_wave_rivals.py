@@ -137,7 +137,10 @@ def test_taxels_that_are_pressed_unevenly_feel_one_grating(motion_of: MotionOf, 
 
 @motions
 @pytest.mark.parametrize("seed", range(8))
-def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(motion_of: MotionOf, seed: int) -> None:
+@pytest.mark.parametrize("part", [0.002, 0.006])
+def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(
+    motion_of: MotionOf, part: float, seed: int
+) -> None:
     """Load turns and scales each kind's response by its own amount; one kind feels next to nothing."""
     rng = np.random.default_rng(seed)
     grating = Grating(float(rng.uniform(0.9, 1.6)), float(rng.uniform(-45, 45)))
@@ -148,7 +151,7 @@ def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(motion_of: Mo
     phase = 2 * np.pi * (x * np.cos(angle) + y * np.sin(angle)) / grating.period_mm
     kind = np.arange(36) % 4
     response = np.array([0.05, 0.03, 0.007, 0.02]) * np.exp(1j * rng.uniform(-3, 3, 4))
-    by_load = 0.002 * np.exp(1j * rng.uniform(-3, 3, 4))
+    by_load = part * np.exp(1j * rng.uniform(-3, 3, 4))
     middle_mm = rng.uniform(2.0, 5.0, 2)  # of a pad that is round, or taxels that are not alike
     round_load = 1.5 - ((ARRAY.x_mm - middle_mm[0]) ** 2 + (ARRAY.y_mm - middle_mm[1]) ** 2) / 12
     load = rng.standard_normal(9) if seed % 2 else round_load
