@@ -191,6 +191,8 @@ def _wave(
         return replace(refused, candidates=pair_candidates(pairs)), line
     if pairs and fit.status == "ok":
         return cleared(fit, best, window.less(pairs[0].second, line[0]), layout, motion, params), line
+    if pairs:  # the other wave bends the phases: they belie nothing that is said of the motion
+        return fit, line
     if fit.status == "ambiguous" and motion.has_speed and has_lever(layout, motion.without_speed):
         # Phases that leave one reading only, whatever the motion, belie what is said of it.
         loose = _wave(ripple, layout, motion.without_speed, params)
