@@ -2,7 +2,8 @@
 
 Gratings whose ripples have one frequency (crossed grooves, a knurl) cannot be told by the spectrum; those at
 twice or three times another's frequency look, to the spectrum, like harmonics of it. Either grating is a
-right answer, and both is a better one; anything else said "ok" is wrong.
+right answer, and both is a better one; anything else said "ok" is wrong. Where the channels of a taxel feel
+both waves alike, the two beat as one under pads that are pressed unevenly does: the hardest to tell.
 """
 
 from collections import Counter
@@ -31,19 +32,29 @@ _FINER_MM = (0.7, 1.2)  # of the grating with the higher frequency
 _COARSEST_MM = 4.0  # of the other: ten seconds hold two ripples of it
 
 
-def _beside(window: Window, rng: np.random.Generator, wave: Wave, part: float) -> None:
-    """Put another grating under the skin, of a part of the first one's ripple."""
+def _beside(
+    window: Window, rng: np.random.Generator, wave: Wave, part: float, *, alike: bool = False
+) -> None:
+    """Put another grating under the skin, of a part of the first one's ripple.
+
+    Channels feel it each kind in a phase of its own, or `alike`: as they feel the first one.
+    """
     window.beside = wave
-    kind = window.sensed.kind
-    phase_rad = rng.uniform(-np.pi, np.pi, (kind.max() + 1,))
-    window.added_volts += part * AMPLITUDE_VOLTS * np.cos(2 * np.pi * window.turns(wave) + phase_rad[kind])
+    sensed = window.sensed
+    phase_rad = rng.uniform(-np.pi, np.pi, (sensed.kind.max() + 1,))
+    size_volts = np.full(len(sensed.kind), AMPLITUDE_VOLTS)
+    if alike:
+        phase_rad = sensed.phase_rad[:, 0] + phase_rad[0]
+        size_volts = sensed.amplitude_volts[:, 0]
+    turns = window.turns(wave)
+    window.added_volts += part * size_volts * np.cos(2 * np.pi * turns + phase_rad[sensed.kind])
 
 
-def _crossed(part: float) -> Spoil:
+def _crossed(part: float, *, alike: bool = False) -> Spoil:
     def spoil(window: Window, rng: np.random.Generator) -> None:
         tilt_deg = float(rng.uniform(*_TILTS_DEG) * rng.choice([-1, 1]))
         window.wave = replace(window.wave, angle_deg=tilt_deg)
-        _beside(window, rng, replace(window.wave, angle_deg=-tilt_deg), part)
+        _beside(window, rng, replace(window.wave, angle_deg=-tilt_deg), part, alike=alike)
 
     return spoil
 
@@ -88,7 +99,9 @@ TWO: dict[str, Spoil] = {
     "all in step at the grooves' frequency, at 30 %": _in_step(0.3),
     "all in step at the grooves' frequency, at 10 %": _in_step(0.1),
     "all in step, 2 % beside that, at 30 %": _in_step(0.3, 1.02),
+    "crossed, second at 30 %, felt alike": _crossed(0.3, alike=True),
     f"crossed, second at 30 %{_SHORT}": _crossed(0.3),
+    f"crossed, second at 30 %, felt alike{_SHORT}": _crossed(0.3, alike=True),
     f"all in step at the grooves' frequency, at 30 %{_SHORT}": _in_step(0.3),
     f"all in step, 2 % beside that, at 30 %{_SHORT}": _in_step(0.3, 1.02),
 }
