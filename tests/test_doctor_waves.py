@@ -146,7 +146,7 @@ def test_programs_get_the_numbers() -> None:
     assert speeds["values"]["most_mm_s"] == pytest.approx(22.5)
 
 
-def test_check_config_says_it_where_the_file_has_a_speed(
+def test_check_config_says_it_at_the_speed_of_the_file_or_at_any(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "t.toml"
@@ -160,4 +160,6 @@ def test_check_config_says_it_where_the_file_has_a_speed(
     assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, tells 0.5 to 15 mm")
     assert speeds.startswith("sliding speed: ")
     path.write_text('[port]\nurl = "/dev/none"\n')
-    assert resolved_in_words(load_config(path)) == []
+    grooves, speeds = resolved_in_words(load_config(path))
+    assert grooves.startswith("grooves: wang2019-3x3, speed not known, tells 0.5 to 20 mm")
+    assert speeds.startswith("sliding speed: slide across grooves at 22.5 mm/s or slower")

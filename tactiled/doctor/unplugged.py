@@ -8,11 +8,9 @@ _RATE_HZ = 100.0  # of the published board, where the configuration leaves the r
 
 
 def resolved_in_words(setup: Setup) -> list[str]:
-    """Lines on which grooves can be told; none where the file says no sliding speed."""
+    """Lines on which grooves can be told, at the speed of the file or, where it says none, at any."""
     detect = setup.config.detect
     texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
-    if texture.speed_mm_s <= 0:
-        return []
     rate_hz = setup.config.session.rate_hz or _RATE_HZ
     return [
         _line(finding)

@@ -1,7 +1,7 @@
 """What doctor and check-config say of grooves, in a user's words: periods, angles, speeds (`ranges`)."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import groupby
 
 from tactiled.array import Array
@@ -28,7 +28,8 @@ def _told(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) 
         known = "" if speed_mm_s > 0 else " while the speed is not known"
         words = f"{array.name} tells no angle of grooves{known}: it has not two taxels along and two across"
         remedy = "wear an array with taxels in rows and columns"
-        if speed_mm_s == 0 and array.n_taxels > 1:
+        # Of taxels in a row along the motion no speed tells more.
+        if speed_mm_s == 0 and has_lever(layout_of(array), replace(motion, speed_mm_s=1.0)):
             remedy = "tell the speed (detect.texture.speed_mm_s), or " + remedy
         return Finding(name, "warn", words, remedy)
     found = ranges(array, params, rate_hz, speed_mm_s)
