@@ -80,28 +80,40 @@ class Shake:
     rate_hz : float
     least : float
         Shear over pressure of a change that counts.
+    is_known : bool
+        How large it gets; else its first second shows.
     """
 
-    def __init__(self, index: int, shear: FloatArray, largest: float, rate_hz: float, least: float) -> None:
+    def __init__(
+        self,
+        index: int,
+        shear: FloatArray,
+        largest: float,
+        rate_hz: float,
+        least: float,
+        *,
+        is_known: bool = False,
+    ) -> None:
         self.rests_since = index
         self._shear = shear
-        self.largest = max(largest, _size(shear))
-        self._seen_until = index + _RESTS_S * rate_hz
+        self.largest = largest if is_known else max(largest, extent(shear))
+        self._seen_until = -math.inf if is_known else index + _RESTS_S * rate_hz
         self._rate_hz, self._least = rate_hz, least
 
     def is_outgrown(self, index: int, shear: FloatArray) -> bool:
         """Whether a scan's motion over pressure is beyond all swings of its first second."""
-        size = _size(shear)
+        now = extent(shear)
         if index <= self._seen_until:
-            self.largest = max(self.largest, size)
-        return size > _OUTGROWN * self.largest
+            self.largest = max(self.largest, now)
+        return now > _OUTGROWN * self.largest
 
     def rests(self, index: int, shear: FloatArray, noise: float) -> bool:
         """Whether a scan's motion over pressure, with its noise, has stayed where it was for long enough."""
-        if _size(shear - self._shear) > max(self._least, _NOISE_SDS * noise):
+        if extent(shear - self._shear) > max(self._least, _NOISE_SDS * noise):
             self._shear, self.rests_since = shear, index
         return index - self.rests_since > _RESTS_S * self._rate_hz
 
 
-def _size(vector: FloatArray) -> float:
+def extent(vector: FloatArray) -> float:
+    """Length of a motion (3,)."""
     return float(np.sqrt((vector**2).sum()))

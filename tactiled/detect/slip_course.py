@@ -17,6 +17,7 @@ import functools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip_after import (
@@ -121,8 +122,8 @@ class Course:
         self._rest = Rest(rate_hz)
         self._after: Gross | Recoil | None = None
 
-    def shift(self, by: FloatArray) -> None:
-        """Other taxels make the response from now on, which jumps by (7,); zeros where they stay."""
+    def shift(self, by: FloatArray, read: NDArray[np.bool_]) -> None:
+        """These taxels (taxels,) make the response from now on, which jumps by (7,); zeros where all stay."""
         if not by.any():
             return
         jump, shear, pressure = self._risen(by), float(self.along @ motion(by)), float(by[PRESSURE])
@@ -132,7 +133,7 @@ class Course:
         self._top_shear += shear
         self._start_pressure += pressure
         self._top_pressure += pressure
-        self._limit.give_up()
+        self._limit.keep(read)
         self._rest.shift(shear)
 
     def excursion(self, row: FloatArray) -> float:

@@ -232,9 +232,10 @@ class Evidence:
 
     def limit(self, start: FloatArray, late: FloatArray) -> Limit:
         """Of a slip that began at readings (channels,), each read so late in a scan."""
-        taxels = np.eye(self._array.n_taxels)[self.taxels & self._array.has_shear]
+        numbers = np.flatnonzero(self.taxels & self._array.has_shear)
+        taxels = np.eye(self._array.n_taxels)[numbers]
         each = taxels[:, self._array.channel_taxel]
-        return Limit(self.weights, each, taxels @ self._normal_weights, start, late)
+        return Limit(self.weights, numbers, each, taxels @ self._normal_weights, start, late)
 
     def is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.

@@ -25,6 +25,7 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip_response import COLUMNS, PRESSURE, motion, moved, rising_half, unit
@@ -70,8 +71,10 @@ class Limit:
     ----------
     weights : (7, channels) float64
         Readings to responses (`slip_response`), of the taxels that are read.
+    numbers : (taxels,) int64
+        Of the taxels that are read.
     taxels : (taxels, channels) float64
-        1 where a channel is of a taxel; only taxels that are read.
+        1 where a channel is of a taxel.
     load : (taxels, channels) float64
         Readings to each taxel's load.
     start : (channels,) float64
@@ -83,12 +86,13 @@ class Limit:
     def __init__(
         self,
         weights: FloatArray,
+        numbers: NDArray[np.int64],
         taxels: FloatArray,
         load: FloatArray,
         start: FloatArray,
         late: FloatArray,
     ) -> None:
-        self._weights, self._taxels, self._load = weights, taxels, load
+        self._weights, self._numbers, self._taxels, self._load = weights, numbers, taxels, load
         self._start, self._late = start, late
         self._rows: list[FloatArray] = []  # scans since the start, readings
         self._sum = np.zeros(1 + len(start))
@@ -97,12 +101,14 @@ class Limit:
     @classmethod
     def of_nothing(cls, n_channels: int) -> Self:
         """Where the rise was not seen: knows nothing."""
-        none = np.zeros((0, n_channels))
-        return cls(np.zeros((COLUMNS, n_channels)), none, none, np.zeros(n_channels), np.zeros(n_channels))
+        numbers, none, start = np.zeros(0, dtype=np.int64), np.zeros((0, n_channels)), np.zeros(n_channels)
+        return cls(np.zeros((COLUMNS, n_channels)), numbers, none, none, start, start)
 
-    def give_up(self) -> None:
-        """Taxels come or go: what they shared is no measure any more."""
-        self._taxels, self._load = self._taxels[:0], self._load[:0]
+    def keep(self, read: NDArray[np.bool_]) -> None:
+        """Which of all taxels (all,) are read from now on: one that was not tells nothing any more."""
+        kept = read[self._numbers]
+        self._numbers, self._taxels, self._load = self._numbers[kept], self._taxels[kept], self._load[kept]
+        self._weights = self._weights * self._taxels.sum(axis=0)
 
     def take(self, scans: float, readings: FloatArray) -> None:
         """Readings (channels,) of a scan, so long after the shear began to grow."""

@@ -13,7 +13,7 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect import slip_words
 from tactiled.detect.slip_after import Verdict
-from tactiled.detect.slip_again import OUTGROWS_S, Shake, Swings
+from tactiled.detect.slip_again import OUTGROWS_S, Shake, Swings, extent
 from tactiled.detect.slip_course import Course
 from tactiled.detect.slip_evidence import Evidence, Growth
 from tactiled.detect.slip_gap import LOOK_SCANS, BeforeGap, moved_in_gap
@@ -24,6 +24,8 @@ from tactiled.detect.slip_response import PRESSURE, motion, unit
 from tactiled.detect.slip_stretch import Stretch
 from tactiled.detect.slip_witness import Testimony, Witness
 from tactiled.events.types import SlipEvent
+
+_SWING_S = 2.0  # a whole swing of 0.5 Hz
 
 
 class _Slip(NamedTuple):
@@ -76,7 +78,7 @@ class Story:
         """Other taxels make the response from now on, which jumps by (7,)."""
         for slip in (self._slip, self._recoil):
             if slip is not None:
-                slip.course.shift(jump)
+                slip.course.shift(jump, self._evidence.taxels)
         self._past.shift(jump)
 
     def cut_off(self, time_s: float) -> list[SlipEvent]:
@@ -114,10 +116,19 @@ class Story:
         least = self._swings.least(now.index)
         if least > 0 and self._evidence.growth(stretch, row, since, least * pressure) is None:
             self._swings.go_on(now.index)
-            if self._beneath is None:  # a swing goes from one end to the other: half of it about its middle
-                self._beneath = Shake(now.index, now.shear, least / 2, self._rate_hz, self._least_shear)
+            if self._beneath is None:
+                self._beneath = self._swinging(now, least)
             return []
         return [self._onset(growth, now, is_sure)]
+
+    def _swinging(self, now: Witness, least: float) -> Shake:
+        """What goes on as swings that are no news: as large as shear was before the newest of them."""
+        # A swing goes from one end to the other: half of it about its middle.
+        before = now.seen[: len(now.seen) - (now.index - self._told)]
+        of_late = before[-round(_SWING_S * self._rate_hz) :]
+        sizes = [extent(motion(row)) / max(float(row[PRESSURE]), 1.0) for row in of_late]
+        largest = max([least / 2, *sizes])
+        return Shake(now.index, now.shear, largest, self._rate_hz, self._least_shear, is_known=bool(sizes))
 
     def _is_outgrown(self, now: Witness) -> bool:
         """Whether shear is beyond swings that are no news: what they are worth as noise would hide it."""

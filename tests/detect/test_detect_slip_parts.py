@@ -181,7 +181,7 @@ def odds_of_slip(
     weights[0], weights[6] = np.r_[gain / 2, none], np.r_[none, gain]
     weights[3] = -weights[0]
     own_load, start = np.hstack([0 * eye, np.diag(gain)]), np.concatenate([none, load])
-    limit = Limit(weights, np.hstack([eye, eye]), own_load, start, np.r_[late, none])
+    limit = Limit(weights, np.arange(taxels), np.hstack([eye, eye]), own_load, start, np.r_[late, none])
     even = np.linspace(0, 1, 20 * scans)
     rest = []
     total = mindlin(travel * even[:, np.newaxis] / load ** (2 / 3)) @ load
