@@ -93,7 +93,8 @@ def text_of(found: Measured) -> str:
             quiet_table(counted, names),
             hold_table(counted, {name: rival.per_hour for name, rival in known.items()}),
             "Loads that grow to less than friction bears and rest there, or swing: how many are called gross "
-            "slip. Their shear grows and stops as that of a slip does. Below them, how many slips are.",
+            "slip. Their shear grows and stops as that of a slip does. Below them, how many slips are, and "
+            "how many of the others are said to have ended while they go on.",
             rest_table(found.resting, found.cases),
             "Cost, 36 channels.",
             slip_tables.cost_table(found.cost),

@@ -27,8 +27,10 @@ BANDS = {
     "rests at 60 to 80 %": (0.6, 0.8),
     "rests at 80 to 90 %": (0.8, 0.9),
     "swings by 30 to 75 %": (0.3, 0.75),
+    "comes in steps, to 30 to 75 %": (0.3, 0.75),  # of a kind that nothing was set on
 }
-_SWINGS = "swings"
+_SWINGS, _COMES_IN_STEPS = "swings", "comes in steps"
+_STEPS = 4
 _NOISES_V = (NOISES_V[0], NOISES_V[2], NOISES_V[3])
 _REST_S, _SWING_S = 1.0, 3.0
 
@@ -67,6 +69,14 @@ def rests(band: str, seed: int) -> list[Rest]:
                 frequency_hz=rate_hz,
                 direction_deg=towards_deg,
             )
+        elif band.startswith(_COMES_IN_STEPS):
+            whole = load_phase(rng, scene, 0.0, part)
+            for step in range(1, _STEPS + 1):
+                grown = {
+                    "duration_s": rng.uniform(0.1, 0.5),
+                    "tangential_n": whole["tangential_n"] * step / _STEPS,
+                }
+                scene["phases"] += [whole | grown, {"kind": "hold", "duration_s": rng.uniform(0.2, 1.0)}]
         else:
             load = load_phase(rng, scene, rng.uniform(0.1, 1.0), part)
             scene["phases"] += [load, {"kind": "hold", "duration_s": _REST_S}]
@@ -96,15 +106,16 @@ def rest_table(found: Sequence[Rest], cases: Sequence[Case]) -> str:
             cells.append(f"{sum(some)} of {len(some)}")
         rows.append([band, *cells])
     for what, is_held_out in (("slips", False), ("slips, held out", True)):
-        cells = []
+        gross, let_go = [], []
         for noise_v, name in columns:
             said = [
-                np.isfinite(case.found[f"coherent, {name}"].gross_s)
+                case.found[f"coherent, {name}"]
                 for case in cases
                 if case.noise_v == noise_v and (case.family in HELD_OUT_SLIPPING) == is_held_out
             ]
-            cells.append(f"{sum(said)} of {len(said)}")
-        rows.append([what, *cells])
+            gross.append(f"{sum(np.isfinite(one.gross_s) for one in said)} of {len(said)}")
+            let_go.append(f"{sum(one.let_go for one in said)} of {len(said)}")
+        rows += [[what, *gross], [f"{what}: said to end, not gross", *let_go]]
     head = ["of what friction bears", *(f"{1e3 * noise_v:g} mV, {name}" for noise_v, name in columns)]
     return table(head, rows)
 

@@ -46,6 +46,8 @@ class Found:
         False alarms before the load grew, the press not counted.
     on_press : int
         False alarms while loading.
+    let_go : bool
+        An incipient slip was said to have ended while all went on slipping, and gross slip was not said.
     """
 
     first_s: float
@@ -60,6 +62,7 @@ class Found:
     direction_sd_deg: float
     early: int
     on_press: int
+    let_go: bool = False
 
 
 def known_s(event: SlipEvent) -> float:
@@ -95,7 +98,12 @@ def score_slip(events: Sequence[Event], played: Played, slip: TrueInstants) -> F
         direction_sd_deg=turn_sd_deg,
         early=len(before) - on_press,
         on_press=on_press,
+        let_go=gross is None and any(slip.gross_s < end.detected_s < slip.end_s for end in _ends(events)),
     )
+
+
+def _ends(events: Sequence[Event]) -> list[SlipEvent]:
+    return [e for e in events if isinstance(e, SlipEvent) and e.state == "end"]
 
 
 def is_false(event: SlipEvent, played: Played) -> bool:

@@ -26,7 +26,7 @@ SLIP = TrueInstants(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direct
 PLAYED = Played("by-hand", 1, np.zeros((800, 36)), 1.0, SLIP, ((3.0, 3.5), (5.0, 7.0)), ())
 
 
-def said(detected_s: float, kind: str = "incipient", **changes: float | bool) -> SlipEvent:
+def said(detected_s: float, kind: str = "incipient", **changes: float | bool | str) -> SlipEvent:
     """An onset whose scan is complete at `detected_s`."""
     event = SlipEvent(
         time_s=0.0, state="onset", kind="incipient", onset_s=5.01, onset_sd_s=0.02, direction_deg=-170.0,
@@ -47,6 +47,13 @@ def test_a_slip_well_said() -> None:
     assert found.gross_onset_error_s == pytest.approx(0.01)
     assert found.direction_error_deg == pytest.approx(20.0)  # round the corner of 180
     assert (found.early, found.on_press) == (0, 0)
+
+
+def test_a_slip_said_to_have_ended_while_it_goes_on_is_let_go() -> None:
+    ended, later = said(5.8, state="end"), said(7.2, state="end")
+    assert score_slip([said(5.2), ended], PLAYED, SLIP).let_go
+    assert not score_slip([said(5.2), later], PLAYED, SLIP).let_go
+    assert not score_slip([said(5.2), said(5.45, "gross"), ended], PLAYED, SLIP).let_go
 
 
 def test_silence_is_a_miss() -> None:
