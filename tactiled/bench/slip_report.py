@@ -51,7 +51,7 @@ def text_of(found: Measured) -> str:
             f"{found.seeds['noise'][0]}); reported on seeds {_range(found.seeds['slips'])} (slips) and "
             f"{_range(found.seeds['quiet'])} (no slips). The detector's constants were set on other seeds of "
             f"the families {', '.join(dict.fromkeys(case.family for case in tuned))} and {', '.join(QUIET)}; "
-            f"held out, never looked at: {', '.join(HELD_OUT_SLIPPING | HELD_OUT_QUIET)}. Thresholds: "
+            f"held out, nothing set on them: {', '.join(HELD_OUT_SLIPPING | HELD_OUT_QUIET)}. Thresholds: "
             f"{PER_HOUR:g} false alarm an hour in a hold. Level of the plain window: {levels}. Every hold is "
             f"{LEAD_S:g} s longer than its family's. {motions} scenes without slip, read "
             f"for {sum(a.hours for a in read):.1f} h, with line faults, at {len(QUIET_NOISES_V)} noises (the "

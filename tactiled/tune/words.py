@@ -134,7 +134,7 @@ def _proposal(found: Study) -> str:
     lines = [
         f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.shear:g}, "
         f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}",
-        f"there the emulator's hand, announcing nothing, raises {_rate(there)} an hour (README, slip)",
+        f"there the emulator's hand, announcing nothing, raises {_rate(there)} an hour (detect.slip_rate)",
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
     lines.append(

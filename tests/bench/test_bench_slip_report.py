@@ -228,7 +228,7 @@ def test_all_is_printed_written_without_nan_and_drawn(
     assert read["quiet"][0]["false"] == 6
     assert read["limit"]["families"]["taps"]["times"][0][0] == 1
     text = text_of(found)
-    assert "held out, never looked at: braking-drag" in text
+    assert "held out, nothing set on them: braking-drag" in text
     assert "1 of 3" in rest_table(found.resting, found.cases)
     assert read["resting"][0]["is_gross"] is True
     assert cells(limit_table(cases, {"taps": some}), "1 mV")[0] == "15 ms"

@@ -1,4 +1,8 @@
-"""Scenes kept apart: no constant of a detector, and no setting, was chosen by looking at them."""
+"""Scenes kept apart: no constant of a detector, and no setting, was set on them.
+
+What they showed did change what is scored (`bench.slip_truth`: pulls that swell have grown before truth calls
+it growth) and what is modelled (`detect.slip_direction`: skin that is sheared already), by other scenes.
+"""
 
 from tactiled.emulator.families.parts import (
     any_direction_deg,
