@@ -18,7 +18,7 @@ _RISES = 0.05  # of the steepest: a response that grows slower has come to its l
 FELL_PART = 0.15  # of the rise: more than creep and unequal taxels make of a load that stays
 NOISE_SDS = 6.0  # a fall within the noise is none
 # A load that stays near its limit looks like gross slip until it grows again: by little, and for any setting.
-_GROWS_PART = 0.1
+GROWS_PART = 0.1
 # An extreme lasts until the response has left it by more than ripple and noise.
 NEAR_PART, NEAR_SDS = 0.03, 3.0
 # Of gross slip's shear, the other way: a load that is taken off leaves less, one that turns leaves as much.
@@ -146,7 +146,7 @@ class Gross:
             self._high.index = index
         if self._high.value - level > max(self._least, NOISE_SDS * noise, FELL_PART * self._high.value):
             return Verdict("back", self._high.index, (index - self._high.index) / 2)
-        if level - self._low.value > max(_GROWS_PART * self._low.value, NOISE_SDS * noise):
+        if level - self._low.value > max(GROWS_PART * self._low.value, NOISE_SDS * noise):
             return Verdict("again", self._low.index, (index - self._low.index) / 2)
         return None
 

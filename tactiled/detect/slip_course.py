@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.slip_after import (
     FELL_PART,
+    GROWS_PART,
     NEAR_PART,
     NEAR_SDS,
     NOISE_SDS,
@@ -120,6 +121,7 @@ class Course:
         self._top_shear = 0.0
         self._n_flat = self._n_still = self._n_turned = 0
         self._rest = Rest(rate_hz)
+        self._flat_at = index
         self._after: Gross | Recoil | None = None
 
     def shift(self, by: FloatArray, read: NDArray[np.bool_]) -> None:
@@ -222,14 +224,20 @@ class Course:
         still_there = self._top.index == index  # a load that goes again, if slowly, does not stay at its top
         is_clear = 0 < _CLEARLY * self._gross * pressure < shear and slope > -_GOES * self._steepest
         is_over = self._n_flat > (1 if is_clear else n // 2) and still_there
-        if not self._n_flat:
+        if self._n_flat:
+            self._flat_at = index
+        else:
             self._limit.take(index - self._begun, steps[-1])
             self._rest.goes_on()
         if is_over and shear >= self._gross * pressure:
             odds = functools.partial(self._odds, shear, pressure, steps)
             if self._rest.is_gross(self._n_flat, shear, noise, odds):
                 return self._go_gross(index, *self._reached(index, seen), 0)
-        if self._n_still > max(n, _STALLED_S * self._rate_hz):
+        beyond = shear - self._rest.doubtful_at
+        if beyond > max(GROWS_PART * self._rest.doubtful_at, NOISE_SDS * noise):
+            return Verdict("again", self._flat_at, (index - self._flat_at) / 2)
+        may_slip = math.isfinite(self._rest.doubtful_at)
+        if not may_slip and self._n_still > max(n, _STALLED_S * self._rate_hz):
             return Verdict("stalled", index - self._n_still - 0.35 * n, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):
             return Verdict("turned", index - self._n_turned, n / 2)

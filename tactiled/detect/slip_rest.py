@@ -10,6 +10,9 @@ _SURE, _WAIT_S, _UNSURE = math.log(2), 0.08, -0.3
 # A shear that only stays is looked at anew when it has grown by more than this and noise: the last tenth of a
 # slow slip adds 0.03.
 _GROWN_PART, _GROWN_SDS = 0.015, 3.0
+# A rest of less than such odds may be a slip, and its end is not said: slips that were taken for rests had
+# -0.6 to -1.3, most true rests -3 to -10.
+_DOUBTFUL = -2.0
 
 
 class Rest:
@@ -18,11 +21,17 @@ class Rest:
     Parameters
     ----------
     rate_hz : float
+
+    Attributes
+    ----------
+    doubtful_at : float
+        Shear at which it rests and may slip; infinite where it is known to rest, or nothing is known.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._wait_scans = _WAIT_S * rate_hz
         self._stays_at = -math.inf
+        self.doubtful_at = math.inf  # shear of a rest that may be a slip
 
     def goes_on(self) -> None:
         """The shear grows again."""
@@ -31,6 +40,7 @@ class Rest:
     def shift(self, by: float) -> None:
         """Other taxels make the shear from now on, which jumps."""
         self._stays_at += by
+        self.doubtful_at += by
 
     def is_gross(self, n_flat: int, shear: float, noise: float, odds: Callable[[], float]) -> bool:
         """Whether all slips, after so many scans of standing still.
@@ -52,4 +62,5 @@ class Rest:
             return True
         if is_over or found < -_SURE:
             self._stays_at = shear
+            self.doubtful_at = shear if found > _DOUBTFUL else math.inf
         return False

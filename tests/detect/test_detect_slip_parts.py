@@ -14,6 +14,7 @@ from tactiled.detect.slip_floor import GROUP_SCANS, NoiseFloor
 from tactiled.detect.slip_kink import Kink
 from tactiled.detect.slip_limit import Limit
 from tactiled.detect.slip_response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
+from tactiled.detect.slip_rest import Rest
 
 ARRAY = load_array("wang2019-3x3")
 ALL = np.ones(ARRAY.n_taxels, dtype=np.bool_)
@@ -243,6 +244,29 @@ def test_few_taxels_equal_loads_or_a_rise_within_some_scans_tell_nothing() -> No
     assert odds_of_slip(0.3, taxels=6) is None
     assert odds_of_slip(0.3, spread=0.0) is None
     assert odds_of_slip(0.3, scans=4) is None
+
+
+@pytest.mark.parametrize(("odds", "may_slip"), [(-5.0, False), (-1.0, True)])
+def test_a_rest_of_small_odds_may_be_a_slip_until_it_is_known_better(odds: float, may_slip: bool) -> None:
+    rest = Rest(100.0)
+    assert not rest.is_gross(2, 1.0, 0.001, lambda: odds)
+    assert np.isfinite(rest.doubtful_at) == may_slip
+    rest.goes_on()
+    assert np.isfinite(rest.doubtful_at) == may_slip
+    assert not rest.is_gross(2, 1.05, 0.001, lambda: -9.0)
+    assert not np.isfinite(rest.doubtful_at)
+
+
+def test_what_is_known_of_a_rest_is_not_asked_again_until_it_has_grown() -> None:
+    rest, asked = Rest(100.0), list[float]()
+
+    def odds() -> float:
+        asked.append(1.0)
+        return -9.0
+
+    for shear in (1.0, 1.005, 0.99, 1.01, 1.03):
+        assert not rest.is_gross(9, shear, 0.001, odds)
+    assert len(asked) == 2
 
 
 def mindlin(x: FloatArray) -> FloatArray:
