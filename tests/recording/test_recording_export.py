@@ -48,8 +48,10 @@ def test_every_number_survives(tmp_path: Path, recording: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.csv", "a.npz"])
 def test_detect_finds_the_same_in_the_table(
-    tmp_path: Path, recording: Path, name: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    recording = tmp_path / "demo.mcap"
+    record(recording, simulated_reads(7.5, "demo"))
     {"a.csv": export_csv, "a.npz": export_npz}[name]([recording], tmp_path / name)
     capsys.readouterr()
     detect_file(recording)
