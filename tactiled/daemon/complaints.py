@@ -1,46 +1,73 @@
-"""Log lines at a bounded rate: whoever provokes them must not be able to fill the disk with them."""
+"""Log lines at a bounded rate: a condition that repeats is logged once, then counted."""
 
 import logging
-from collections import Counter
+from typing import NamedTuple
 
-PERIOD_S = 10.0
-_NAMED = 8  # different reasons a period: one who is noisy does not hide the others, and the disk is safe
+PERIOD_S = 10.0  # from a line to the count of its repetitions, and between two counts
+_NAMED = 8  # conditions logged in one period: a noisy one does not hide the others, and the disk cannot fill up
+
+
+class _Repeated(NamedTuple):
+    times: int
+    reason: str
+    level: int
 
 
 class Complaints:
-    """Says the first at once; what came within `PERIOD_S` of it is told then, each reason with its count.
+    """Log each condition at once; count what repeats within `PERIOD_S` and log the count then.
+
+    Counts are logged in the order of the last occurrences, so that the last line of a condition that comes and
+    goes says how things are now.
 
     Parameters
     ----------
     logger : Logger
-    what : str
+    what : str, optional
         Begins each line, e.g. ``"request refused"``.
     """
 
-    def __init__(self, logger: logging.Logger, what: str) -> None:
+    def __init__(self, logger: logging.Logger, what: str = "") -> None:
         self.count = 0
         self._logger = logger
-        self._what = what
-        self._untold: Counter[str] = Counter()
+        self._prefix = f"{what}: " if what else ""
+        self._recent: dict[str, _Repeated] = {}
         self._others = 0
-        self._next_s = float("-inf")
+        self._end_s = float("-inf")
 
-    def add(self, reason: str, now_s: float) -> None:
-        """Count one, and say it unless one was said just now."""
+    def add(self, reason: str, now_s: float, level: int = logging.WARNING, kind: str = "") -> None:
+        """Count one occurrence; log it now if its condition is new in this period.
+
+        Parameters
+        ----------
+        reason : str
+        now_s : float
+        level : int
+            Of the log lines.
+        kind : str, optional
+            Which condition it is, where `reason` contains measured values; default: `reason` itself.
+        """
         self.count += 1
-        if reason in self._untold or len(self._untold) < _NAMED:
-            self._untold[reason] += 1
+        self.tell(now_s)
+        kind = kind or reason
+        if (known := self._recent.pop(kind, None)) is not None:
+            self._recent[kind] = _Repeated(known.times + 1, reason, level)
+        elif len(self._recent) < _NAMED:
+            if not self._recent:
+                self._end_s = now_s + PERIOD_S
+            self._recent[kind] = _Repeated(0, reason, level)
+            self._logger.log(level, "%s%s", self._prefix, reason)
         else:
             self._others += 1
-        self.tell(now_s)
 
     def tell(self, now_s: float) -> None:
-        """Say what waits to be said, if it is time; to be called now and then."""
-        if not self._untold or now_s < self._next_s:
+        """Log the counts if the period is over; call it about once a second."""
+        if not self._recent or now_s < self._end_s:
             return
-        for reason, times in self._untold.items():
-            self._logger.warning("%s: %s%s", self._what, reason, f" ({times} times)" if times > 1 else "")
+        repeated = {kind: entry for kind, entry in self._recent.items() if entry.times}
+        for times, reason, level in repeated.values():
+            more = f" ({times} times)" if times > 1 else ""
+            self._logger.log(level, "%s%s%s", self._prefix, reason, more)
         if self._others:
-            self._logger.warning("%s: and %d more, for other reasons", self._what, self._others)
-        self._untold.clear()
-        self._others, self._next_s = 0, now_s + PERIOD_S
+            self._logger.warning("%sand %d more, for other reasons", self._prefix, self._others)
+        self._recent = {kind: entry._replace(times=0) for kind, entry in repeated.items()}
+        self._others, self._end_s = 0, now_s + PERIOD_S

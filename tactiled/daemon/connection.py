@@ -4,6 +4,7 @@ import asyncio
 import logging
 from typing import Protocol
 
+from tactiled.daemon.complaints import Complaints
 from tactiled.daemon.device import LineErrors
 from tactiled.daemon.source import Port, open_port_in_thread
 from tactiled.errors import PortError
@@ -41,6 +42,8 @@ class Connection:
 
     def __init__(self, url: str, baud: int) -> None:
         self.connects = 0
+        self.log = Complaints(logger)
+        """What is logged of the port: a port that opens and fails again and again must not fill the log."""
         self._url, self._baud = url, baud
         self._port: Port | None = None
         self._gone: asyncio.Future[str] | None = None
@@ -106,7 +109,8 @@ class Connection:
     async def _serve(self, port: Port, listener: Listener) -> str:
         """From an open port until it is lost; gives the reason."""
         self.connects += 1
-        logger.info("%s: open at %d baud", self._url, self._baud)
+        now_s = asyncio.get_running_loop().time()
+        self.log.add(f"{self._url}: open at {self._baud} baud", now_s, logging.INFO)
         self._port = port
         self._gone = asyncio.get_running_loop().create_future()
         try:

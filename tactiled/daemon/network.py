@@ -81,6 +81,7 @@ class Network:
                 self.control.bad.tell(loop.time())
                 if self._gate is not None:
                     self._gate.denied.tell(loop.time())
+                    self._gate.accepted.tell(loop.time())
                 await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.complaints import Complaints
 from tactiled.daemon.metrics import Metrics
 from tactiled.daemon.notify import Notifier
 from tactiled.daemon.publisher import Publisher
@@ -52,6 +53,7 @@ class Outlets:
         self._publisher = publisher
         self._recorder = recorder
         self._clock = EpochClock()
+        self._log = Complaints(logger)
         self._next_look_s = time.monotonic()
 
     @property
@@ -96,4 +98,6 @@ class Outlets:
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + CLOCK_PERIOD_S
             if step_s := self._clock.follow():
-                logger.warning("the wall clock was set by %+.3f s; timestamps follow it", step_s)
+                words = f"the wall clock was set by {step_s:+.3f} s; timestamps follow it"
+                self._log.add(words, now_s, kind="wall clock")
+            self._log.tell(now_s)

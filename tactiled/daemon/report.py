@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 
 from tactiled.array import Array
+from tactiled.daemon.complaints import Complaints
 from tactiled.daemon.connection import Connection
 from tactiled.daemon.health import info_event
 from tactiled.daemon.link import Link
@@ -47,6 +48,7 @@ class Report:
         self._outlets = outlets
         self._said = (session.state, session.reason(0.0))
         self._warned = ""
+        self._log = Complaints(logger)
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
         self._described = session.hello
@@ -65,7 +67,7 @@ class Report:
         board = f"board {hello.board_serial}" if hello is not None else "board"
         text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
         expected = state in ("running", "syncing") or leaving
-        logger.log(logging.INFO if expected else logging.WARNING, "%s", text)
+        self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
         self._outlets.notifier.status(text)
         if new_state:
             self._say_status(now_s)  # a controller learns of a stall now, not at the next tick
@@ -73,6 +75,8 @@ class Report:
     def regular(self, now_s: float) -> None:
         """Status whatever happens, info each second, and at once for a new board, when there is one."""
         self._say_status(now_s)
+        self._log.tell(now_s)
+        self._connection.log.tell(now_s)
         hello = self._session.hello
         if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
             self._described = hello
@@ -88,6 +92,6 @@ class Report:
             warning=self._connection.warning,
         )
         if event.warning and not self._warned:
-            logger.warning("%s", event.warning)
+            self._log.add(event.warning, now_s, kind=event.warning.lstrip("0123456789 %"))
         self._warned = event.warning
         self._outlets.say(replace(event, sent=self._outlets.sent))

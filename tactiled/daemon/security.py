@@ -163,6 +163,7 @@ class Gate:
         self._keys = keys
         self._public, self._secret = keys.pair()
         self.denied = Complaints(logger, "client denied")
+        self.accepted = Complaints(logger, "client connected")
         self._socket = zmq.asyncio.Socket(context, zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.bind(_ZAP)
@@ -205,7 +206,7 @@ class Gate:
                 f"{address} with the key {shown}: no such key in {self._keys.path}/clients", now_s
             )
             return [b"1.0", number, b"400", b"Unknown key", b"", b""]
-        logger.info("client %s connected from %s", name, address)
+        self.accepted.add(f"{name} from {address}", now_s, logging.INFO)
         return [b"1.0", number, b"200", b"OK", name.encode(), b""]
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 ::
 
     metadata  tactiled        layout, array, parameters and versions: the file explains itself years later
-    metadata  tactiled/board  what the board said of itself, each time it did
+    metadata  tactiled/board  what the board said of itself: when that is new, at most every 10 s
     channel   tactile/raw     every read of the port: bytes and arrival time
     channel   tactile/input   what else the pipeline was told: a lost port, commands; where reads are missing
     channel   tactile/scan, tactile/slip, ...   what the pipeline made of it: origin "pipeline"

@@ -21,6 +21,10 @@ from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
+# Between two notes of the board in a recording. Notes are metadata, of which every one stays in memory until the
+# file is finished; a board that reboots twice a second must not fill it. The bytes have every hello anyway.
+BOARD_NOTE_S = 10.0
+
 
 @dataclass(frozen=True)
 class Handed:
@@ -80,6 +84,9 @@ class Scribe:
         self._board = "" if assumed is None else assumed.board_serial
         self._hello: Hello | None = None
         self._hello_frame = b""
+        self._noted: Hello | None = None
+        self._unnoted: Hello | None = None
+        self._next_note_s = float("-inf")
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
         self._rotation: Rotation | None = None
         if path is not None or params.directory is not None:
@@ -130,8 +137,8 @@ class Scribe:
 
     def _append(self, writer: RecordingWriter, handed: Handed, reads: int, n_bytes: int) -> None:
         told, offset_s = handed.told, handed.unix_offset_s
+        now_s = 0.0 if told is None else told.arrival_s if isinstance(told, Read) else told.time_s
         if told is not None and reads:
-            now_s = told.arrival_s if isinstance(told, Read) else told.time_s
             writer.input(Input(now_s, offset_s, "dropped", json.dumps({"reads": reads, "bytes": n_bytes})))
         if isinstance(told, Read):
             writer.read(told)
@@ -140,11 +147,14 @@ class Scribe:
         for output in handed.outputs:
             if isinstance(output, Hello):
                 self._board = output.board_serial
-                writer.board(output)
+                self._unnoted = output if _description(output) != _description(self._noted) else None
             elif isinstance(output, Event) and told is None:
                 writer.event(output, handed.board, offset_s, "daemon")
             elif isinstance(output, Event):
                 writer.event(output, self._board, offset_s, "pipeline")
+        if self._unnoted is not None and told is not None and now_s >= self._next_note_s:
+            writer.board(self._unnoted)
+            self._noted, self._unnoted, self._next_note_s = self._unnoted, None, now_s + BOARD_NOTE_S
 
     def _know(self, hello: Hello | None) -> None:
         """Keep what the pipeline knows of the board, for the header of a file that begins later."""
@@ -168,3 +178,8 @@ class Scribe:
         """Name of a recording that begins now."""
         instant = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")[:-3]
         return Path(self._params.directory or ".") / f"tactile-{instant}Z.mcap"
+
+
+def _description(hello: Hello | None) -> Hello | None:
+    """What a hello says of the board, without what changes from one hello to the next."""
+    return None if hello is None else replace(hello, streaming=False, ticks=None)

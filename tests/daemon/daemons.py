@@ -13,6 +13,7 @@ from boards import LAYOUT, descriptors
 
 from tactiled.array import load_array
 from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.service import Service, ServiceParams
 from tactiled.daemon.source import PortParams
 from tactiled.daemon.terms import SessionParams
@@ -80,11 +81,13 @@ class Daemon:
         await self.until(lambda: len(self.rows("scan")) >= goal, f"{n} scans")
 
 
-def play(daemon: Daemon, story: Callable[[Service], Awaitable[None]]) -> None:
+def play(
+    daemon: Daemon, story: Callable[[Service], Awaitable[None]], recorder: Recorder | None = None
+) -> None:
     """Run the service beside a story; nothing may be left over."""
 
     async def main() -> None:
-        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY)
+        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
         listening = asyncio.create_task(daemon.listen())
         serving = asyncio.create_task(service.run())
         try:

@@ -15,14 +15,18 @@ from typing import Any
 import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
+from mcap.reader import make_reader
 
 from tactiled.daemon import outlets as outlets_module
 from tactiled.daemon.datapath import DataPath
 from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.service import Service, ServiceParams, serve
 from tactiled.daemon.source import PortParams
 from tactiled.daemon.terms import SessionParams
 from tactiled.errors import ConfigError
+from tactiled.recording.contents import Header, load_source
+from tactiled.recording.rotation import RecordParams
 from tactiled.wire.frames import Command
 
 
@@ -104,6 +108,34 @@ def test_a_board_that_falls_silent_is_stalled_at_once_and_armed_again(tmp_path: 
     stalled = next(row for row in daemon.rows("status") if row["state"] == "stalled")
     assert not stalled["valid"]
     assert stalled["age_s"] >= 0.05
+
+
+def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
+    header = Header(load_source("board-v1", "wang2019-3x3"))
+
+    async def story(_: Service) -> None:
+        with PtyBoard(daemon.link) as board:
+            await daemon.until_state("running")
+            for _ in range(8):
+                board.silent = True
+                await asyncio.sleep(0.12)
+                board.silent = False
+                await asyncio.sleep(0.3)
+            await daemon.until_state("running")
+
+    with caplog.at_level(logging.INFO, "tactiled"):
+        with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
+            play(daemon, story, recorder)
+    states = [state for state, _ in itertools.groupby(row["state"] for row in daemon.rows("status"))]
+    assert states.count("stalled") >= 4
+    assert len([line for line in caplog.messages if "stalled" in line]) == 1
+    assert len([line for line in caplog.messages if "running" in line]) == 1
+    with file.open("rb") as stream:
+        notes = [note for note in make_reader(stream).iter_metadata() if note.name == "tactiled/board"]
+    assert len(notes) == 1
 
 
 def test_a_wrong_board_is_a_fault_and_its_scans_are_not_published(tmp_path: Path) -> None:
