@@ -34,6 +34,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     service = setup.config.service.without_publishing()
     pipeline = setup.make_pipeline()
     with Recorder(setup.config.record, setup.recording_header(), file) as recorder:
+        recorder.check()
         run_service(service, pipeline, setup.layout, setup.array, recorder=recorder, duration_s=duration_s)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)
@@ -81,16 +82,34 @@ def replay(
 
 
 @click.command()
-@click.argument("file", type=FILE)
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE|DIRECTORY")
 @click.option("--out", type=FILE, help="The finished file; default: the name without .active.")
-def recover(file: Path, out: Path | None) -> None:
+@click.option(
+    "--min-free-mb", default=0.0, type=click.FloatRange(0), show_default=True,
+    help="DIRECTORY: leave a file for later where its copy would leave less room than this (10^6 bytes).",
+)  # fmt: skip
+def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
     """Make a recording of all that is whole in one that was cut or damaged; the original is only read.
+
+    Of a record DIRECTORY, recover every recording that no recorder is writing any more, and put the finished files
+    in place of the originals: the daemon does this by itself when it begins to record. 1 if one could not be
+    recovered.
 
     Example: tactiled recover slide.mcap.active
     """
     from tactiled.recording.recover import recover as save
+    from tactiled.recording.recover import recover_directory
 
-    click.echo(save(file, out).words(), err=True)
+    if not file.is_dir():
+        click.echo(save(file, out).words(), err=True)
+        return
+    if out is not None:
+        raise click.UsageError("--out is for one FILE")
+    is_good = True
+    for is_recovered, words in recover_directory(file, min_free_mb):
+        click.echo(words, err=True)
+        is_good = is_good and is_recovered
+    sys.exit(0 if is_good else 1)
 
 
 @click.command()

@@ -16,10 +16,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+from tactiled.daemon.leftovers import Leftovers
+from tactiled.errors import DataError
 from tactiled.events.types import Event, RecordingEvent
 from tactiled.pipeline import Output
 from tactiled.recording.contents import Header, Input, Read
-from tactiled.recording.rotation import OFF, RecordParams
+from tactiled.recording.rotation import OFF, Progress, RecordParams
 from tactiled.recording.scribe import Handed, Scribe
 from tactiled.recording.writer import ACTIVE
 from tactiled.wire.frames import Hello
@@ -29,6 +31,7 @@ logger = logging.getLogger(__name__)
 # Some 40 s of a 100 Hz board with its status, and about 10 MB: longer than a disk that spins up or a card
 # that reorganises itself keeps us waiting.
 _QUEUE_ITEMS = 5000
+_START_S = 1.0  # a disk that has not taken the first part by then is not waited for: sensing begins
 _CLOSE_S = 3.0  # less than the 5 s after which systemd kills us
 _WAKE_S = 0.1  # how often an idle thread looks whether a sync is due or the end has come
 _REPORT_S = 1.0
@@ -44,7 +47,9 @@ class _Switch:
 
 
 class Recorder:
-    """Records what the service tells it, while it is switched on.
+    """Records what the service tells it, while it is switched on and the disk allows it.
+
+    A first part that cannot be written is no error: `report` says why, and it is tried again.
 
     Parameters
     ----------
@@ -52,24 +57,27 @@ class Recorder:
     header : Header
     path : Path, optional
         Record into this file from the start; left out: into `params.directory`, if there is one.
-
-    Raises
-    ------
-    DataError
-        The first part cannot be written: said now, while someone is looking.
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None = None) -> None:
         self._params = params
-        self._scribe = Scribe(params, header, path, time.monotonic())
-        self._is_on = self._scribe.progress.state == "recording"
+        self._header = header
+        self._path = path
+        self._scribe: Scribe | None = None
+        self._is_on = path is not None or params.directory is not None
+        self._instead: Progress | None = OFF  # of what `_scribe` knows: before it is made, and after a fault
+        if self._is_on:
+            place = path or params.directory
+            self._instead = replace(OFF, state="failed", reason=f"{place}: the disk does not answer")
         self._unplaced = (0, 0)  # reads and bytes that the queue had no place for, not yet handed over
         self._queue_dropped = self._complained = 0
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
         self._queue: queue.Queue[Handed | _Switch] = queue.Queue(_QUEUE_ITEMS)
-        self._ending = threading.Event()
+        self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
         self._thread.start()
+        if not self._started.wait(_START_S):
+            logger.error("not recording: %s; recording begins when it does", self.progress.reason)
 
     def __enter__(self) -> Self:
         return self
@@ -80,7 +88,19 @@ class Recorder:
     @property
     def reads_dropped(self) -> int:
         """Reads that are in no file: the disk was too slow, too full, or failed."""
-        return self._queue_dropped + self._scribe.dropped
+        return self._queue_dropped + (0 if self._scribe is None else self._scribe.dropped)
+
+    @property
+    def progress(self) -> Progress:
+        """Where the recording stands."""
+        if self._instead is not None or self._scribe is None:
+            return self._instead or OFF
+        return self._scribe.progress
+
+    def check(self) -> None:
+        """Raise `DataError` when nothing is recorded: for a program that does nothing else."""
+        if self.progress.state != "recording":
+            raise DataError(self.progress.reason)
 
     # ---- called by the event loop; nothing here waits but `close` ----------------------------------
 
@@ -134,7 +154,7 @@ class Recorder:
             logger.warning(
                 "recording: %d more reads are in no file, %d in all: disk too slow or full", new, dropped
             )
-        progress = self._scribe.progress
+        progress = self.progress
         if now_s < self._next_report_s and progress.state == self._reported:
             return None
         self._next_report_s, self._reported = now_s + _REPORT_S, progress.state
@@ -155,7 +175,9 @@ class Recorder:
         self._ending.set()
         self._thread.join(_CLOSE_S)
         if self._thread.is_alive():
-            file = self._scribe.progress.file
+            if not (file := self.progress.file):
+                logger.error("recording: the disk has not answered for %g s: nothing is recorded", _CLOSE_S)
+                return
             logger.error(
                 "recording: in %g s the disk has not taken the end of %s; have what it took: "
                 "tactiled recover %s%s", _CLOSE_S, file, file, ACTIVE,
@@ -184,8 +206,14 @@ class Recorder:
     # ---- the thread --------------------------------------------------------------------------------
 
     def _live(self) -> None:
-        scribe = self._scribe
+        scribe: Scribe | None = None
+        leftovers: Leftovers | None = None
         try:
+            scribe = self._scribe = Scribe(self._params, self._header, self._path, time.monotonic())
+            self._instead = None
+            self._started.set()
+            if self._params.directory is not None:
+                leftovers = Leftovers(Path(self._params.directory), self._params.min_free_mb)
             while not (self._ending.is_set() and self._queue.empty()):
                 with contextlib.suppress(queue.Empty):
                     item = self._queue.get(timeout=_WAKE_S)
@@ -196,9 +224,16 @@ class Recorder:
                     else:
                         scribe.end(time.monotonic())
                 scribe.tick(time.monotonic())
+                if leftovers is not None:
+                    leftovers.look(scribe.progress)
             scribe.end(time.monotonic())
         except Exception:  # a bug: acquisition goes on without us, and says so
             logger.exception("recording ended by a fault of tactiled")
             with contextlib.suppress(Exception):  # the same fault, perhaps; the file can be recovered
-                scribe.end(time.monotonic())
-            scribe.progress = replace(OFF, state="failed", reason="a fault of tactiled itself, see the log")
+                if scribe is not None:
+                    scribe.end(time.monotonic())
+            self._instead = replace(OFF, state="failed", reason="a fault of tactiled itself, see the log")
+            self._started.set()
+        finally:
+            if leftovers is not None:
+                leftovers.close()

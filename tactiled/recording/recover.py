@@ -1,6 +1,7 @@
 """``tactiled recover``: a recording that was cut or damaged, made of all its chunks that are whole."""
 
 import contextlib
+import fcntl
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,9 +16,11 @@ from tactiled.errors import DataError
 from tactiled.recording import contents
 from tactiled.recording.chunks import chunks
 from tactiled.recording.contents import Header
+from tactiled.recording.directory import unfinished
 from tactiled.recording.extent import Damage, Extent
 from tactiled.recording.reader import open_recording, read_header
-from tactiled.recording.writer import ACTIVE, is_being_written, sync_directory
+from tactiled.recording.rotation import free_mb
+from tactiled.recording.writer import ACTIVE, sync_directory
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,8 @@ class Recovered:
         )
 
 
-def recover(path: Path, out: Path | None = None) -> Recovered:
-    """Copy what is whole into a finished file; the original is only read.
+def recover(path: Path, out: Path | None = None, *, replace_original: bool = False) -> Recovered:
+    """Copy what is whole into a finished file; the original is only read, and locked meanwhile.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         A ``.active`` file, or a recording cut anywhere.
     out : Path, optional
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
+    replace_original : bool
+        Remove the original once the finished file is on the disk, and give that file its time.
 
     Raises
     ------
@@ -88,8 +93,8 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     out = out or default_name(path)
     extent = Extent()
     with open_recording(path) as stream:
-        if path.name.endswith(ACTIVE) and is_being_written(path):
-            raise DataError(f"{path}: a recorder is writing it right now; stop that one, it will finish it")
+        if path.name.endswith(ACTIVE):
+            _claim(stream, path, must_lock=replace_original)
         header = read_header(path)
         try:
             with _finished_file(out) as target:
@@ -98,6 +103,10 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
                     copy.take(found)
                 lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
                 copy.finish(path.name, lost_bytes)
+            if replace_original:
+                written_ns = os.fstat(stream.fileno()).st_mtime_ns
+                os.utime(out, ns=(written_ns, written_ns))
+                path.unlink()
         except OSError as error:
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
     torn_s = extent.torn_s
@@ -114,11 +123,64 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     )
 
 
+def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tuple[bool, str]]:
+    """Recover, one by one, the recordings that earlier runs left unfinished, in place of the originals.
+
+    Parameters
+    ----------
+    directory : Path
+        A record directory: files that the daemon did not name are left alone.
+    min_free_mb : float
+        A file is left for later where its copy would leave less room than this on the disk (10^6 bytes).
+
+    Yields
+    ------
+    is_recovered : bool
+    words : str
+        What was recovered, or why not.
+
+    Raises
+    ------
+    DataError
+        The directory cannot be read.
+    """
+    try:
+        paths = unfinished(directory)
+    except OSError as error:
+        raise DataError(f"{directory}: cannot be read: {error.strerror}") from None
+    for path in paths:
+        try:
+            left_mb = free_mb(directory) - path.stat().st_size / 1e6
+            if left_mb < min_free_mb:
+                yield False, f"{path}: left for later: its copy would leave {left_mb:.0f} MB on the disk"
+                continue
+            yield True, recover(path, replace_original=True).words()
+        except FileNotFoundError:  # another process has just recovered it
+            continue
+        except DataError as error:
+            yield False, str(error)
+
+
 def default_name(path: Path) -> Path:
     """Where `recover` writes when nobody says."""
     if path.name.endswith(ACTIVE):
         return path.with_name(path.name.removesuffix(ACTIVE))
     return path.with_name(f"{path.stem}.recovered.mcap")
+
+
+def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
+    """Lock a file for as long as it is open, or refuse it: a recorder holds the lock while it writes."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise DataError(
+            f"{path}: a recorder is writing it right now; stop that one, it will finish it"
+        ) from None
+    except OSError as error:  # a file system without locks
+        if must_lock:
+            raise DataError(
+                f"{path}: cannot be locked ({error.strerror}), so it may be in use; if not: tactiled recover FILE"
+            ) from None
 
 
 class _Copy:

@@ -44,6 +44,18 @@ class RecordParams(Params):
         default=256.0, ge=0.01, description="A part that has grown to this (10^6 bytes) is finished."
     )
     max_file_s: float = Field(default=3600.0, gt=0, description="A part that is so old is finished.")
+    keep_mb: float | None = Field(
+        default=None,
+        gt=0,
+        description="Finished recordings in `directory` are removed, oldest first, while together they are "
+        "larger than this (10^6 bytes); the newest stays. Leave it out to keep all.",
+    )
+    keep_days: float | None = Field(
+        default=None,
+        gt=0,
+        description="Finished recordings in `directory` that are older than this are removed; the newest "
+        "stays. Leave it out to keep all.",
+    )
     min_free_mb: float = Field(
         default=500.0,
         ge=0,
@@ -84,7 +96,7 @@ OFF = Progress(state="off", reason="", file="", parts=0, bytes_written=0, free_m
 
 
 class Rotation:
-    """Parts of one recording; the first is open when this is made.
+    """Parts of one recording; the first is open when this is made, or is opened when the disk allows it.
 
     Parameters
     ----------
@@ -94,11 +106,6 @@ class Rotation:
     header : Header
         Of the first part.
     now_s : float
-
-    Raises
-    ------
-    DataError
-        The first part cannot be written.
     """
 
     def __init__(self, path: Path, params: RecordParams, header: Header, now_s: float) -> None:
@@ -106,16 +113,13 @@ class Rotation:
         self._params = params
         self._header = replace(header, run=header.run or uuid.uuid4().hex, sync_s=params.sync_s)
         self._writer: RecordingWriter | None = None
-        self._state: RecordingState = "recording"
+        self._state: RecordingState = "off"
         self._reason = ""
         self._parts = self._bytes_before = 0
-        self._free_mb = free_mb(path.parent)
-        if self._free_mb < params.min_free_mb:
-            raise DataError(
-                f"{path}: the disk has {self._free_mb:.0f} MB left, less than record.min_free_mb = "
-                f"{params.min_free_mb:g}: make room, or record elsewhere"
-            )
-        self._open(header.hello, now_s)
+        self._free_mb = 0.0
+        self._is_fresh = header.fresh
+        self._due_s = now_s + params.sync_s
+        self._begin(header.hello, now_s)
 
     @property
     def progress(self) -> Progress:
@@ -132,6 +136,7 @@ class Rotation:
     def write(self, append: Callable[[RecordingWriter], None], now_s: float) -> bool:
         """Append to the open part; False while there is none: what it was is lost."""
         if self._writer is None:
+            self._is_fresh = False  # the pipeline has met what no part will hold
             return False
         try:
             append(self._writer)
@@ -156,14 +161,14 @@ class Rotation:
             return
         self._due_s = now_s + self._params.sync_s
         if self._writer is None:
-            self._begin_again(hello, now_s)
+            self._begin(hello, now_s)
         elif self.write(RecordingWriter.sync, now_s):
             self._look(hello, now_s)
 
     def close(self, now_s: float) -> None:
         """Finish the open part."""
-        if self._leave(now_s) and self._state == "recording":
-            self._state = "off"
+        if self._writer is None or self._leave(now_s):
+            self._state, self._reason = "off", ""
 
     @property
     def due_s(self) -> float:
@@ -181,21 +186,22 @@ class Rotation:
         size_mb = self._writer.size_bytes / _MB
         if self._free_mb < self._params.min_free_mb:
             if self._leave(now_s):
-                self._state = "no-room"
-                self._reason = (
-                    f"{self._path.parent}: {self._free_mb:.0f} MB left, less than record.min_free_mb = "
-                    f"{self._params.min_free_mb:g}; recording goes on when there is room"
-                )
+                self._lack_room()
             return
         age_s = now_s - self._opened_s
         is_long = size_mb >= self._params.max_file_mb or age_s >= self._params.max_file_s
         if is_long and self._leave(now_s):
-            self._begin_again(hello, now_s)
+            self._begin(hello, now_s)
 
-    def _begin_again(self, hello: bytes, now_s: float) -> None:
+    def _begin(self, hello: bytes, now_s: float) -> None:
+        """Open a part, if there is room for it."""
         try:
             self._free_mb = free_mb(self._path.parent)
-            if self._state == "no-room" and self._free_mb < _ROOM_FACTOR * self._params.min_free_mb:
+            if self._state == "no-room":
+                if self._free_mb < _ROOM_FACTOR * self._params.min_free_mb:
+                    return
+            elif self._free_mb < self._params.min_free_mb:
+                self._lack_room()
                 return
             self._open(hello, now_s)
         except DataError as error:
@@ -205,9 +211,10 @@ class Rotation:
 
     def _open(self, hello: bytes, now_s: float) -> None:
         part = self._parts + 1
-        header = replace(self._header, part=part, fresh=self._header.fresh and part == 1, hello=hello)
+        header = replace(self._header, part=part, fresh=self._is_fresh, hello=hello)
         self._writer = RecordingWriter(part_path(self._path, part), header)
         self._parts = part
+        self._is_fresh = False
         self._opened_s = now_s
         self._due_s = now_s + self._params.sync_s
 
@@ -219,6 +226,13 @@ class Rotation:
         self._bytes_before += writer.size_bytes
         self._writer = None
         return True
+
+    def _lack_room(self) -> None:
+        self._state = "no-room"
+        self._reason = (
+            f"{self._path.parent}: {self._free_mb:.0f} MB left, less than record.min_free_mb = "
+            f"{self._params.min_free_mb:g}; recording begins when there is room"
+        )
 
     def _fail(self, reason: str, now_s: float) -> None:
         """The disk takes no more: leave the part as it is, and try a new one later."""

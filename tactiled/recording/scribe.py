@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tactiled.errors import DataError
 from tactiled.events.types import Event
 from tactiled.pipeline import Output
 from tactiled.recording.contents import Header, Input, Read
+from tactiled.recording.directory import new_name, retain
 from tactiled.recording.rotation import OFF, Progress, RecordParams, Rotation
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
@@ -24,6 +24,7 @@ logger = logging.getLogger(__name__)
 # Between two notes of the board in a recording. Notes are metadata, of which every one stays in memory until the
 # file is finished; a board that reboots twice a second must not fill it. The bytes have every hello anyway.
 BOARD_NOTE_S = 10.0
+RETAIN_S = 60.0  # between two looks for recordings to remove; a part of the usual size takes longer to fill
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,6 @@ class Scribe:
     path : Path, optional
         Record into this file from the start; left out: into `params.directory`, if there is one.
     now_s : float
-
-    Raises
-    ------
-    DataError
-        The first part cannot be written.
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:
@@ -89,7 +85,11 @@ class Scribe:
         self._next_note_s = float("-inf")
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
         self._rotation: Rotation | None = None
+        self._retains = False
+        self._next_retain_s = now_s
+        self._retain_fault = ""
         if path is not None or params.directory is not None:
+            self._retains = path is None
             self._rotation = Rotation(path or self._new_path(), params, header, now_s)
             self._look()
 
@@ -101,12 +101,9 @@ class Scribe:
             self._board = hello.board_serial
         self._missing = (0, 0)
         header = replace(self._header, fresh=False, hello=self._hello_frame)
-        try:
-            self._rotation = Rotation(self._new_path(), self._params, header, now_s)
-        except DataError as error:
-            self._show(replace(OFF, state="failed", reason=str(error)))
-        else:
-            self._look()
+        self._retains = True
+        self._rotation = Rotation(self._new_path(), self._params, header, now_s)
+        self._look()
 
     def end(self, now_s: float) -> None:
         """Finish the recording."""
@@ -116,8 +113,9 @@ class Scribe:
             self._rotation = None
 
     def tick(self, now_s: float) -> None:
-        """Sync, rotate, look at the disk: whatever is due."""
+        """Remove old recordings, sync, rotate, look at the disk: whatever is due."""
         if self._rotation is not None:
+            self._retain(now_s)
             self._rotation.tick(self._hello_frame, now_s)
             self._look()
 
@@ -170,14 +168,34 @@ class Scribe:
         """Keep what others may see, and log what changed."""
         before, self.progress = self.progress, progress
         if progress.state in ("no-room", "failed") and progress.reason != before.reason:
-            logger.error("recording stopped: %s", progress.reason)
+            logger.error("not recording, tried again: %s", progress.reason)
         elif progress.state == "recording" and progress.file != before.file:
             logger.info("recording into %s", progress.file)
 
     def _new_path(self) -> Path:
         """Name of a recording that begins now."""
-        instant = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")[:-3]
-        return Path(self._params.directory or ".") / f"tactile-{instant}Z.mcap"
+        return Path(self._params.directory or ".") / new_name(datetime.now(UTC))
+
+    def _retain(self, now_s: float) -> None:
+        """Keep the directory within `record.keep_mb` and `record.keep_days`."""
+        keep_mb, keep_days = self._params.keep_mb, self._params.keep_days
+        if not self._retains or now_s < self._next_retain_s or (keep_mb is None and keep_days is None):
+            return
+        self._next_retain_s = now_s + RETAIN_S
+        try:
+            removed = retain(self._new_path().parent, keep_mb, keep_days, datetime.now(UTC).timestamp())
+        except OSError as error:
+            fault, removed = f"{error.filename}: {error.strerror}", []
+        else:
+            fault = ""
+        if removed:
+            size_mb = sum(file.size_mb for file in removed)
+            logger.info(
+                "removed the %d oldest recordings, %.0f MB, up to %s", len(removed), size_mb, removed[-1].path
+            )
+        if fault and fault != self._retain_fault:
+            logger.warning("old recordings cannot be removed: %s", fault)
+        self._retain_fault = fault
 
 
 def _description(hello: Hello | None) -> Hello | None:

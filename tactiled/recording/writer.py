@@ -53,7 +53,8 @@ class RecordingWriter:
             self._begin()
         except OSError as error:
             self.abandon()
-            self.active.unlink()
+            with contextlib.suppress(OSError):
+                self.active.unlink()
             raise _refused(self.active, error) from None
 
     @property
@@ -103,8 +104,9 @@ class RecordingWriter:
 
     def abandon(self) -> None:
         """Let go of the file as it is, `.active`: for a disk that takes no more."""
-        if not self._stream.closed:
-            self._size_bytes = os.fstat(self._stream.fileno()).st_size
+        with contextlib.suppress(OSError):
+            if not self._stream.closed:
+                self._size_bytes = os.fstat(self._stream.fileno()).st_size
         with contextlib.suppress(OSError):  # closing writes what is buffered, which may fail once more
             self._stream.close()
 
@@ -138,11 +140,10 @@ class RecordingWriter:
 
 def _create(path: Path, active: Path) -> BinaryIO:
     """The new ``.active``, ours alone."""
-    if path.exists():
-        raise DataError(f"{path}: exists already; choose another name or move it away")
     try:
+        if path.exists():
+            raise DataError(f"{path}: exists already; choose another name or move it away")
         stream = active.open("xb")
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except FileExistsError:
         if is_being_written(active):
             raise DataError(f"{active}: another recorder is writing it; choose another name") from None
@@ -150,6 +151,12 @@ def _create(path: Path, active: Path) -> BinaryIO:
             f"{active}: left behind by a recorder that died; first run: tactiled recover {active}"
         ) from None
     except OSError as error:
+        raise _refused(active, error) from None
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:  # somebody looks at the new file this very moment, or there are no locks here
+        stream.close()
+        active.unlink()
         raise _refused(active, error) from None
     return stream
 

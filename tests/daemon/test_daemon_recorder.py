@@ -15,10 +15,12 @@ from tactiled.daemon import recorder as recorder_module
 from tactiled.daemon.recorder import Recorder
 from tactiled.errors import DataError
 from tactiled.events.types import RecordingEvent
+from tactiled.recording import rotation
 from tactiled.recording.contents import Header, Input, Item, Read, Said, load_source
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.rotation import RecordParams
+from tactiled.recording.writer import RecordingWriter
 
 HEADER = Header(load_source("board-v1", "wang2019-3x3"))
 PARAMS = RecordParams(sync_s=0.05, min_free_mb=0)
@@ -136,7 +138,7 @@ def test_a_disk_that_fails_later_is_said_and_survived(
         for k in range(2, 12):
             recorder.received(read(k), (), None)
         until(lambda: recorder.reads_dropped == 10)
-    assert caplog.text.count("recording stopped") == 1
+    assert caplog.text.count("not recording") == 1
     assert "Read-only file system" in caplog.text
     monkeypatch.undo()
     saved = recover(tmp_path / "a.mcap.active")
@@ -159,12 +161,67 @@ def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
     recorder.close()
 
 
-def test_a_place_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_said_at_the_start(tmp_path: Path) -> None:
     sysfs = Path("/sys")  # takes no files, not even from root
-    with pytest.raises(DataError, match=r"/sys/a\.mcap\.active: cannot be written \(.*choose a place"):
-        Recorder(PARAMS, HEADER, sysfs / "a.mcap")
-    with pytest.raises(DataError, match="No such file or directory; make it, or record elsewhere"):
-        Recorder(PARAMS.model_copy(update={"directory": str(tmp_path / "none")}), HEADER)
+    with Recorder(PARAMS, HEADER, sysfs / "a.mcap") as recorder:
+        assert report(recorder).state == "failed"
+        with pytest.raises(DataError, match=r"/sys/a\.mcap\.active: cannot be written \(.*choose a place"):
+            recorder.check()
+
+
+def test_a_directory_that_appears_after_the_start_is_recorded_into(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(rotation, "RETRY_S", 0.1)
+    place = tmp_path / "usb"
+    with Recorder(PARAMS.model_copy(update={"directory": str(place)}), HEADER) as recorder:
+        assert report(recorder).state == "failed"
+        assert "No such file or directory; make it, or record elsewhere" in report(recorder).reason
+        for k in range(10):
+            recorder.received(read(k), (), None)
+        until(lambda: recorder.reads_dropped == 10)
+        time.sleep(0.3)  # tried again, and said once
+        place.mkdir()
+        until(lambda: report(recorder).state == "recording")
+        recorder.received(read(10), (), None)
+    assert caplog.text.count("not recording") == 1
+    (file,) = place.iterdir()
+    mark, kept = items(file)
+    assert isinstance(mark, Input)
+    assert (mark.name, mark.values()["reads"]) == ("dropped", 10)
+    assert kept == read(10)
+    assert not read_header(file).fresh
+
+
+def test_a_disk_without_room_at_the_start_is_recorded_onto_when_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room_mb = 100.0
+    monkeypatch.setattr(rotation, "free_mb", lambda _: room_mb)
+    params = RecordParams(sync_s=0.05, min_free_mb=500, directory=str(tmp_path))
+    with Recorder(params, HEADER) as recorder:
+        assert report(recorder).state == "no-room"
+        assert "100 MB left, less than record.min_free_mb = 500" in report(recorder).reason
+        room_mb = 600.0
+        until(lambda: report(recorder).state == "recording")
+        assert recorder.switch(False, None) == ""
+        until(lambda: report(recorder).state == "off")
+
+
+def test_a_disk_that_does_not_answer_at_the_start_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = StuckDisk(monkeypatch)
+    began_s = time.monotonic()
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        assert time.monotonic() - began_s < 2.0
+        assert report(recorder).state == "failed"
+        assert "does not answer" in report(recorder).reason
+        recorder.received(read(0), (), None)
+        disk.free.set()
+        until(lambda: report(recorder).state == "recording")
+    assert items(tmp_path / "a.mcap") == [read(0)]
+    assert read_header(tmp_path / "a.mcap").fresh
 
 
 def test_switched_on_and_off_while_running(tmp_path: Path) -> None:
@@ -206,7 +263,7 @@ def test_reports_come_each_second_and_at_changes(tmp_path: Path) -> None:
         assert recorder.report(100.5) is None
         assert recorder.report(101.0) is not None
         recorder.switch(False, None)
-        until(lambda: recorder._scribe.progress.state == "off")
+        until(lambda: recorder.progress.state == "off")
         changed = recorder.report(101.1)
         assert changed is not None
         assert changed.state == "off"
@@ -224,3 +281,62 @@ def test_a_fault_of_ours_ends_the_recording_not_the_service(
     assert "ZeroDivisionError" in caplog.text
     monkeypatch.undo()
     assert items(tmp_path / "a.mcap") == []
+
+
+def test_a_directory_is_kept_within_its_limit_while_recording(tmp_path: Path) -> None:
+    old = [tmp_path / f"tactile-20200101T00000{k}.000Z.mcap" for k in range(3)]
+    for k, path in enumerate(old):
+        path.write_bytes(bytes(1_000_000))
+        os.utime(path, (1000.0 + k, 1000.0 + k))
+    mine = tmp_path / "mine.mcap"
+    mine.write_bytes(bytes(1_000_000))
+    params = PARAMS.model_copy(update={"directory": str(tmp_path), "keep_mb": 1.5})
+    with Recorder(params, HEADER) as recorder:
+        until(lambda: not old[1].exists())
+        assert not old[0].exists()
+        recorder.received(read(0), (), None)
+    assert old[2].exists()
+    assert mine.exists()
+    params = PARAMS.model_copy(update={"directory": str(tmp_path), "keep_mb": 0.001})
+    with Recorder(params, HEADER, tmp_path / "named.mcap") as recorder:
+        time.sleep(0.3)
+        assert report(recorder).state == "recording"
+    assert old[2].exists()  # of a file named by hand nobody expects that it removes others
+
+
+def test_what_an_earlier_run_left_is_recovered_beside_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rotation, "RETRY_S", 0.1)
+    place = tmp_path / "records"
+    name = "tactile-20200101T000000.000Z.mcap"
+    params = PARAMS.model_copy(update={"directory": str(place)})
+    with Recorder(params, HEADER) as recorder:  # the directory comes later, with a file in it
+        (tmp_path / "made").mkdir()
+        left = RecordingWriter(tmp_path / "made" / name, HEADER)
+        for k in range(5):
+            left.read(read(k))
+        left.sync()
+        left.abandon()
+        (tmp_path / "made").rename(place)
+        until(lambda: report(recorder).state == "recording")
+        until(lambda: (place / name).exists() and not (place / f"{name}.active").exists())
+        assert report(recorder).state == "recording"
+        assert len(list(place.glob("*.active"))) == 1  # our own
+    assert items(place / name) == [read(k) for k in range(5)]
+
+
+def test_a_recovery_that_has_not_ended_does_not_keep_us_from_ending(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = RecordingWriter(tmp_path / "tactile-20200101T000000.000Z.mcap", HEADER)
+    left.abandon()
+    slow = tmp_path / "slow"
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(slow))
+    with Recorder(PARAMS.model_copy(update={"directory": str(tmp_path)}), HEADER) as recorder:
+        until(lambda: report(recorder).state == "recording")
+        began_s = time.monotonic()
+    assert time.monotonic() - began_s < 2.0
+    assert left.active.exists()

@@ -119,7 +119,7 @@ def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
     async def story(_: Service) -> None:
         with PtyBoard(daemon.link) as board:
             await daemon.until_state("running")
-            for _ in range(8):
+            for _turn in range(8):
                 board.silent = True
                 await asyncio.sleep(0.12)
                 board.silent = False

@@ -47,3 +47,8 @@ def record(path: Path, reads: list[Read], sync_every: int = 50) -> list[int]:
 
 def items(path: Path) -> list[Item]:
     return list(read_items(path))
+
+
+def noise_read(k: int) -> Read:
+    """The k-th of some short reads."""
+    return Read(k * 0.01, UNIX_OFFSET_S, bytes([k % 256]) * 5)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from recordings import HEADER, items, simulated_reads
 
-from tactiled.errors import DataError
 from tactiled.recording import rotation
 from tactiled.recording.contents import Read
 from tactiled.recording.reader import read_header
@@ -91,8 +90,15 @@ def test_the_disk_guard_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.Mo
     assert state(target) == "off"
     assert len(items(tmp_path / "a.002.mcap")) == 1
     room_mb = 1.0
-    with pytest.raises(DataError, match=r"1 MB left, less than record\.min_free_mb = 500: make room"):
-        Rotation(tmp_path / "b.mcap", RecordParams(), HEADER, 0.0)
+    from_the_start = Rotation(tmp_path / "b.mcap", RecordParams(), HEADER, 0.0)
+    assert state(from_the_start) == "no-room"
+    assert "1 MB left, less than record.min_free_mb = 500" in from_the_start.progress.reason
+    room_mb = 549.0
+    assert write_all(from_the_start, [noise(10, 1.5), noise(10, 2.0)]) == [False, False]
+    room_mb = 551.0
+    assert write_all(from_the_start, [noise(10, 3.0), noise(10, 4.5)]) == [False, True]
+    from_the_start.close(5.0)
+    assert (read_header(tmp_path / "b.mcap").part, read_header(tmp_path / "b.mcap").fresh) == (1, False)
 
 
 @contextlib.contextmanager
@@ -146,15 +152,22 @@ def test_a_full_disk_costs_what_was_not_synced_and_nothing_else(
         assert len(items(place / "a.002.mcap")) == 1
 
 
-def test_a_disk_that_was_full_from_the_start_is_refused_and_left_clean(tmp_path: Path) -> None:
+def test_a_disk_that_is_full_from_the_start_is_tried_again_and_left_clean(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
     try:
-        with pytest.raises(DataError, match=r"a\.mcap\.active: cannot be written"):
-            Rotation(tmp_path / "a.mcap", RecordParams(**NO_GUARD), HEADER, 0.0)
+        target = Rotation(tmp_path / "a.mcap", RecordParams(**NO_GUARD), HEADER, 0.0)
+        assert state(target) == "failed"
+        assert "a.mcap.active: cannot be written" in target.progress.reason
+        assert not list(tmp_path.iterdir())
+        assert write_all(target, [noise(10, RETRY_S), noise(10, RETRY_S + 1.0)]) == [False, False]
+        assert not list(tmp_path.iterdir())
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert not list(tmp_path.iterdir())
+    reads = [noise(10, 2 * RETRY_S + 1.0), noise(10, 2 * RETRY_S + 2.0)]
+    assert write_all(target, reads) == [False, True]
+    target.close(30.0)
+    assert items(tmp_path / "a.mcap") == reads[1:]
 
 
 def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> None:

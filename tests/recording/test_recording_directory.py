@@ -1,0 +1,139 @@
+"""A record directory: what is kept of it, and what earlier runs left unfinished in it."""
+
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recordings import HEADER, items, noise_read
+
+from tactiled.errors import DataError
+from tactiled.recording.contents import Read
+from tactiled.recording.directory import Finished, finished, new_name, retain, surplus, unfinished
+from tactiled.recording.recover import recover_directory
+from tactiled.recording.writer import ACTIVE, RecordingWriter
+
+DAY_S = 86400.0
+files_of = st.lists(
+    st.builds(
+        Finished,
+        path=st.integers(0, 10**6).map(lambda k: Path(f"{k}.mcap")),
+        size_mb=st.floats(0, 1000),
+        ended_unix_s=st.floats(0, 1e9),
+    ),
+    max_size=20,
+    unique_by=lambda file: file.path,
+)
+limits = st.none() | st.floats(0.001, 1e4)
+
+
+@given(files=files_of, keep_mb=limits, keep_days=limits, now_unix_s=st.floats(0, 2e9))
+def test_the_oldest_go_first_until_both_limits_hold_and_the_newest_stays(
+    files: list[Finished], keep_mb: float | None, keep_days: float | None, now_unix_s: float
+) -> None:
+    removed = surplus(files, keep_mb, keep_days, now_unix_s)
+    kept = [file for file in files if file not in removed]
+    assert bool(kept) == bool(files)
+    if not files:
+        return
+    newest = max(file.ended_unix_s for file in files)
+    assert newest in {file.ended_unix_s for file in kept}
+    assert all(gone.ended_unix_s <= file.ended_unix_s for gone in removed for file in kept)
+    if len(kept) > 1:
+        assert keep_mb is None or sum(file.size_mb for file in kept) <= keep_mb * (1 + 1e-9)
+        old = [file for file in kept if file.ended_unix_s < newest]
+        assert keep_days is None or all(now_unix_s - file.ended_unix_s <= keep_days * DAY_S for file in old)
+    if keep_mb is None and keep_days is None:
+        assert removed == []
+
+
+def name(second: int) -> str:
+    return new_name(datetime(2026, 1, 1, 0, 0, second, tzinfo=UTC))
+
+
+def place_file(path: Path, size_bytes: int, ended_unix_s: float) -> None:
+    path.write_bytes(bytes(size_bytes))
+    os.utime(path, (ended_unix_s, ended_unix_s))
+
+
+def test_only_finished_recordings_that_the_daemon_named_are_removed(tmp_path: Path) -> None:
+    for k in range(4):
+        place_file(tmp_path / name(k), 1_000_000, 1000.0 + k)
+    part = name(0).replace(".mcap", ".002.mcap")
+    others = ("mine.mcap", "tactile-notes.mcap", name(5) + ACTIVE, name(6) + ".part")
+    place_file(tmp_path / part, 1_000_000, 1000.5)
+    for other in others:
+        place_file(tmp_path / other, 5_000_000, 1.0)
+    removed = retain(tmp_path, keep_mb=2.5, keep_days=None, now_unix_s=2000.0)
+    assert [file.path.name for file in removed] == [name(0), part, name(1)]
+    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), *others}
+    retain(tmp_path, keep_mb=0.001, keep_days=0.001, now_unix_s=1e9)
+    assert [file.path.name for file in finished(tmp_path)] == [name(3)]
+
+
+def leave_unfinished(path: Path, n_reads: int) -> bytes:
+    """What a recorder that was killed leaves behind; gives its bytes."""
+    writer = RecordingWriter(path, HEADER)
+    for k in range(n_reads):
+        writer.read(noise_read(k))
+    writer.sync()
+    writer.abandon()
+    with writer.active.open("ab") as torn:
+        torn.write(b"torn" * 20)
+    return writer.active.read_bytes()
+
+
+def test_what_earlier_runs_left_is_finished_and_what_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    leave_unfinished(tmp_path / name(0), 5)
+    os.utime(tmp_path / (name(0) + ACTIVE), (1000.0, 1000.0))
+    leave_unfinished(tmp_path / "mine.mcap", 5)
+    (tmp_path / (name(1) + ACTIVE)).write_bytes(b"")  # killed before anything was written
+    with RecordingWriter(tmp_path / name(2), HEADER) as other:
+        other.read(noise_read(7))
+        other.sync()
+        before = other.active.read_bytes()
+        assert [path.name for path in unfinished(tmp_path)] == [name(0) + ACTIVE, name(1) + ACTIVE]
+        (good, words), (bad, why) = recover_directory(tmp_path)
+        assert (good, bad) == (True, False)
+        assert "80 bytes of a torn end" in words
+        assert "not a recording of tactiled" in why
+        assert other.active.read_bytes() == before
+    assert items(tmp_path / name(0)) == [noise_read(k) for k in range(5)]
+    assert (tmp_path / name(0)).stat().st_mtime == 1000.0  # its age is that of the recording
+    assert items(tmp_path / name(2)) == [noise_read(7)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        ["mine.mcap" + ACTIVE, name(0), name(1) + ACTIVE, name(2)]
+    )
+
+
+def test_a_file_without_room_for_its_copy_or_with_a_finished_one_beside_it_is_left(tmp_path: Path) -> None:
+    data = leave_unfinished(tmp_path / name(0), 5)
+    ((good, words),) = recover_directory(tmp_path, min_free_mb=1e12)
+    assert not good
+    assert "left for later" in words
+    (tmp_path / name(0)).write_bytes(b"finished")
+    ((good, words),) = recover_directory(tmp_path)
+    assert not good
+    assert "exists already" in words
+    assert (tmp_path / (name(0) + ACTIVE)).read_bytes() == data
+    with pytest.raises(DataError, match="none: cannot be read"):
+        list(recover_directory(tmp_path / "none"))
+
+
+def test_a_new_file_that_somebody_looks_at_is_tried_again_under_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lock is not there between creating the file and locking it: nothing is left behind then."""
+
+    def busy(*_: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    with monkeypatch.context() as then:
+        then.setattr("fcntl.flock", busy)
+        with pytest.raises(DataError, match="temporarily unavailable"):
+            RecordingWriter(tmp_path / "a.mcap", HEADER)
+    with RecordingWriter(tmp_path / "a.mcap", HEADER) as writer:
+        writer.read(Read(0.0, 0.0, b"x"))
+    assert len(items(tmp_path / "a.mcap")) == 1
