@@ -6,7 +6,8 @@
     |-- OperatorError          the person at the keyboard can mend it
     |   |-- ConfigError        a file or option says something impossible; every fault at once
     |   |-- DataError          a data file cannot be read as what it claims to be
-    |   `-- PortError          the port cannot be opened or was lost (retried by the daemon)
+    |   |-- PortError          the port cannot be opened or was lost (retried by the daemon)
+    |   `-- UnavailableError   something of this host is in use or not there yet: worth trying again
     `-- ContractError          our own code broke a promise: a bug, please report it
 
 Corrupt bytes, missing frames and estimates that cannot be made are *values* (``Corrupt``, ``Gap``,
@@ -53,6 +54,12 @@ class DataError(OperatorError):
 
 class PortError(OperatorError):
     """The port cannot be opened, or was lost; the daemon retries, one-shot commands end."""
+
+
+class UnavailableError(OperatorError):
+    """Something of this host is in use or not there yet; a service manager should try again."""
+
+    exit_code = 1
 
 
 class ContractError(TactiledError):

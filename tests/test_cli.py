@@ -1,6 +1,7 @@
 """The command line: exit codes, one clear line for each fault, machine output apart from words."""
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -81,6 +82,20 @@ def test_usage_and_configuration_faults_end_in_2_with_one_clear_line(
     assert done.stdout == ""
 
 
+def test_a_configuration_with_files_that_are_missing_or_open_to_all_is_not_called_good(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text('[port]\nurl = "x"\n[record]\ndirectory = "none"\n')
+    done = tactiled("check-config", "t.toml", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "warning: record.directory: none: no such directory; the daemon starts and senses" in done.stderr
+    path.write_text('[port]\nurl = "x"\n[publish]\nendpoints = ["tcp://0.0.0.0:9872"]\nkeys = "keys"\n')
+    done = tactiled("check-config", "t.toml", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "t.toml: publish.keys: keys: no such folder" in done.stderr
+
+
 def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
     rows = "".join(f"{k / 100}," + ",".join(["0"] * 36) + "\n" for k in range(50))
     (tmp_path / "log.csv").write_text("time_s," + ",".join(f"c{k}" for k in range(36)) + "\n" + rows)
@@ -104,6 +119,11 @@ def test_the_wheel_carries_all_that_the_program_needs(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("tactiled-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
+        installed = {name.partition(".data/data/")[2] for name in archive.namelist()}
+    unit = (ROOT / "systemd/tactiled@.service").read_text()
+    documents = re.findall(r"(?m)^Documentation=file:/opt/tactiled/(.*)$", unit)
+    assert documents
+    assert set(documents) <= installed  # pip of /opt/tactiled puts them where the unit says
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     done = tactiled("check-config", "--schema", cwd=elsewhere, path=tmp_path / "site")

@@ -7,6 +7,7 @@ import termios
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from tactiled.bench.uart import heard
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
 from tactiled.daemon import device
+from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.security import KeyFolder
 from tactiled.daemon.source import open_port
 from tactiled.detect.grooves import GrooveParams
@@ -37,11 +39,13 @@ from tactiled.doctor.host import (
 )
 from tactiled.doctor.port import check_port
 from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
+from tactiled.doctor.unplugged import check_files
 from tactiled.emulator.faults import FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import PtyLink
 from tactiled.emulator.scene import load_scene
 from tactiled.emulator.shell import Emulator
+from tactiled.errors import ConfigError
 from tactiled.wire.layout import load_layout
 
 LAYOUT = load_layout("board-v1")
@@ -291,6 +295,36 @@ def test_disk(setup: Setup) -> None:
     full = check_disk(record.model_copy(update={"min_free_mb": 1e12}))
     assert "recording stops below" in failed(full)[0]
     assert "no such directory" in failed(check_disk(record.model_copy(update={"directory": "/no"})))[0]
+
+
+def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Setup, tmp_path: Path) -> None:
+    config, folder = setup.config, tmp_path / "keys"
+
+    def check(keys: Path | None, endpoint: str = "tcp://0.0.0.0:9872", **record: object) -> list[str]:
+        publish = PublishParams(endpoints=(endpoint,), keys=None if keys is None else str(keys))
+        tables = {"publish": publish, "record": config.record.model_copy(update=record)}
+        return check_files(replace(setup, config=config.model_copy(update=tables)), "t.toml")
+
+    with pytest.raises(ConfigError, match=rf"t\.toml: publish\.keys: {folder}: no such folder; make one"):
+        check(folder)
+    KeyFolder(folder).make("left", tmp_path / "left.toml")
+    assert check(folder) == []
+    (folder / "daemon.toml").chmod(0o644)
+    with pytest.raises(ConfigError, match=r"daemon\.toml: others can read the secret key: chmod 600"):
+        check(folder)
+    (unused,) = check(folder, "tcp://127.0.0.1:9872")
+    assert "not used" in unused
+    (missing, none) = check(tmp_path / "none", "tcp://127.0.0.1:9872", directory=str(tmp_path / "disk"))
+    assert "none: no such folder" in missing
+    assert none.startswith(
+        f"record.directory: {tmp_path}/disk: no such directory; the daemon starts and senses"
+    )
+    (full,) = check(None, "tcp://127.0.0.1:9872", directory=str(tmp_path), min_free_mb=1e12)
+    assert "the daemon starts and senses" in full
+    (folder / "daemon.toml").chmod(0o600)
+    (folder / "clients/left.toml").unlink()
+    (nobody,) = check(folder)
+    assert "no client may connect" in nobody
 
 
 def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) -> None:

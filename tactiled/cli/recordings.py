@@ -91,9 +91,9 @@ def replay(
 def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
     """Make a recording of all that is whole in one that was cut or damaged; the original is only read.
 
-    Of a record DIRECTORY, recover every recording that no recorder is writing any more, and put the finished files
-    in place of the originals: the daemon does this by itself when it begins to record. 1 if one could not be
-    recovered.
+    Of a record DIRECTORY, recover every recording that no recorder is writing any more, and put the finished
+    files in place of the originals: the daemon does this by itself when it begins to record. 1 if one could
+    not be recovered.
 
     Example: tactiled recover slide.mcap.active
     """

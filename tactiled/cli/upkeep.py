@@ -20,7 +20,7 @@ def check_config(file: Path | None, schema: bool) -> None:
     Example: tactiled check-config /etc/tactiled/left.toml
     """
     from tactiled.config import Config, load_config
-    from tactiled.doctor.unplugged import resolved_in_words
+    from tactiled.doctor.unplugged import check_files, resolved_in_words
 
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
@@ -28,8 +28,11 @@ def check_config(file: Path | None, schema: bool) -> None:
     if file is None:
         raise click.UsageError("say which FILE, or --schema")
     setup = load_config(file)
+    warnings = check_files(setup, str(file))
     click.echo(json.dumps(setup.config.model_dump(mode="json")))
     click.echo(f"{file}: good ({setup.array.name}, {setup.layout.name})", err=True)
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
     for line in resolved_in_words(setup):
         click.echo(line, err=True)
 

@@ -62,6 +62,7 @@ def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
 def _read_keys(path: Path) -> tuple[bytes, bytes, bytes]:
     """Our public and secret key, and the daemon's public one, from what `tactiled keys make` wrote."""
     try:
+        mode = path.stat().st_mode
         document = tomllib.loads(path.read_text(encoding="utf-8"))
         public, secret, daemon = (document[name] for name in ("public_key", "secret_key", "daemon_key"))
         keys = tuple(str(key).encode("ascii") for key in (public, secret, daemon))
@@ -69,6 +70,8 @@ def _read_keys(path: Path) -> tuple[bytes, bytes, bytes]:
         raise ConfigError(str(path), [f"cannot be read: {error.strerror}"]) from None
     except (ValueError, KeyError) as error:  # no TOML, no ASCII, a key that is not there
         raise ConfigError(str(path), [f"is no file of `tactiled keys make`: {error}"]) from None
+    if mode & 0o077:
+        raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
     if any(len(key) != 40 for key in keys):
         raise ConfigError(str(path), ["a key has 40 characters"])
     return keys[0], keys[1], keys[2]

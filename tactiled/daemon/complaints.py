@@ -4,7 +4,7 @@ import logging
 from typing import NamedTuple
 
 PERIOD_S = 10.0  # from a line to the count of its repetitions, and between two counts
-_NAMED = 8  # conditions logged in one period: a noisy one does not hide the others, and the disk cannot fill up
+_NAMED = 8  # conditions logged in one period: a noisy one does not hide the others, and the disk cannot fill
 
 
 class _Repeated(NamedTuple):
@@ -16,8 +16,8 @@ class _Repeated(NamedTuple):
 class Complaints:
     """Log each condition at once; count what repeats within `PERIOD_S` and log the count then.
 
-    Counts are logged in the order of the last occurrences, so that the last line of a condition that comes and
-    goes says how things are now.
+    Counts are logged in the order of the last occurrences, so that the last line of a condition that comes
+    and goes says how things are now.
 
     Parameters
     ----------

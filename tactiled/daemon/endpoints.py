@@ -11,7 +11,7 @@ from typing import Any
 
 import zmq
 
-from tactiled.errors import ConfigError, OperatorError
+from tactiled.errors import ConfigError, OperatorError, UnavailableError
 
 RUNTIME = "{runtime}"  # stands in an endpoint for the runtime directory
 
@@ -45,8 +45,10 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
 
     Raises
     ------
+    UnavailableError
+        The endpoint is in use or cannot be bound now; says what to do.
     OperatorError
-        The endpoint is in use or cannot be bound; says what to do.
+        It never can: a file stands in its place.
     ConfigError
         The path is longer than the system allows.
     """
@@ -55,7 +57,7 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     path = Path(endpoint.removeprefix("ipc://")) if endpoint.startswith("ipc://") else None
     if path is not None and _is_served(path):
         # libzmq would take the path away from the other daemon without a word.
-        raise OperatorError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
+        raise UnavailableError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
     if path is not None and path.exists() and not path.is_socket():
         # libzmq would delete whatever stands there.
         raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
@@ -66,11 +68,11 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     except zmq.ZMQError as error:
         if error.errno == zmq.EADDRINUSE:
             port = endpoint.rsplit(":", 1)[-1]
-            raise OperatorError(
+            raise UnavailableError(
                 f"{endpoint}: in use, by another tactiled perhaps (see who: ss -tlnp 'sport = :{port}'); "
                 "stop it, or give this one another port in endpoints"
             ) from None
-        raise OperatorError(f"{endpoint}: cannot be bound: {error.strerror}") from None
+        raise UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}") from None
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
@@ -78,8 +80,10 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
 
     Raises
     ------
+    UnavailableError
+        It cannot be made.
     OperatorError
-        It cannot be made, or someone else owns it.
+        Someone else owns it.
     """
     if given := environ.get("RUNTIME_DIRECTORY", "").split(":")[0]:
         return Path(given)
@@ -91,7 +95,7 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = directory.lstat()
     except OSError as error:
-        raise OperatorError(f"{directory}: cannot be made for our sockets: {error.strerror}") from None
+        raise UnavailableError(f"{directory}: cannot be made for our sockets: {error.strerror}") from None
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
         raise OperatorError(f"{directory}: belongs to someone else; set XDG_RUNTIME_DIR to a folder of yours")
     return directory

@@ -6,18 +6,21 @@ waits for any of them.
 
 import asyncio
 import contextlib
+import logging
 import socket
 from collections.abc import Callable
 
 from pydantic import Field
 
-from tactiled.errors import OperatorError
 from tactiled.tomlfile import Params
+
+logger = logging.getLogger(__name__)
 
 _HOST = "127.0.0.1"  # other hosts scrape through what their operators trust: a proxy, node_exporter, ssh
 _REQUEST_BYTES = 4096  # Prometheus sends some 300
 _PATIENCE_S = 2.0  # to ask and to take the answer
 _CLIENTS = 8  # at once; further ones are turned away
+RETRY_S = 10.0  # a port that another program has is tried again: no page is a reason not to sense
 _KIND = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -42,27 +45,17 @@ class Exporter:
         With a port.
     text : callable
         The metrics, made anew for each scrape.
-
-    Raises
-    ------
-    OperatorError
-        The port cannot be had.
     """
 
     def __init__(self, params: MetricsParams, text: Callable[[], str]) -> None:
         self._text = text
         self._writers: set[asyncio.StreamWriter] = set()
-        try:
-            self._socket = socket.create_server((_HOST, params.port))
-        except OSError as error:
-            where = f"{_HOST}:{params.port}"
-            raise OperatorError(
-                f"metrics.port: {where} cannot be had ({error.strerror}); "
-                f"see who has it: ss -tlnp 'sport = :{params.port}'"
-            ) from None
+        self._port = params.port
+        self._socket: socket.socket | None = None
 
     async def run(self) -> None:
         """Serve until cancelled; nothing is left over then."""
+        await self._bind()
         server = await asyncio.start_server(self._serve, sock=self._socket, limit=_REQUEST_BYTES)
         try:
             await server.serve_forever()
@@ -74,8 +67,24 @@ class Exporter:
                 await asyncio.sleep(0)
 
     def close(self) -> None:
-        """Give the port back, also when `run` never began."""
-        self._socket.close()
+        """Give the port back, also when `run` was cancelled before it served."""
+        if self._socket is not None:
+            self._socket.close()
+
+    async def _bind(self) -> None:
+        """Take the port as soon as it can be had."""
+        fault = ""
+        while self._socket is None:
+            try:
+                self._socket = socket.create_server((_HOST, self._port))
+            except OSError as error:
+                if fault != (fault := error.strerror or str(error)):
+                    logger.error(
+                        "no metrics: metrics.port: %s:%d cannot be had (%s), tried again every %g s; "
+                        "see who has it: ss -tlnp 'sport = :%d'",
+                        _HOST, self._port, fault, RETRY_S, self._port,
+                    )  # fmt: skip
+                await asyncio.sleep(RETRY_S)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._writers) >= _CLIENTS:

@@ -1,8 +1,8 @@
 """Recordings that earlier runs left unfinished, recovered in a process of its own.
 
-To recover a file takes seconds of computing, which would hold up the event loop even from a thread (Python runs
-one thread at a time). The process has the lowest priority, and `recover` locks each file, so that what another
-process still writes is left alone.
+To recover a file takes seconds of computing, which would hold up the event loop even from a thread (Python
+runs one thread at a time). The process has the lowest priority, and `recover` locks each file, so that what
+another process still writes is left alone.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ class Leftovers:
         self._child: subprocess.Popen[bytes] | None = None
 
     def look(self, progress: Progress) -> None:
-        """Start the process when recording in the directory has begun, and note its end; never wait for it."""
+        """Start the process when recording in the directory has begun, and note its end; never wait."""
         if self._child is not None and (code := self._child.poll()) is not None:
             if code != 0:
                 logger.warning("%s: not every unfinished recording could be recovered", self._directory)

@@ -72,12 +72,12 @@ class Recorder:
         self._unplaced = (0, 0)  # reads and bytes that the queue had no place for, not yet handed over
         self._queue_dropped = self._complained = 0
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
+        self._fault = ""  # as it was logged last
         self._queue: queue.Queue[Handed | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
         self._thread.start()
-        if not self._started.wait(_START_S):
-            logger.error("not recording: %s; recording begins when it does", self.progress.reason)
+        self._started.wait(_START_S)
 
     def __enter__(self) -> Self:
         return self
@@ -146,7 +146,7 @@ class Recorder:
         return ""
 
     def report(self, now_s: float) -> RecordingEvent | None:
-        """How the recording is, each second and at each change; complains of drops in the log."""
+        """How the recording is, each second and at each change; logs why there is none, and drops."""
         dropped = self.reads_dropped
         if dropped > self._complained and now_s >= self._complain_s:
             self._complain_s = now_s + _COMPLAIN_S
@@ -155,6 +155,10 @@ class Recorder:
                 "recording: %d more reads are in no file, %d in all: disk too slow or full", new, dropped
             )
         progress = self.progress
+        fault = progress.reason if progress.state in ("no-room", "failed") else ""
+        if fault and fault != self._fault:
+            logger.error("not recording, tried again: %s", fault)
+        self._fault = fault
         if now_s < self._next_report_s and progress.state == self._reported:
             return None
         self._next_report_s, self._reported = now_s + _REPORT_S, progress.state

@@ -82,7 +82,7 @@ class KeyFolder:
             mode = path.stat().st_mode
         except OSError:
             raise ConfigError(str(path), ["cannot be read; make it with `tactiled keys make`"]) from None
-        if mode & 0o077:
+        if mode & 0o077 and path != loaded:  # systemd shows its access list as permissions of a group
             raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
         pair = tomlfile.load(path, _Pair)
         return pair.public_key.encode(), pair.secret_key.encode()

@@ -75,7 +75,7 @@ class Service:
     Raises
     ------
     ConfigError, OperatorError
-        An endpoint cannot be bound, or something can never work.
+        Something can never work; `UnavailableError` where it can later, such as an endpoint in use.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Service:
         self._commands = Commands(pipeline, session, self._tuned, switch)
         metrics = Metrics(pipeline.health, connection.errors)
         self._network = Network(params.publish, self._asked, self._commands.settings)
-        self._exporter = self._make_exporter(params.metrics, metrics)
+        self._exporter = Exporter(params.metrics, metrics.text) if params.metrics.port else None
         self._outlets = Outlets(pipeline, session, self._network.publisher, metrics, recorder)
         self._report = Report(session, link, connection, layout, array, self._outlets)
         self._path = DataPath(
@@ -194,13 +194,6 @@ class Service:
     def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
         self._outlets.tuned(name, arguments, events, now_s)
 
-    def _make_exporter(self, params: MetricsParams, metrics: Metrics) -> Exporter | None:
-        try:
-            return Exporter(params, metrics.text) if params.port else None
-        except TactiledError:
-            self._network.close()
-            raise
-
     @property
     def _baud(self) -> int:
         return self._params.port.baud or self._layout.file.baud
@@ -244,7 +237,9 @@ def run_service(
     Raises
     ------
     OperatorError
-        Something that must be mended first (an endpoint in use, a URL that is none).
+        Something that must be mended first, such as a URL that is none.
+    UnavailableError
+        Something that may be had later, such as an endpoint in use.
     """
     asyncio.run(serve(params, pipeline, layout, array, reload, recorder, duration_s))
     return 0

@@ -1,10 +1,66 @@
-"""What a configuration alone says of grooves: for `check-config`, which touches no board."""
+"""What can be checked of a configuration without its board: for `check-config`."""
+
+import os
+from pathlib import Path
 
 from tactiled.config import Setup
+from tactiled.daemon.publisher import PublishParams, is_guarded
+from tactiled.daemon.security import KeyFolder
 from tactiled.doctor.finding import Finding
+from tactiled.doctor.host import check_disk
 from tactiled.doctor.resolving import check_array
+from tactiled.errors import ConfigError
 
 _RATE_HZ = 100.0  # of the published board, where the configuration leaves the rate to the board
+_STARTS = "the daemon starts and senses all the same, and begins to record when this has changed"
+
+
+def check_files(setup: Setup, source: str) -> list[str]:
+    """Check the keys and the record directory that a configuration names.
+
+    Returns
+    -------
+    list of str
+        Warnings: the daemon starts in spite of them.
+
+    Raises
+    ------
+    ConfigError
+        With such keys the daemon does not start.
+    """
+    publish, record = setup.config.publish, setup.config.record
+    faults, warnings = _check_keys(publish) if publish.keys is not None else ([], [])
+    if faults:
+        raise ConfigError(source, [f"publish.keys: {fault}" for fault in faults])
+    warnings = [f"publish.keys: {words}" for words in warnings]
+    if record.directory is not None:
+        for finding in check_disk(record):
+            if finding.verdict == "fail":
+                warnings.append(f"record.directory: {finding.words}; {_STARTS}; {finding.remedy}")
+    return warnings
+
+
+def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
+    """Faults with which the daemon does not start, and warnings."""
+    folder = Path(publish.keys or "")
+    if not any(is_guarded(publish, endpoint) for endpoint in (*publish.endpoints, *publish.control)):
+        words = f"{folder}: not used: other hosts can reach none of the endpoints"
+        return [], [words if folder.is_dir() else f"{folder}: no such folder, and {words}"]
+    make = f"make one: tactiled keys make NAME --folder {folder}"
+    pair = folder / "daemon.toml"
+    try:
+        if not folder.is_dir():
+            return [f"{folder}: no such folder; {make}"], []
+        if pair.exists() and not pair.stat().st_mode & 0o077 and not os.access(pair, os.R_OK):
+            return [], [f"{pair}: not looked into: this user may not read it"]
+        KeyFolder(folder).pair({})
+    except OSError as error:
+        return [], [f"{folder}: not looked into: {error.strerror}"]
+    except ConfigError as error:
+        return [f"{error.source}: {fault}" for fault in error.faults], []
+    if not KeyFolder(folder).clients():
+        return [], [f"{folder}: no client may connect from another host; {make}"]
+    return [], []
 
 
 def resolved_in_words(setup: Setup) -> list[str]:

@@ -179,7 +179,8 @@ def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
     except OSError as error:  # a file system without locks
         if must_lock:
             raise DataError(
-                f"{path}: cannot be locked ({error.strerror}), so it may be in use; if not: tactiled recover FILE"
+                f"{path}: cannot be locked ({error.strerror}), so it may be in use; if it is not: "
+                f"tactiled recover {path}"
             ) from None
 
 

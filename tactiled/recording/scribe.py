@@ -21,8 +21,8 @@ from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
-# Between two notes of the board in a recording. Notes are metadata, of which every one stays in memory until the
-# file is finished; a board that reboots twice a second must not fill it. The bytes have every hello anyway.
+# Between two notes of the board in a recording. Notes are metadata, of which every one stays in memory until
+# the file is finished; a board that reboots twice a second must not fill it. The bytes have every hello.
 BOARD_NOTE_S = 10.0
 RETAIN_S = 60.0  # between two looks for recordings to remove; a part of the usual size takes longer to fill
 
@@ -165,11 +165,9 @@ class Scribe:
             self._show(self._rotation.progress)
 
     def _show(self, progress: Progress) -> None:
-        """Keep what others may see, and log what changed."""
+        """Keep what others may see, and log where it goes."""
         before, self.progress = self.progress, progress
-        if progress.state in ("no-room", "failed") and progress.reason != before.reason:
-            logger.error("not recording, tried again: %s", progress.reason)
-        elif progress.state == "recording" and progress.file != before.file:
+        if progress.state == "recording" and progress.file != before.file:
             logger.info("recording into %s", progress.file)
 
     def _new_path(self) -> Path:

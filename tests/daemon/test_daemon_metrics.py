@@ -21,7 +21,6 @@ from tactiled.daemon.device import LineErrors
 from tactiled.daemon.exporter import Exporter, MetricsParams
 from tactiled.daemon.metrics import Histogram, Metrics
 from tactiled.daemon.service import Service
-from tactiled.errors import OperatorError
 from tactiled.events.types import RecordingEvent, SlipEvent
 from tactiled.pipeline import Pipeline
 
@@ -260,8 +259,22 @@ def test_open_clients_do_not_hold_up_the_end() -> None:
     serve(story, after=held.aclose)
 
 
-def test_a_port_that_is_taken_is_one_clear_line() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(OperatorError, match=rf"metrics\.port: 127\.0\.0\.1:{port} cannot be had"):
-            Exporter(MetricsParams(port=port), str)
+def test_a_port_that_is_taken_is_said_once_and_had_when_it_is_free(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(exporter_module, "RETRY_S", 0.05)
+
+    async def main() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            port = taken.getsockname()[1]
+            exporter = Exporter(MetricsParams(port=port), lambda: "x 1\n")
+            serving = asyncio.create_task(exporter.run())
+            await asyncio.sleep(0.3)
+        assert caplog.text.count(f"metrics.port: 127.0.0.1:{port} cannot be had") == 1
+        await asyncio.sleep(0.3)
+        assert "200" in (await scrape(port))[0]
+        serving.cancel()
+        await asyncio.gather(serving, return_exceptions=True)
+        exporter.close()
+
+    asyncio.run(main())

@@ -16,7 +16,7 @@ import zmq
 from tactiled import tomlfile
 from tactiled.daemon.endpoints import runtime_directory
 from tactiled.daemon.publisher import Publisher, PublishParams
-from tactiled.errors import ConfigError, OperatorError
+from tactiled.errors import ConfigError, OperatorError, UnavailableError
 from tactiled.events.types import ContactEvent, ScanEvent
 
 
@@ -150,7 +150,7 @@ def test_what_is_no_endpoint_is_refused(endpoint: str) -> None:
 def test_two_daemons_on_one_tcp_port_get_a_clear_line() -> None:
     endpoint = f"tcp://127.0.0.1:{free_port()}"
     first = Publisher(PublishParams(endpoints=(endpoint,)))
-    with pytest.raises(OperatorError, match=r"in use, by another tactiled perhaps .*ss -tlnp.*endpoints"):
+    with pytest.raises(UnavailableError, match=r"in use, by another tactiled perhaps .*ss -tlnp.*endpoints"):
         Publisher(PublishParams(endpoints=(endpoint,)))
     first.close()
 
@@ -159,7 +159,7 @@ def test_two_daemons_on_one_ipc_path_get_a_clear_line_and_a_stale_file_is_taken(
     path = tmp_path / "e.ipc"
     params = PublishParams(endpoints=(f"ipc://{path}",))
     first = Publisher(params)
-    with pytest.raises(OperatorError, match="in use by another tactiled"):
+    with pytest.raises(UnavailableError, match="in use by another tactiled"):
         Publisher(params)
     first.close()
     path.unlink(missing_ok=True)
@@ -169,7 +169,7 @@ def test_two_daemons_on_one_ipc_path_get_a_clear_line_and_a_stale_file_is_taken(
 
 
 def test_what_cannot_be_bound_is_explained(tmp_path: Path) -> None:
-    with pytest.raises(OperatorError, match="cannot be bound"):
+    with pytest.raises(UnavailableError, match="cannot be bound"):
         Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/no/such/folder/e.ipc",)))
     with pytest.raises(ConfigError, match="107 bytes"):
         Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/{'x' * 120}",)))

@@ -161,7 +161,7 @@ def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
     recorder.close()
 
 
-def test_a_place_that_cannot_be_written_is_said_at_the_start(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_said_at_the_start() -> None:
     sysfs = Path("/sys")  # takes no files, not even from root
     with Recorder(PARAMS, HEADER, sysfs / "a.mcap") as recorder:
         assert report(recorder).state == "failed"

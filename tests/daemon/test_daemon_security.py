@@ -89,6 +89,11 @@ def test_a_daemon_without_a_good_pair_does_not_start(folder: KeyFolder, tmp_path
     path.chmod(0o640)
     with pytest.raises(ConfigError, match="others can read the secret key: chmod 600"):
         folder.pair()
+    path.rename(
+        tmp_path / "daemon.toml"
+    )  # systemd's LoadCredential= shows its access list as group permissions
+    folder.pair({"CREDENTIALS_DIRECTORY": str(tmp_path)})
+    (tmp_path / "daemon.toml").rename(path)
     path.chmod(0o600)
     path.write_text('public_key = "short"\n')
     with pytest.raises(ConfigError, match="secret_key: missing"):
@@ -231,6 +236,7 @@ def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
     forged = tmp_path / "forged.toml"  # a pair of his own, and the true daemon's public key
     lines = (tmp_path / "stranger.toml").read_text().splitlines()[:2]
     forged.write_text("\n".join([*lines, daemon_key]))
+    forged.chmod(0o600)
 
     async def story() -> None:
         assert not await server.hears(server.wide, forged, 0.5)
@@ -257,6 +263,7 @@ def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
     denied = re.compile(r"client denied: (127\.0\.0\.1|an unknown address \(gone at once\)) without a key")
     misled = tmp_path / "misled.toml"
     misled.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{other}"\n')
+    misled.chmod(0o600)
 
     async def story() -> None:
         assert not await server.hears(server.wide, misled, 0.3)
@@ -293,6 +300,7 @@ def test_a_forged_daemon_is_not_believed(server: Server, tmp_path: Path) -> None
     other = zmq.curve_keypair()[0].decode()
     forged = tmp_path / "other-daemon.toml"
     forged.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{other}"\n')
+    forged.chmod(0o600)
 
     async def story() -> None:
         assert not await server.hears(server.wide, forged, 0.5)
@@ -327,10 +335,21 @@ def test_wide_endpoints_want_keys_or_an_explicit_word(tmp_path: Path) -> None:
 def test_a_client_with_a_bad_file_is_told_so(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "k.toml"
     path.write_text(text)
+    path.chmod(0o600)
     with pytest.raises(ConfigError, match=says):
         asyncio.run(_enter(path))
     with pytest.raises(ConfigError, match="cannot be read"):
         asyncio.run(_enter(tmp_path / "none.toml"))
+
+
+def test_a_client_whose_secret_key_others_can_read_is_told_so(folder: KeyFolder, tmp_path: Path) -> None:
+    path = tmp_path / "right.toml"
+    folder.make("right", path)
+    asyncio.run(_enter(path))
+    for mode in (0o644, 0o640, 0o602):
+        path.chmod(mode)
+        with pytest.raises(ConfigError, match=r"others can read the secret key: chmod 600 .*right\.toml"):
+            asyncio.run(_enter(path))
 
 
 async def _enter(keys: Path) -> None:

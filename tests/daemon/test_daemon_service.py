@@ -126,9 +126,11 @@ def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
                 await asyncio.sleep(0.3)
             await daemon.until_state("running")
 
-    with caplog.at_level(logging.INFO, "tactiled"):
-        with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
-            play(daemon, story, recorder)
+    with (
+        caplog.at_level(logging.INFO, "tactiled"),
+        Recorder(RecordParams(min_free_mb=0), header, file) as recorder,
+    ):
+        play(daemon, story, recorder)
     states = [state for state, _ in itertools.groupby(row["state"] for row in daemon.rows("status"))]
     assert states.count("stalled") >= 4
     assert len([line for line in caplog.messages if "stalled" in line]) == 1

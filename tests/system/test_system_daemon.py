@@ -134,7 +134,7 @@ def test_a_second_daemon_is_refused_in_one_line(setup: Setup) -> None:
         setup.told("READY=1")
         with setup.run() as second:
             _, words = second.communicate(timeout=PATIENCE_S)
-        assert second.returncode == 2
+        assert second.returncode == 1  # worth trying again: the first may end
         assert len(words.splitlines()) == 1
         assert "in use by another tactiled" in words
         end(first)

@@ -6,12 +6,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.reader import read_items
+from tactiled.recording.writer import RecordingWriter
+
+HEADER = Header(load_source("board-v1", "wang2019-3x3"))
 pytestmark = pytest.mark.system
 PATIENCE_S = 30.0
 
@@ -119,3 +124,46 @@ def test_without_a_board_it_says_so(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "no such port" in done.stderr
     assert "a.mcap: 0 scans" in done.stderr
+
+
+def test_without_a_record_directory_it_senses_and_a_killed_run_is_recovered_by_the_next(bench: Bench) -> None:
+    """No person comes: the directory appears late, the daemon is killed, another recorder is beside it."""
+    records = bench.folder / "records"
+    config = bench.folder / "t.toml"
+    config.write_text(
+        f'[port]\nurl = "{bench.board}"\n[publish]\nendpoints = ["ipc://{bench.folder}/events.ipc"]\n'
+        f'[record]\ndirectory = "{records}"\nmin_free_mb = 0\n'
+    )
+
+    def active() -> set[Path]:
+        return set(records.glob("*.active"))
+
+    def until(what: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not what():
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+
+    with bench.process("run", "--config", "t.toml") as daemon:
+        endpoint = f"ipc://{bench.folder}/events.ipc"
+        heard = bench.command("listen", endpoint, "-t", "scan", "-n", "20", "--timeout", "20")
+        assert len(heard.stdout.splitlines()) == 20, heard.stderr
+        said = bench.command("listen", endpoint, "-t", "recording", "-n", "1", "--timeout", "20")
+        assert json.loads(said.stdout)["state"] == "failed"
+        records.mkdir()
+        until(lambda: any(path.stat().st_size > 30_000 for path in active()))
+        daemon.send_signal(signal.SIGKILL)
+        daemon.wait(PATIENCE_S)
+    (left,) = active()
+    other = RecordingWriter(records / "tactile-20200101T000000.000Z.mcap", HEADER)  # of a process that lives
+    other.read(Read(0.0, 0.0, b"x"))
+    other.sync()
+    before = other.active.read_bytes()
+    with bench.process("run", "--config", "t.toml") as daemon:
+        until(lambda: not left.exists() and len(active()) == 2)
+        daemon.send_signal(signal.SIGTERM)
+        assert daemon.wait(PATIENCE_S) == 0
+    assert other.active.read_bytes() == before
+    other.close()
+    recovered = records / left.name.removesuffix(".active")
+    assert sum(isinstance(item, Read) for item in read_items(recovered)) > 50
