@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -57,7 +58,7 @@ def emulate(
     from tactiled.emulator.faults import FaultParams
     from tactiled.emulator.identity import BoardParams
     from tactiled.emulator.named import named_scene
-    from tactiled.emulator.process import run_emulator
+    from tactiled.emulator.process import run_emulator, words_for_people
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)
@@ -69,6 +70,12 @@ def emulate(
         return
     if (link is None) == (tcp is None):
         raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+
+    def told(what: dict[str, Any]) -> None:
+        print(json.dumps(what), flush=True)
+        if words := words_for_people(what):
+            click.echo(f"emulate: {words}", err=True)
+
     run_emulator(
         played,
         load_layout(protocol),
@@ -77,7 +84,7 @@ def emulate(
         board=None if board is None else tomlfile.load(board, BoardParams),
         faults=None if faults is None else tomlfile.load(faults, FaultParams),
         seed=seed,
-        report=lambda what: print(json.dumps(what), flush=True),
+        report=told,
         with_scans=scans,
         control=control,
     )

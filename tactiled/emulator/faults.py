@@ -52,7 +52,8 @@ class FaultCounts:
     """What was done, for the accounting of a test.
 
     ``frames_in`` and ``bytes_in`` are what went onto the line, each copy of a duplicate included, before
-    damage; ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``.
+    damage; ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``. ``overruns`` are
+    all scan instants that the board missed, ``overruns_of_host`` those among them that a slow host caused.
     """
 
     frames_in: int = 0
@@ -69,6 +70,7 @@ class FaultCounts:
     bursts: int = 0
     stalls: int = 0
     overruns: int = 0
+    overruns_of_host: int = 0
     reboots: int = 0
     unplugs: int = 0
 

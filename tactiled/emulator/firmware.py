@@ -18,6 +18,7 @@ A layout without commands runs from the end of boot. Rules:
 4. The sequence counts every scan instant since power-up, missed ones included; a scan that ``stop``,
    ``set_rate`` or a reset interrupts was never attempted.
 5. What arrives during boot, or is no frame, is not heard.
+6. While `preparing`, ``start`` is ``busy``; a layout without ``start`` begins to scan when that is over.
 """
 
 from collections.abc import Callable
@@ -67,8 +68,10 @@ class Board:
     Attributes
     ----------
     scene_start_s : float or None
-        True instant of scene time 0; None until the first start.
+        True instant of scene time 0; None until the first start. `skip_until` moves it.
     running : bool
+    preparing : bool
+        Set it while the source cannot be read yet.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class Board:
             fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
             raise ConfigError("board", [fault])
         self.scene_start_s: float | None = None
+        self.preparing = False
         self._index = 0
         self._out: list[Outgoing] = []
         self._answers: dict[Command, str] = {}
@@ -114,6 +118,11 @@ class Board:
     def next_deadline_s(self) -> float:
         """True instant at which `advance` will next have something to do."""
         return self._next_hello_s if self._scanning is None else self._scanning.end_s
+
+    @property
+    def next_scene_s(self) -> float:
+        """Scene time of the coming scan; 0 while idle."""
+        return self._scanning.scene_s if self._scanning is not None else 0.0
 
     def advance(self, now_s: float) -> list[Outgoing]:
         """Let time pass; frames that became ready, in order."""
@@ -150,6 +159,27 @@ class Board:
         self._out = self.advance(now_s)
         self._to_miss += self.running
 
+    def skip_until(self, now_s: float) -> int:
+        """Leave out, unread, all scans that should have ended by `now_s`.
+
+        For a board in real time on a host that is too slow. The next scan carries the overrun flag.
+
+        Returns
+        -------
+        int
+            How many scan instants were left out.
+        """
+        scanning, n = self._scanning, 0
+        if scanning is None or self.scene_start_s is None:
+            return 0
+        while scanning.end_s <= now_s:
+            began_s = self._crystal.true_s(scanning.begin_board_s)
+            scene_s = scanning.scene_s
+            self.scene_start_s += scanning.skip(1)
+            self._missed(began_s, scene_s)
+            n += 1
+        return n
+
     def _power_up(self, now_s: float, start_ticks: int, start_sequence: int) -> None:
         self._crystal = Crystal(
             now_s,
@@ -174,11 +204,13 @@ class Board:
         if self._layout.has("hello"):
             self._say_hello(now_s)
         self._next_hello_s = now_s + HELLO_PERIOD_S
-        if not self._layout.has("start"):
+        if not self._layout.has("start") and not self.preparing:
             self._start(now_s)
 
     def _obey(self, command: Command, now_s: float) -> str:
         if command.name == "start":
+            if self.preparing:
+                return "busy"
             if self._scanning is None:
                 self._start(now_s)
         elif command.name == "stop":
@@ -213,19 +245,27 @@ class Board:
 
     def _scan(self, scanning: Scanning, end_s: float) -> None:
         """One scan instant: all channels sampled, or all missed."""
-        begin_board_s = scanning.begin_board_s
+        begin_board_s, scene_s = scanning.begin_board_s, scanning.scene_s
         counts = scanning.take(self._index)
-        missed = self._to_miss > 0
         began_s = self._crystal.true_s(begin_board_s)
-        self._on_scan(ScanTruth(self._index, self._sequence, self._boot_count, began_s, not missed))
-        if missed:
+        if self._to_miss > 0:
             self._to_miss -= 1
-        else:
-            flags = self._layout.flag("first_after_start") * self._first_after_start
-            flags |= self._layout.flag("overrun") * self._overrun
-            self._say(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
-            self._first_after_start = False
-        self._overrun = missed
+            self._missed(began_s, scene_s)
+            return
+        flags = self._layout.flag("first_after_start") * self._first_after_start
+        flags |= self._layout.flag("overrun") * self._overrun
+        self._say(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
+        self._first_after_start = self._overrun = False
+        self._attempted(began_s, scene_s, sent=True)
+
+    def _missed(self, began_s: float, scene_s: float) -> None:
+        self._overrun = True
+        self._attempted(began_s, scene_s, sent=False)
+
+    def _attempted(self, began_s: float, scene_s: float, *, sent: bool) -> None:
+        """Report a scan instant and use up its sequence number."""
+        truth = ScanTruth(self._index, self._sequence, self._boot_count, began_s, scene_s, sent)
+        self._on_scan(truth)
         self._index += 1
         self._sequence = (self._sequence + 1) % (1 << self._sequence_bits)
 

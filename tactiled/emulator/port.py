@@ -88,6 +88,19 @@ class Port:
         out, self._out = self._out, []
         return out
 
+    def step(self, now_s: float) -> list[Arrival]:
+        """Do at most one thing that is due: its bytes can go out before the next scan is computed."""
+        self._run_until(min(self._next_cause_s(), now_s))
+        self._out += self._line.arrivals(min(self._next_cause_s(), now_s))
+        out, self._out = self._out, []
+        return out
+
+    def skip_until(self, now_s: float) -> int:
+        """Leave out the scans that are overdue, see `Board.skip_until`; how many they were."""
+        n = self.board.skip_until(now_s)
+        self.counts.overruns_of_host += n
+        return n
+
     def receive(self, data: bytes, now_s: float) -> None:
         """Bytes that the host wrote; they reach the board at once."""
         self._run_until(now_s)

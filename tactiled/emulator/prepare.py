@@ -25,7 +25,7 @@ _INSTEAD = (
 # `compliance` takes about as long as it plays (`tactiled bench contact`); the faster rungs need no such word.
 _SLOW = (
     "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, a held object several "
-    "times as long, so scans may come late"
+    "times as long: on a slower host the board misses scans (flag overrun) and the scene stands still meanwhile"
 )
 
 
@@ -71,14 +71,27 @@ def explain_in_real_time(scene: Scene, array: Array) -> str:
     return f"{words}\n  in real time: {_SLOW if rung == 'compliance' else 'as it is'}"
 
 
+def check_real_time(scene: Scene) -> None:
+    """Refuse at once what `prepare` would refuse for any plate.
+
+    Raises
+    ------
+    ConfigError
+        The tables of the scene cannot be known beforehand.
+    """
+    if rung_of(scene) == "periodic" and scene.held_object is not None:
+        fault = "how a held object moves is up to its controller, so its tables cannot be solved beforehand"
+        raise ConfigError(
+            f"scene {scene.name}", [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"]
+        )
+
+
 def _missing(scene: Scene, array: Array) -> list[Callable[[], FloatArray]]:
     """What solves the tables that nobody has solved; `ConfigError` where real time cannot wait for them."""
     if rung_of(scene) != "periodic":
         return []
+    check_real_time(scene)
     where = f"scene {scene.name}"
-    if scene.held_object is not None:
-        fault = "how a held object moves is up to its controller, so its tables cannot be solved beforehand"
-        raise ConfigError(where, [f"contact: periodic is not for real time here: {fault}; {_INSTEAD}"])
     missing = [solve for key, solve in _wanted(scene, array).items() if not is_solved(key)]
     if len(missing) > _MOST_TABLES:
         fault = f"{len(missing)} tables to solve, up to a minute each, and {_MOST_TABLES} is the most"

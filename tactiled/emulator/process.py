@@ -5,6 +5,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from tactiled.emulator.control import control_link
 from tactiled.emulator.faults import FaultParams
@@ -50,6 +51,22 @@ def run_emulator(
     )
     with _stopped_by_signals(emulator.stop):
         emulator.run()
+
+
+def words_for_people(what: dict[str, Any]) -> str:
+    """What a person must know of a report of `Emulator`; empty for most reports."""
+    if what["what"] == "preparing":
+        stage = f"table {what['solved'] + 1} of {what['tables']}" if what["tables"] else "finding its tables"
+        return f"solving the contact before the scene can start: {stage} (the board answers start with busy)"
+    if what["what"] == "prepared":
+        return f"prepared after {what['took_s']:.1f} s"
+    if what["what"] == "overrun":
+        held = f"; the scene has stood still for {what['held_s']:.2f} s in all" if what["held_s"] else ""
+        return (
+            f"overrun: this host is too slow for the scene: {what['missed']} scan instants missed so far, "
+            f"flagged as a board flags them{held}"
+        )
+    return ""
 
 
 @contextlib.contextmanager

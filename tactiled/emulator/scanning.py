@@ -19,6 +19,11 @@ class ScanSource(Protocol):
         """Whether coming scans depend on what somebody may still say: then they are not read ahead."""
         ...
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether an instant can be read only after all instants before it have been computed."""
+        ...
+
     def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
         ...
@@ -34,6 +39,7 @@ class ScanTruth:
     sequence : as on the wire
     boot : boot count as in the hello
     began_s : true instant, on the host's clock
+    scene_s : instant of scene time that the scan saw, or would have seen
     sent : False where the board missed the instant (overrun)
     """
 
@@ -41,6 +47,7 @@ class ScanTruth:
     sequence: int
     boot: int
     began_s: float
+    scene_s: float
     sent: bool
 
 
@@ -79,6 +86,7 @@ class Scanning:
         self._scene_start_s = scene_start_s
         self._k = 0
         self._ahead = np.empty((0, len(offset_s)), dtype=np.int64)
+        self._n_ahead = 1 if source.reacts else _SCANS_AHEAD
 
     @property
     def begin_board_s(self) -> float:
@@ -90,10 +98,36 @@ class Scanning:
         """True instant at which the coming scan has all its channels."""
         return self._crystal.true_s(self.begin_board_s + self._span_s)
 
+    @property
+    def scene_s(self) -> float:
+        """Instant of scene time at which the coming scan begins."""
+        return self._crystal.true_s(self.begin_board_s) - self._scene_start_s
+
+    def skip(self, n: int) -> float:
+        """Leave out n scan instants, which were not computed in time.
+
+        A source with memory would have to compute them all the same, and so never catch up: the scene stands
+        still over these instants instead.
+
+        Returns
+        -------
+        float
+            Seconds by which the scene now begins later than it did.
+        """
+        before_s = self._crystal.true_s(self.begin_board_s)
+        self._k += n
+        self._n_ahead = 1  # scans computed together are sent late together
+        if not self._source.has_memory:
+            self._ahead = self._ahead[n:]
+            return 0.0
+        held_s = self._crystal.true_s(self.begin_board_s) - before_s
+        self._scene_start_s += held_s
+        return held_s
+
     def take(self, index: int) -> NDArray[np.int64]:
         """Counts of the coming scan, which is number `index` of all; the next one then comes."""
         if not len(self._ahead):
-            k = self._k + np.arange(1 if self._source.reacts else _SCANS_AHEAD)
+            k = self._k + np.arange(self._n_ahead)
             begin_board_s = self._epoch_board_s + k / self._rate_hz
             sampled_s = self._crystal.true_s(begin_board_s[:, None] + self._offset_s)
             self._ahead = self._source.counts(index, sampled_s - self._scene_start_s)

@@ -57,6 +57,10 @@ class Sensor:
     def reacts(self) -> bool:
         return isinstance(self.contact, PhysicalContact) and self.contact.reacts
 
+    @property
+    def has_memory(self) -> bool:
+        return isinstance(self.contact, PhysicalContact)
+
     def volts(self, time_s: FloatArray) -> FloatArray:
         """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
         params = self._params

@@ -2,12 +2,15 @@
 
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness never adds up; the loop sleeps in ``select`` until the
 next one or until the host writes. Scene time starts with the board's first ``start`` command; the report
-says when that was.
+says when that was. What must be solved before is solved in a thread: the board introduces itself meanwhile
+and answers ``start`` with ``busy``. A host that cannot compute the scans in time makes the board miss some,
+see `pace`; the bytes of each scan go out before the next one is computed.
 """
 
 import contextlib
 import os
 import select
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -15,20 +18,23 @@ from typing import Any
 
 from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.faults import FaultKind, FaultParams
-from tactiled.emulator.identity import BoardParams, worn_array
+from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.links import Link
+from tactiled.emulator.pace import Pace, SceneClock
 from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.port import Port
-from tactiled.emulator.prepare import prepare
+from tactiled.emulator.prepare import check_real_time, prepare
 from tactiled.emulator.scanning import ScanTruth
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.slipnews import SlipNews
 from tactiled.emulator.truth import Truth
+from tactiled.errors import ConfigError
 from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
 # Longest sleep: a scan that ends in the far future must not outlive a suspended machine by much.
 _LONGEST_SLEEP_S = 1.0
+_LONG_PREPARATION_S = 2.0  # beyond it, a person is told that the board is not dead
 
 
 class Emulator:
@@ -44,11 +50,12 @@ class Emulator:
     seed : int
         Of the faults.
     report : callable
-        Gets maps with ``what``: ``"preparing"`` (before each table that is solved), ``"ready"`` (where the
-        port is), ``"scene"`` (truth, instants on
-        CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, with its
-        ``number``: once it is gross, and again once it has ended), ``"unplugged"``, ``"plugged"``,
-        ``"scan"`` (if asked), ``"end"`` (counts).
+        Gets maps with ``what``: ``"ready"`` (where the port is), ``"preparing"`` (before each table that is
+        solved, and after two seconds of looking which are needed), ``"prepared"`` (if it took two seconds),
+        ``"scene"`` (truth, instants on CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, with its
+        ``number``: once it is gross, and again once it has ended), ``"overrun"`` (this host is too slow: how
+        many scan instants were missed so far, for how long the scene stood still, and the ``t0_s`` that
+        holds from now on), ``"unplugged"``, ``"plugged"``, ``"scan"`` (if asked), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
     control : Link or None
@@ -76,7 +83,7 @@ class Emulator:
         self._scene = scene
         self._link = link
         self._report = report
-        prepare(scene, worn_array(scene, layout), self._report_preparing)  # before power-up: it takes time
+        check_real_time(scene)
         self._port = Port(
             scene,
             layout,
@@ -93,7 +100,11 @@ class Emulator:
         self._asked_for: deque[FaultKind] = deque()
         self._is_stopping = False
         self._is_plugged = True
-        self._is_scene_reported = False
+        self._clock: SceneClock | None = None
+        self._pace = Pace()
+        self._refused: ConfigError | None = None
+        self._preparing_s: float | None = None
+        self._is_preparing_reported = False
         self._bytes_overflowed = 0
         self._wake_read, self._wake_write = os.pipe()
 
@@ -117,6 +128,9 @@ class Emulator:
                 self._control.open()
                 control = {"control": self._control.describe()["link"]}
             self._report({"what": "ready", **self._link.describe(), **control})
+            self._port.board.preparing = True
+            self._preparing_s = time.monotonic()
+            threading.Thread(target=self._prepare, name="prepare", daemon=True).start()
             while not self._is_stopping:
                 self._step()
         finally:
@@ -132,16 +146,20 @@ class Emulator:
         """Do what is due, then sleep until something is."""
         while self._asked_for:
             self._port.inflict(self._asked_for.popleft(), time.monotonic())
-        for arrival in self._port.advance(time.monotonic()):
+        self._look_at_preparation()
+        for arrival in self._port.step(time.monotonic()):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
         if self._is_plugged != self._port.plugged:
             self._is_plugged = self._port.plugged
             self._replug()
         self._report_scene()
         self._report_slips()
-        wait_s = self._port.next_deadline_s() - time.monotonic()
+        now_s = time.monotonic()
+        self._keep_pace(now_s)
+        wait_s = self._port.next_deadline_s() - now_s
         fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
-        awaited = [self._wake_read, *fds, *control_fds]
+        # To answer, the board must have come up to now: what is overdue is done first, one step at a time.
+        awaited = [self._wake_read, *([*fds, *control_fds] if wait_s > 0 else [])]
         ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
         if self._wake_read in ready:
             os.read(self._wake_read, 64)
@@ -149,6 +167,48 @@ class Emulator:
             self._port.receive(data, time.monotonic())
         if self._control is not None and any(fd in control_fds for fd in ready):
             self._obey(self._control)
+
+    def _keep_pace(self, now_s: float) -> None:
+        """Leave out scans that are too late, and report it."""
+        board = self._port.board
+        if self._clock is not None and board.running and self._pace.is_behind(board.next_deadline_s(), now_s):
+            scene_s = board.next_scene_s
+            self._pace.overrun(self._port.skip_until(now_s), now_s)
+            if board.scene_start_s is not None:
+                self._clock.hold(scene_s, board.scene_start_s)
+        if self._clock is not None and self._pace.is_report_due(now_s):
+            self._report(
+                {
+                    "what": "overrun",
+                    "time_s": now_s,
+                    "missed": self._pace.missed,
+                    "held_s": self._clock.held_s,
+                    "t0_s": self._clock.t0_s,
+                }
+            )
+
+    def _prepare(self) -> None:
+        """In a thread: solve what the scene needs, then let the board start."""
+        try:
+            prepare(self._scene, self._port.array, self._report_preparing)
+        except ConfigError as error:
+            self._refused = error
+        self._port.board.preparing = False
+        with contextlib.suppress(OSError):  # `run` has ended and closed it
+            os.write(self._wake_write, b"x")
+
+    def _look_at_preparation(self) -> None:
+        if self._refused is not None:
+            raise self._refused
+        if self._preparing_s is None:
+            return
+        took_s = time.monotonic() - self._preparing_s
+        if not self._port.board.preparing:
+            self._preparing_s = None
+            if took_s > _LONG_PREPARATION_S:
+                self._report({"what": "prepared", "took_s": took_s})
+        elif took_s > _LONG_PREPARATION_S and not self._is_preparing_reported:
+            self._report_preparing(0, 0)
 
     def _obey(self, control: Link) -> None:
         """Answer the controller; before the scene begins, scene time stands at 0."""
@@ -167,20 +227,22 @@ class Emulator:
 
     def _report_scene(self) -> None:
         t0_s = self._port.board.scene_start_s
-        if t0_s is not None and not self._is_scene_reported:
-            self._is_scene_reported = True
+        if t0_s is not None and self._clock is None:
+            self._clock = SceneClock(t0_s)
             self._report({"what": "scene", **self._truth(t0_s).to_map()})
 
     def _truth(self, t0_s: float) -> Truth:
         return Truth(self._scene, t0_s, self._port.contact, self._port.array)
 
     def _report_slips(self) -> None:
-        t0_s = self._port.board.scene_start_s
-        if t0_s is not None and self._slips is not None:
-            for slip in self._slips.since_last(lambda: self._truth(t0_s)):
-                self._report({"what": "slip", **slip})
+        clock = self._clock
+        if clock is not None and self._slips is not None:
+            for slip in self._slips.since_last(lambda: self._truth(0.0)):
+                instants = {k: clock.true_s(v) for k, v in slip.items() if k.endswith("_s") and v is not None}
+                self._report({"what": "slip", **slip, **instants})
 
     def _report_preparing(self, done: int, tables: int) -> None:
+        self._is_preparing_reported = True
         self._report({"what": "preparing", "tables": tables, "solved": done})
 
     def _report_scan(self, scan: ScanTruth) -> None:
@@ -192,6 +254,6 @@ class Emulator:
                 "boot": scan.boot,
                 "began_s": scan.began_s,
                 "sent": scan.sent,
-                **contact_report(self._port.contact, scan.began_s - (self._port.board.scene_start_s or 0.0)),
+                **contact_report(self._port.contact, scan.scene_s),
             }
         )

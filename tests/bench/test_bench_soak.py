@@ -43,7 +43,7 @@ def test_the_ledger_tells_lost_in_a_run_from_lost_at_its_ends() -> None:
     ledger = Ledger(10.0, 1.0)
     for k in range(20):
         boot = 1 + k // 10
-        ledger.taken(ScanTruth(k, k % 10, boot, 100.0 + 0.1 * k + 5.0 * (boot - 1), sent=True))
+        ledger.taken(ScanTruth(k, k % 10, boot, 100.0 + 0.1 * k + 5.0 * (boot - 1), 0.1 * k, sent=True))
     for index, place in enumerate([1, 2, 5, 6, 12, 13]):  # the daemon's count goes on over the boot
         count = {2: 4, 3: 5}.get(index, index + (2 if index > 3 else 0))
         time_s = 100.0 + 0.1 * place + 5.0 * (place >= 10)
