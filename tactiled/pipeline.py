@@ -38,6 +38,10 @@ class Health:
 
     scans: int
     scans_missing: int
+    scans_overrun: int
+    """Of those missing: the board missed the instant and said so."""
+    scans_dropped: int
+    """Of those missing: left out whole, between intact frames, without a reason that is known."""
     scans_duplicate: int
     restarts: int
     """How often the board booted or counted anew; scans are not missing for that."""
@@ -149,6 +153,8 @@ class Pipeline:
         return Health(
             scans=counts.scans,
             scans_missing=counts.missing,
+            scans_overrun=counts.overrun,
+            scans_dropped=counts.dropped,
             scans_duplicate=counts.duplicate,
             restarts=counts.restarts,
             frames=self._frames,

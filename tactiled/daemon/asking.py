@@ -1,7 +1,7 @@
 """Commands on their way to a board: one at a time, sent again until it is answered. No I/O."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tactiled.wire.frames import Acknowledge, Command
 
@@ -41,6 +41,8 @@ class Asking:
         """When something was last asked or answered."""
         self.unanswered = ""
         """Name of a command that the board does not answer; empty while it answers all."""
+        self.put_off = ""
+        """Name of a command to which the board last answered that it is busy."""
 
     def drop(self) -> None:
         """Wait for no answer any more."""
@@ -84,9 +86,17 @@ class Asking:
         pending = self._pending
         return pending is not None and (pending.token, pending.name) == (answer.token, answer.command)
 
+    def answered_busy(self, name: str, now_s: float) -> None:
+        """The board answered, but not now: `name` is asked again in a while, as often as it takes."""
+        self.asked_s = now_s
+        self.put_off = name
+        if (pending := self._on_its_way(name)) is not None:
+            self._pending = replace(pending, tries=0)
+
     def answered(self, name: str, now_s: float) -> None:
         """`name` was answered."""
         self.asked_s = now_s
+        self.put_off = ""
         if self._on_its_way(name):
             self._pending = None
         if self.unanswered == name:

@@ -67,6 +67,11 @@ class Connection:
         """Timer of the adapter; None where it says none, or there is no port."""
         return self._port.handover_s if self._port is not None else None
 
+    @property
+    def is_pty(self) -> bool:
+        """Whether a program is at the other end, and no cable; False while there is no port."""
+        return self._port is not None and self._port.is_pty
+
     def errors(self) -> LineErrors | None:
         """What the UART's driver counted; None where it keeps no count, or there is no port."""
         return self._port.errors() if self._port is not None else None

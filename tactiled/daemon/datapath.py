@@ -70,7 +70,7 @@ class DataPath:
             self._handover_s = handover_s
             told = {"handover_s": handover_s}
             self._outlets.tuned("adapter", told, self._pipeline.command("adapter", told, now_s)[1], now_s)
-        self.act(self._link.opened(now_s, self._framing_errors()))
+        self.act(self._link.opened(now_s, self._framing_errors(), is_pty=self._connection.is_pty))
 
     def received(self, data: bytes) -> None:
         """Bytes came."""

@@ -27,6 +27,14 @@ _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
 _ICOUNTER = struct.Struct("20i")
 
 
+def is_pty(fd: int) -> bool:
+    """Whether an open port is a pseudo-terminal: a program is at its other end, and no cable."""
+    try:
+        return os.ttyname(fd).startswith("/dev/pts/")
+    except OSError:
+        return False
+
+
 def is_url(url: str) -> bool:
     """Whether this is ``socket://...`` and the like: nothing of this host's devices."""
     return "://" in url
@@ -98,7 +106,7 @@ def keep_others_out(fd: int) -> None:
     Not on a pty: its other end outlives us, and with it the mark of a daemon that was killed.
     """
     with contextlib.suppress(OSError, termios.error):
-        if not os.ttyname(fd).startswith("/dev/pts/"):
+        if not is_pty(fd):
             fcntl.ioctl(fd, termios.TIOCEXCL)
 
 

@@ -10,9 +10,12 @@ another protocol   "type": intact frames, checksum and all, that the layout does
                    layout that ships with tactiled; or no structure while the UART sees no framing error
 heavy noise        "checksum": the structure stands, the content is damaged
 noise              most frames are good, a few are not
+overloaded board   frames are intact, sequence numbers are missing and the flag ``overrun`` says why
+full buffer        frames are intact, sequence numbers are missing and no flag says why
 =================  =======================================================================================
 """
 
+import math
 from collections import Counter, deque
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -32,6 +35,8 @@ _LEAST_FRAMES = 2  # of another layout: one may be chance
 _TEXT_PART = 0.9
 _MAIN_PART = 0.5  # a reason that most rejections share
 _NOISY_PART = 0.01  # a good cable loses nothing; 1 % is a frame a second
+_LEAST_MISSED = 5  # scans: fewer are no habit
+_MISSING_PART = 0.01  # of the scan instants: a board in order, on a line in order, misses none
 _FRAMING_PART = 0.02  # a line at the right rate has none; at a wrong one every other byte lacks its stop bit
 
 
@@ -45,6 +50,12 @@ class Tally(NamedTuple):
     """Rejections by reason."""
     framing_errors: int | None = None
     """As the UART's driver counts them; None where it does not."""
+    scans_due: int = 0
+    """Scan instants by the board's sequence numbers, those of missing scans included."""
+    scans_overrun: int = 0
+    """Those that the board missed itself, and flagged."""
+    scans_dropped: int = 0
+    """Those that are missing between intact frames without a flag."""
 
 
 class LineWatch:
@@ -65,8 +76,11 @@ class LineWatch:
         self._others = others
         self.reset(0.0)
 
-    def reset(self, now_s: float) -> None:
-        """The port was opened."""
+    def reset(self, now_s: float, *, is_pty: bool = False) -> None:
+        """The port was opened; on a pty a program plays the board, and there is no cable."""
+        self._is_pty = is_pty
+        self._overrun_s = -math.inf
+        self._first: Tally | None = None
         self._byte_s = self._frame_s = now_s
         self._tail = b""
         self._newest: Tally | None = None
@@ -91,6 +105,9 @@ class LineWatch:
 
     def count(self, tally: Tally, now_s: float) -> None:
         """This is what has come until now, and what became of it."""
+        self._first = self._first or tally
+        if self._newest is not None and tally.scans_overrun > self._newest.scans_overrun:
+            self._overrun_s = now_s
         if self._newest is None or tally.bytes_framed > self._newest.bytes_framed:
             self._at_frame = tally
             if self._newest is not None:
@@ -110,10 +127,25 @@ class LineWatch:
     def fault(self, now_s: float) -> str:
         """The likely cause of nothing coming through; empty when frames do."""
         if now_s - self._byte_s >= HICCUP_S:
-            return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
+            return self._silence()
         if now_s - self._frame_s >= HICCUP_S:
             return f"bytes arrive but no frame passes: {self._cause[1] or 'looking why'}"
         return ""
+
+    @property
+    def is_overloaded(self) -> bool:
+        """Whether the board missed scan instants, by its own flag, shortly before its last byte."""
+        return self._overrun_s >= self._byte_s - _WINDOW_S
+
+    @property
+    def overload(self) -> str:
+        """What to do about a board that misses scan instants."""
+        if self._is_pty:
+            return (
+                "it flags overruns, and it is a program on a pseudo-terminal (tactiled emulate?): its host "
+                "is too slow or too busy"
+            )
+        return "it flags overruns, so its processor is too slow for its rate: lower session.rate_hz"
 
     def warning(self) -> str:
         """What is wrong with a line that works; empty when nothing."""
@@ -122,12 +154,43 @@ class LineWatch:
         _, before = self._marks[0]
         came = self._newest.bytes_in - before.bytes_in
         lost = self._newest.bytes_discarded - before.bytes_discarded
-        if came <= 0 or lost < _NOISY_PART * came or self._newest.bytes_framed == before.bytes_framed:
+        if came <= 0 or self._newest.bytes_framed == before.bytes_framed:
             return ""
-        return (
-            f"{100 * lost / came:.0f} % of the bytes are damaged: noise on the line; look at cable, ground "
-            "and connectors"
-        )
+        words = []
+        if lost >= _NOISY_PART * came:
+            words.append(
+                f"{100 * lost / came:.0f} % of the bytes are damaged: noise on the line; look at cable, "
+                "ground and connectors"
+            )
+        due = self._newest.scans_due - before.scans_due
+        overrun = self._newest.scans_overrun - before.scans_overrun
+        dropped = self._newest.scans_dropped - before.scans_dropped
+        least = max(_LEAST_MISSED, _MISSING_PART * due)
+        if overrun >= least:
+            words.append(
+                f"the board missed {overrun} of its last {due} scan instants, and what came is intact: "
+                f"{self.overload}"
+            )
+        if not lost and dropped >= least:
+            words.append(
+                f"{dropped} of the last {due} scans are missing although no byte is damaged: whole frames "
+                "were left out, by a full buffer in the board, the adapter or this host"
+            )
+        return "; ".join(words)
+
+    def _silence(self) -> str:
+        """Why no bytes arrive, by what there was before."""
+        if self.is_overloaded:
+            return f"no bytes arrive any more from a board that missed scan instants before: {self.overload}"
+        if self._is_pty:
+            return (
+                "no bytes arrive: this port is a pseudo-terminal, so a program plays the board (tactiled "
+                "emulate?): is it running, and is this host fast enough for it?"
+            )
+        framed = self._newest.bytes_framed if self._newest is not None else 0
+        if self._first is not None and framed > self._first.bytes_framed:
+            return "no bytes arrive any more, and frames did: is the board powered, is it plugged in?"
+        return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
 
     def _likely_cause(self, now: Tally) -> tuple[str, str]:
         """Kind of the cause, and the words for it."""

@@ -39,6 +39,7 @@ def status_event(
         scans=health.scans,
         frames_corrupt=health.frames_corrupt,
         scans_missing=health.scans_missing,
+        scans_overrun=health.scans_overrun,
         scans_duplicate=health.scans_duplicate,
         restarts=health.restarts,
         bytes_in=health.bytes_in,

@@ -35,9 +35,11 @@ class Link:
         self._line = line
         self._patience_s = SILENT_S
 
-    def opened(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
+    def opened(
+        self, now_s: float, framing_errors: int | None = None, *, is_pty: bool = False
+    ) -> list[Command]:
         """The port is open; what to say first."""
-        self._line.reset(now_s)
+        self._line.reset(now_s, is_pty=is_pty)
         self._count(now_s, framing_errors)
         return self._session.opened(now_s)
 
@@ -109,5 +111,8 @@ class Link:
             health.bytes_discarded,
             health.corrupt_by_reason,
             framing_errors,
+            health.scans + health.scans_missing,
+            health.scans_overrun,
+            health.scans_dropped,
         )
         self._line.count(tally, now_s)

@@ -108,8 +108,11 @@ class Session:
         """The board acknowledged a command."""
         if not self._asking.awaits(answer):
             return []
-        if answer.result == "busy" or (answer.command == "identify" and answer.result == "ok"):
-            return []  # a busy board is asked again; what answers identify is the hello
+        if answer.result == "busy":
+            self._asking.answered_busy(answer.command, now_s)
+            return []
+        if answer.command == "identify" and answer.result == "ok":
+            return []  # what answers identify is the hello
         self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
             rate = f" to {self.terms.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
@@ -206,7 +209,11 @@ class Session:
             return self._foreign or self._refused
         if fault := self._line.fault(now_s):
             return fault
-        if unanswered := self._asking.unanswered:
+        if put_off := self._asking.put_off:
+            return f"the board is busy and puts off {put_off}: it is asked again until it is ready"
+        if (unanswered := self._asking.unanswered) and self._line.is_overloaded:
+            return f"the board does not answer {unanswered} in time: {self._line.overload}"
+        if unanswered:
             return f"the board sends but does not answer {unanswered}: is the line to it broken?"
         if self._stalled:
             return f"no scan for {self.silence_s * 1000:.0f} ms or more"

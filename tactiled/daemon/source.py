@@ -120,6 +120,11 @@ class Port:
             and not devices.same_device(self._fd, self._url)
         )
 
+    @property
+    def is_pty(self) -> bool:
+        """Whether a program is at the other end, and no cable."""
+        return self._fd is not None and devices.is_pty(self._fd)
+
     def errors(self) -> LineErrors | None:
         """What the UART's driver counted; None where it keeps no count."""
         return devices.line_errors(self._fd) if self._fd is not None else None

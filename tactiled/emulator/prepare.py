@@ -25,7 +25,7 @@ _INSTEAD = (
 # `compliance` takes about as long as it plays (`tactiled bench contact`); the faster rungs need no such word.
 _SLOW = (
     "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, a held object several "
-    "times as long: on a slower host the board misses scans (flag overrun) and the scene stands still meanwhile"
+    "times as long: on a slower host the board misses scans (flag overrun) and the scene stands still"
 )
 
 

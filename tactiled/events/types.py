@@ -171,6 +171,8 @@ class StatusEvent(Event):
     uptime_s: float
     inhibited_s: float = 0.0
     """For how much longer slips are published as not valid, because someone asked for it."""
+    scans_overrun: int = 0
+    """Of `scans_missing`: the board missed the scan instant and flagged it; the line is not to blame."""
     sent: Sent = Sent()
     """What a subscriber that lost nothing has heard of by now."""
 

@@ -38,6 +38,10 @@ class SampleCounts:
 
     scans: int = 0
     missing: int = 0
+    overrun: int = 0
+    """Of those missing: not taken by the board, as the flag ``overrun`` of the next scan says."""
+    dropped: int = 0
+    """Of those missing: no damaged byte, no interruption and no flag explains them."""
     duplicate: int = 0
     restarts: int = 0
 
@@ -61,6 +65,7 @@ class Assembler:
         if self._params.transfer == "line":  # start, eight data, stop bits
             self._frame_s = 10 * layout.wire_bytes("scan") / (baud or layout.file.baud)
         self._fault_flag = layout.flag("reference_fault")
+        self._overrun_flag = layout.flag("overrun")
         self._start_flag = layout.flag("first_after_start")
         self.reset()
 
@@ -185,7 +190,7 @@ class Assembler:
         if step.kind == "duplicate":
             self._count(duplicate=1)
             return
-        self._place(step.n_scans)
+        self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
         self._fit.add(self._counter.board_s, now_s, self._waited_s, whole=self._whole)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back; time itself never does.
@@ -204,15 +209,25 @@ class Assembler:
         out, self._out = self._out, []
         return out
 
-    def _place(self, n_scans: int) -> None:
-        """Number the scan, and say the gap before it if there is one."""
+    def _place(self, n_scans: int, *, overrun: bool) -> None:
+        """Number the scan, and say the gap before it if there is one.
+
+        Of a gap before an overrun, each damaged frame may have been a scan that the board did take, as may
+        all that an interruption hides; the flag says that it missed one at least.
+        """
         n_missing = n_scans - 1
         cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
         if self._index >= 0 and (n_missing or self._pending_gap):
             self._close_block()
             self._out.append(Gap(n_missing, cause, self._index + n_scans))
         self._index += n_scans
-        self._count(missing=n_missing)
+        n_overrun = n_dropped = 0
+        if overrun:
+            n_hidden = n_missing if self._pending_gap else self._n_corrupt
+            n_overrun = max(n_missing - n_hidden, min(n_missing, 1))
+        elif cause == "missing":
+            n_dropped = n_missing
+        self._count(missing=n_missing, overrun=n_overrun, dropped=n_dropped)
         self._pending_gap = None
         self._n_corrupt = 0
 
@@ -238,8 +253,6 @@ class Assembler:
             )
         )
 
-    def _count(self, scans: int = 0, missing: int = 0, duplicate: int = 0, restarts: int = 0) -> None:
-        old = self._counts
-        self._counts = SampleCounts(
-            old.scans + scans, old.missing + missing, old.duplicate + duplicate, old.restarts + restarts
-        )
+    def _count(self, **more: int) -> None:
+        old = vars(self._counts)
+        self._counts = SampleCounts(**old | {name: old[name] + n for name, n in more.items()})

@@ -1,5 +1,6 @@
 """What the watch says of lines that were made wrong on purpose: the right cause, and none for a good line."""
 
+import re
 from collections import Counter
 
 import numpy as np
@@ -150,3 +151,66 @@ def test_the_words_stay_while_the_cause_does() -> None:
 def test_frames_of_no_layout_have_no_name() -> None:
     assert frames_of(b"\x00\x01\x02" * 300, {"a": LAYOUT, "b": LEGACY}) is None
     assert frames_of(b"".join(scans(LEGACY, 3)), {"a": LAYOUT, "b": LEGACY}) == "b"
+
+
+def overloaded(*, is_pty: bool, flags: bool = True) -> tuple[LineWatch, Tally, float]:
+    """A watch on ten seconds of intact frames, each fifth scan instant missed; what it counted, and when."""
+    watch = LineWatch("x", BAUD)
+    watch.reset(0.0, is_pty=is_pty)
+    watch.count(Tally(), 0.0)
+    tally, now_s = Tally(), 0.0
+    for k in range(1, 101):
+        now_s, came, missed = k / 10, 8 * 85 * k, 2 * k
+        watch.received(b"\0" * 85, now_s)
+        overrun, dropped = (missed, 0) if flags else (0, missed)
+        tally = Tally(came, came, scans_due=10 * k, scans_overrun=overrun, scans_dropped=dropped)
+        watch.count(tally, now_s)
+    return watch, tally, now_s
+
+
+CABLE = ("cable", "ground", "connectors", "noise", "powered", "swapped")
+
+
+@pytest.mark.parametrize(
+    ("is_pty", "advice"), [(False, "lower session.rate_hz"), (True, "its host is too slow or too busy")]
+)
+def test_a_board_that_flags_overruns_is_overloaded_and_its_cable_is_good(is_pty: bool, advice: str) -> None:
+    watch, tally, now_s = overloaded(is_pty=is_pty)
+    warning = watch.warning()
+    assert re.search(r"the board missed \d+ of its last \d+ scan instants", warning)
+    assert advice in warning
+    later_s = now_s + 27.0  # it fell silent: nothing else has changed
+    watch.count(tally, later_s)
+    fault = watch.fault(later_s)
+    assert "missed scan instants before" in fault
+    assert advice in fault
+    assert not [word for word in CABLE if word in warning + fault]
+
+
+def test_scans_that_are_missing_between_intact_frames_are_not_blamed_on_the_cable() -> None:
+    watch, _, _ = overloaded(is_pty=False, flags=False)
+    assert "whole frames were left out, by a full buffer" in watch.warning()
+    assert not [word for word in CABLE if word in watch.warning()]
+
+
+def test_a_silent_pseudo_terminal_has_no_cable() -> None:
+    watch = LineWatch("x", BAUD)
+    watch.reset(0.0, is_pty=True)
+    watch.count(Tally(), 0.0)
+    fault = watch.fault(27.0)
+    assert fault.startswith("no bytes arrive: this port is a pseudo-terminal")
+    assert "is it running, and is this host fast enough for it?" in fault
+    assert not [word for word in CABLE if word in fault]
+
+
+def test_lines_of_a_board_that_was_heard_are_not_swapped() -> None:
+    watch = LineWatch("x", BAUD)
+    watch.reset(0.0)
+    watch.count(Tally(), 0.0)
+    watch.received(b"\0" * 85, 1.0)
+    watch.count(Tally(85, 85, scans_due=1), 1.0)
+    assert "any more" in watch.fault(3.0)
+    assert "swapped" not in watch.fault(3.0)
+    watch.reset(4.0)
+    watch.count(Tally(85, 85, scans_due=1), 4.0)
+    assert "swapped" in watch.fault(6.0)

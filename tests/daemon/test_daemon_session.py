@@ -283,13 +283,34 @@ def test_bytes_without_frames_are_diagnosed() -> None:
     assert "no frame passes: no frame structure in it: wrong baud rate (115200 configured)" in bench.reason
 
 
-def test_a_board_that_answers_hello_but_nothing_else_is_named() -> None:
+def test_a_board_that_stays_busy_is_named_and_its_line_is_not_suspected() -> None:
     bench = Bench()
     bench.board.refuses["start"] = "busy"
     bench.plug()
     for _ in range(4 * MAX_TRIES):
         bench.run(0.1)
-    assert "does not answer start" in bench.reason
+    assert bench.reason == "the board is busy and puts off start: it is asked again until it is ready"
+    assert bench.state() == "syncing"
+    bench.board.refuses.clear()
+    bench.run(1.0)
+    assert (bench.state(), bench.reason) == ("running", "")
+
+
+class Mute(SimBoard):
+    """Hears `start` and does not answer it."""
+
+    def answer(self, command: Command) -> list[Frame]:
+        return [] if command.name == "start" else super().answer(command)
+
+
+def test_a_board_that_answers_hello_but_nothing_else_is_named() -> None:
+    bench = Bench(board=Mute())
+    bench.plug()
+    for _ in range(4 * MAX_TRIES):
+        bench.run(0.1)
+        bench.line.received(b"\0", bench.now_s)  # its hellos
+        bench.line.framed(bench.now_s)
+    assert "does not answer start: is the line to it broken?" in bench.reason
     assert bench.state() == "syncing"
 
 

@@ -154,7 +154,7 @@ def test_start_is_busy_while_the_scene_is_prepared() -> None:
 
 
 def test_a_scene_ten_times_too_heavy_for_any_host_keeps_sending_and_says_so(tmp_path: Path) -> None:
-    """The process as a user starts it: the board degrades to some scans a second, with flags, and is not silent."""
+    """The process as a user starts it: the board degrades to some scans a second, flagged."""
     scene, link = tmp_path / "heavy.toml", tmp_path / "board"
     scene.write_text(HEAVY)
     with (tmp_path / "err").open("w+") as err:

@@ -244,3 +244,21 @@ def test_blocks_refuse_to_straddle_a_gap() -> None:
             block.volts, block.time_s, block.time_sd_s, block.index * 2, block.valid, 100.0,
             block.channel_offset_s, block.late,
         )  # fmt: skip
+
+
+OVERRUN = LAYOUT.flag("overrun")
+
+
+def test_scans_that_the_board_missed_are_told_from_scans_that_were_lost() -> None:
+    target = assembler()
+    feed(target, [0, 1])
+    feed(target, [5], flags=OVERRUN)  # 2, 3, 4: the board says that it missed them
+    feed(target, [8])  # 6, 7: nobody says why
+    target.corrupt()
+    feed(target, [12], flags=OVERRUN)  # of 9, 10, 11 one came damaged
+    target.corrupt()
+    feed(target, [14])
+    target.interrupt("disconnect")
+    feed(target, [20], flags=OVERRUN)  # of 15 to 19 one at least was missed, the rest was unplugged
+    counts = target.counts
+    assert (counts.missing, counts.overrun, counts.dropped) == (3 + 2 + 3 + 1 + 5, 3 + 2 + 1, 2)
