@@ -1,10 +1,15 @@
-"""What the demo saw, and whether it is right: truth beside estimate, each with what is allowed."""
+"""Whether the demo is right: truth beside estimate, each with what is allowed, and whether the host kept up.
+
+What must be found is the ground truth of the scene, known before anything is reported. What was not played or
+not reported is therefore missing, and never merely absent from the table.
+"""
 
 import math
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
+from tactiled.emulator.phases import Grooves
+from tactiled.emulator.truth import TrueSlip, Truth
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 
 # About a tenth of the published errors at their largest (Wang 2019, table 2: period 9.2 %, angle 7.4 %).
@@ -14,94 +19,162 @@ MAX_ONSET_ERROR_S = 0.05  # from the instants at which a tenth and nine tenths o
 MAX_DIRECTION_ERROR_DEG = 5.0
 MAX_ANSWER_S = 3.0  # from the slide's begin to a texture
 REFINED_S = 3.0  # then the demo goes on for so long: its picture shows how the answer settles
+# An onset nearer than this to a true one is an estimate of it; the slips of a scene are seconds apart.
+_SAME_SLIP_S = 1.0
+# Of the scans, those that came too late to be acted on, and those that never came. Single ones are bridged;
+# with one in twenty, answers are given up as stale.
+MAX_LATE_SHARE = 0.05
 
 HEAD = ["quantity", "truth", "estimate", "error", "allowed", ""]
 
 
 @dataclass
-class Seen:
-    """What the subscriber received and what the emulator knows, on the host's monotonic clock."""
+class Host:
+    """How well this host kept up with the board.
 
-    scene: dict[str, Any] = field(default_factory=dict)
-    slips: dict[int, dict[str, Any]] = field(default_factory=dict)
-    time_s: list[float] = field(default_factory=list)
-    volts: list[list[float]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    channel_offset_s: list[float] | None = None
+    Attributes
+    ----------
+    scans, late, lost : int
+        Scans received; of these, those that the daemon called late; and those that never came.
+    oldest_s : float
+        Largest age of a scan when the daemon had handled it.
+    missed : int
+        Scan instants that the emulated board missed because it was not computed in time.
+    held_s : float
+        For how long its scene stood still meanwhile.
+    """
 
-    @property
-    def slides(self) -> list[dict[str, Any]]:
-        """True slips in which the skin moved on; a lift slips too, but goes nowhere."""
-        return [s for s in self.slips.values() if s["gross_s"] and s["direction_deg"] is not None]
+    scans: int = 0
+    late: int = 0
+    lost: int = 0
+    oldest_s: float = 0.0
+    missed: int = 0
+    held_s: float = 0.0
 
-    @property
-    def textures(self) -> list[TextureEvent]:
-        """Answers."""
-        return [e for e in self.events if isinstance(e, TextureEvent) and e.status == "ok"]
+    def __str__(self) -> str:
+        return (
+            f"{self.scans} scans, {self.late} of them late (the latest {self.oldest_s:.2f} s old), "
+            f"{self.lost} lost, {self.missed} missed by the emulated board"
+        )
 
-    @property
-    def done(self) -> bool:
-        """The grooves were named, and again as the answer was refined; or the scene is over."""
-        if not self.scene:
-            return False
-        said = self.textures
-        refined = bool(said) and said[-1].time_s >= said[0].time_s + REFINED_S
-        return refined or time.monotonic() > self.scene["t0_s"] + self.scene["duration_s"] + 1.0
+    def too_slow(self) -> str:
+        """What shows that this host is too slow, with numbers; empty when it kept up."""
+        shown = []
+        if self.missed:
+            held = f" and its scene stood still for {self.held_s:.2f} s" if self.held_s else ""
+            shown.append(f"the emulated board missed {self.missed} scan instants (overrun){held}")
+        if self.late > MAX_LATE_SHARE * self.scans:
+            shown.append(f"{self.late} of {self.scans} scans were late, the latest {self.oldest_s:.2f} s old")
+        if self.lost - self.missed > MAX_LATE_SHARE * self.scans:
+            shown.append(f"{self.lost - self.missed} scans were lost on the way")
+        return "; ".join(shown)
 
 
-class _Rows:
-    """A table of verdicts that grows."""
+@dataclass
+class Verdict:
+    """Rows of truth against estimate, and in words what is wrong with them; right where there is nothing."""
 
-    def __init__(self) -> None:
-        self.rows: list[list[str]] = []
-        self.all_good = True
+    rows: list[list[str]] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
 
     def add(
         self, what: str, truth: float, estimate: float, allowed: float, unit: str, error: float | None = None
     ) -> None:
+        """Compare one quantity; an infinite estimate is none."""
         error = estimate - truth if error is None else error
         good = abs(error) <= allowed
-        self.all_good &= good
         shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
         form = ".3f" if unit else "g"
         said = f"{estimate:{form}} {unit}" if math.isfinite(estimate) else "none"
-        verdict = "good" if good else "WRONG"
-        self.rows.append([what, f"{truth:{form}} {unit}", said, shown, f"{allowed:.3g} {unit}", verdict])
+        self.rows.append(
+            [
+                what,
+                f"{truth:{form}} {unit}",
+                said,
+                shown,
+                f"{allowed:.3g} {unit}",
+                "good" if good else "WRONG",
+            ]
+        )
+        if not good:
+            self.wrong.append(f"{what}: {said.strip() if math.isfinite(estimate) else 'not reported'}")
 
 
-def compare(seen: Seen) -> tuple[list[list[str]], bool]:
-    """Rows of truth against estimate, and whether all is right."""
-    t0_s = seen.scene["t0_s"]
-    onsets = [e for e in seen.events if isinstance(e, SlipEvent) and e.state == "onset"]
-    out = _Rows()
-    for number, slip in enumerate(seen.slides, 1):
-        name = f"slip {number}, {slip['surface']['kind']}"
-        for kind in ("incipient", "gross"):
-            true_s = slip[f"{kind}_s"]
-            near = [e for e in onsets if e.kind == kind and abs(e.onset_s - true_s) < 1.0]
-            said_s = near[0].onset_s if near else math.inf
-            out.add(f"{name}: {kind} at", true_s - t0_s, said_s - t0_s, MAX_ONSET_ERROR_S, "s")
-        direction_deg = near[0].direction_deg if near else math.inf
-        error = _turn_deg(direction_deg - slip["direction_deg"])
-        allowed = MAX_DIRECTION_ERROR_DEG
-        out.add(f"{name}: direction", slip["direction_deg"], direction_deg, allowed, "deg", error)
-        if slip["surface"]["kind"] == "grooves":
-            _compare_grooves(out, name, slip, seen.textures)
-    gross = [e for e in onsets if e.kind == "gross"]
-    out.add("slides said", len(seen.slides), len(gross), 0, "")
-    return out.rows, out.all_good
+def true_slides(truth: Truth) -> list[TrueSlip]:
+    """Slips in which the skin moved on; a lift slips too, but goes nowhere, and is nothing to find."""
+    return [slip for slip in truth.slips if slip.direction_deg is not None]
 
 
-def _compare_grooves(out: _Rows, name: str, slip: dict[str, Any], textures: list[TextureEvent]) -> None:
-    surface = slip["surface"]
+def finds_end_s(slides: Sequence[TrueSlip], duration_s: float) -> float:
+    """Scene time at which everything must have been reported."""
+    last_s = max((slide.gross_s or slide.onset_s for slide in slides), default=duration_s)
+    return min(last_s + MAX_ANSWER_S + REFINED_S, duration_s)
+
+
+def name_of(number: int, slide: TrueSlip) -> str:
+    """What the table calls a slide; numbers begin at 1."""
+    return f"slip {number}, {slide.surface.kind}"
+
+
+def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) -> Verdict:
+    """Hold what was reported against what the scene plays.
+
+    Parameters
+    ----------
+    slides : sequence of TrueSlip
+        Everything that must be found, in scene time.
+    events : sequence of Event
+        What was reported, on the host's clock.
+    t0_s : float
+        Scene time 0 on the host's clock.
+    """
+    out = Verdict()
+    onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
+    textures = [e for e in events if isinstance(e, TextureEvent) and e.status == "ok"]
+    n_gross = sum(e.kind == "gross" for e in onsets)
+    for number, slide in enumerate(slides, 1):
+        name = name_of(number, slide)
+        found = None
+        for kind, true_s in (("incipient", slide.incipient_s), ("gross", slide.gross_s)):
+            if true_s is None:  # a scene of prescribed signals has no partial slip
+                continue
+            found = _nearest(onsets, kind, t0_s + true_s)
+            if found is not None:
+                onsets.remove(found)
+            said_s = math.inf if found is None else found.onset_s - t0_s
+            out.add(f"{name}: {kind} at", true_s, said_s, MAX_ONSET_ERROR_S, "s")
+        said_deg = math.inf if found is None else found.direction_deg
+        true_deg = slide.direction_deg or 0.0
+        error = _turn_deg(said_deg - true_deg)
+        out.add(f"{name}: direction", true_deg, said_deg, MAX_DIRECTION_ERROR_DEG, "deg", error)
+        if isinstance(slide.surface, Grooves):
+            own = [e for e in textures if slide.onset_s <= e.time_s - t0_s <= slide.end_s + 1.0]
+            textures = [e for e in textures if e not in own]
+            _compare_grooves(out, name, slide, slide.surface, own, t0_s)
+    out.add("slides reported", len(slides), n_gross, 0, "")
+    out.add("textures where there are no grooves", 0, len(textures), 0, "")
+    if not slides:
+        out.wrong.append("the scene plays no slide: there is nothing to find")
+    return out
+
+
+def _nearest(onsets: Sequence[SlipEvent], kind: str, true_s: float) -> SlipEvent | None:
+    near = [e for e in onsets if e.kind == kind and abs(e.onset_s - true_s) < _SAME_SLIP_S]
+    return min(near, key=lambda e: abs(e.onset_s - true_s), default=None)
+
+
+def _compare_grooves(
+    out: Verdict, name: str, slide: TrueSlip, grooves: Grooves, answers: Sequence[TextureEvent], t0_s: float
+) -> None:
     answer_s, period_mm, angle_deg = math.inf, math.inf, math.inf
-    if textures:
-        first = textures[0]
-        answer_s, period_mm, angle_deg = first.time_s, first.period_mm, first.angle_deg
-    out.add(f"{name}: answer after", 0.0, answer_s - slip["gross_s"], MAX_ANSWER_S, "s")
-    period = surface["period_mm"]
+    if answers:
+        first = answers[0]
+        answer_s, period_mm, angle_deg = first.time_s - t0_s, first.period_mm, first.angle_deg
+    begin_s = slide.gross_s or slide.onset_s
+    out.add(f"{name}: answer after", 0.0, answer_s - begin_s, MAX_ANSWER_S, "s")
+    period = grooves.period_mm
     out.add(f"{name}: period", period, period_mm, MAX_PERIOD_ERROR * period, "mm")
-    out.add(f"{name}: angle", surface["angle_deg"], angle_deg, MAX_ANGLE_ERROR_DEG, "deg")
+    out.add(f"{name}: angle", grooves.angle_deg, angle_deg, MAX_ANGLE_ERROR_DEG, "deg")
 
 
 def _turn_deg(angle_deg: float) -> float:

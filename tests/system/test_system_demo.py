@@ -1,8 +1,12 @@
 """`tactiled demo` as a newcomer runs it: three processes, truth beside estimate, a picture."""
 
+import contextlib
+import os
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,36 +28,61 @@ def test_demo_is_right_and_in_time(tmp_path: Path) -> None:
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_an_estimate_that_is_wrong_is_called_so() -> None:
-    """The verdict can fail: a texture beyond the published errors, a direction turned round, a third slip."""
-    import dataclasses
+@contextlib.contextmanager
+def demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """A demo whose scene has begun, and the process of its emulated board."""
+    said = folder / "err"
+    with said.open("w") as err:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tactiled", "demo"],
+            stdout=subprocess.PIPE, stderr=err, text=True, cwd=folder,
+        )  # fmt: skip
+        try:
+            deadline_s = time.monotonic() + 180
+            while "true: rest" not in said.read_text():
+                assert process.poll() is None, said.read_text()
+                assert time.monotonic() < deadline_s
+                time.sleep(0.05)
+            yield process, board_of(process.pid)
+        finally:
+            process.terminate()
+            process.communicate()
 
-    from tactiled.demo.verdict import Seen, compare
-    from tactiled.events.types import SlipEvent, TextureEvent
 
-    surface = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 30.0}
-    scene = {"t0_s": 0.0}
-    true = {"incipient_s": 5.0, "gross_s": 5.2, "end_s": 9.0, "direction_deg": 0.0, "surface": surface}
-    lift = true | {"incipient_s": 9.0, "direction_deg": None}  # goes nowhere: nothing to find
-    slips = {0: true, 1: lift}
-    begun = SlipEvent(
-        time_s=4.99, state="onset", kind="incipient", onset_s=4.99, onset_sd_s=0.02, direction_deg=1.0,
-        direction_sd_deg=1.0, confidence=1.0, taxels=(0,), detector="x", statistic=1.0, threshold=1.0,
-        valid=True, detected_s=5.05,
-    )  # fmt: skip
-    slip = dataclasses.replace(begun, kind="gross", onset_s=5.21, detected_s=5.25)
-    texture = TextureEvent(time_s=8.0, status="ok", period_mm=1.202, angle_deg=30.1)
-    assert compare(Seen(scene, slips, events=[begun, slip, texture]))[1]
-    for wrong in (
-        [begun, slip],
-        [texture],
-        [begun, texture],
-        [slip, texture],
-        [begun, slip, slip, texture],
-        [begun, dataclasses.replace(slip, direction_deg=180.0), texture],
-        [begun, dataclasses.replace(slip, onset_s=5.3), texture],
-        [begun, slip, dataclasses.replace(texture, period_mm=1.22)],
-        [begun, slip, dataclasses.replace(texture, angle_deg=29.0)],
-        [begun, slip, dataclasses.replace(texture, time_s=8.5)],
-    ):
-        assert not compare(Seen(scene, slips, events=list(wrong)))[1]
+def board_of(demo_pid: int) -> int:
+    """Process id of the emulator that a demo started."""
+    for task in Path(f"/proc/{demo_pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            if b"\0emulate\0" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
+    raise AssertionError("the demo has started no emulator")
+
+
+def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: Path) -> None:
+    """The emulator gets the processor for 0.3 s in each 1.3 s."""
+    with demo(tmp_path) as (process, board):
+        while process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):  # the demo has ended it
+                os.kill(board, signal.SIGSTOP)
+                time.sleep(1.0)
+                os.kill(board, signal.SIGCONT)
+            time.sleep(0.3)
+        out = process.stdout.read() if process.stdout else ""
+    said = (tmp_path / "err").read_text()
+    assert process.returncode == 1, said
+    assert "this host is too slow or too busy for the demo: the emulated board missed" in said
+    assert "The line is not at fault" in said
+    assert "good" not in out + said
+    assert "cable" not in out + said
+
+
+def test_a_demo_that_is_cut_short_names_what_was_not_found(tmp_path: Path) -> None:
+    with demo(tmp_path) as (process, board):
+        time.sleep(1.0)
+        os.kill(board, signal.SIGKILL)
+        process.wait(60)
+    said = (tmp_path / "err").read_text()
+    assert process.returncode == 1, said
+    assert "the demo was cut short: the board process ended after" in said
+    for name in ("slip 1, flat", "slip 2, grooves"):
+        assert f"wrong: {name}: gross at: not reported" in said
