@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactiled.bench.stage import LAYOUT, STALL_S, BoardInThread, Damage, Stage
+from tactiled.bench.stage import LAYOUT, RATE_HZ, STALL_S, BoardInThread, Damage, Stage
 from tactiled.bench.uart import heard
 from tactiled.emulator.faults import FaultKind
 from tactiled.emulator.firmware import BOOT_S
@@ -17,6 +17,7 @@ from tactiled.wire.frames import Corrupt, Hello, Scan
 CALM_S = 0.3
 _SETTLED_S = 1.2  # a port that was open for 1 s is tried again quickly
 _LASTING_S = 1.2  # of noise and of a wrong baud rate: a cause is named after 1 s
+_HELD_UP_SCANS = 30  # a third of a second: far beyond what is called a stall
 _SEQUENCE_JUMP = 20_000  # of 65536: nearest neither to 0 nor to a whole turn
 _TICK_JUMP = 1 << 31  # of 2^32 microseconds: half an hour
 
@@ -42,6 +43,8 @@ class Case:
         Scans that it destroys; None: all that were taken while it lasted, or were on their way.
     restarts : int
         How often the board counts anew by it.
+    overruns : int
+        Scans that the board misses itself and flags; the daemon must count exactly these as such.
     counts : bool
         Whether the daemon can know how many were lost: not over a boot, nor where another board came between.
     times : int
@@ -53,6 +56,7 @@ class Case:
     play: Play
     scans_hit: int | None = None
     restarts: int = 0
+    overruns: int = 0
     counts: bool = True
     times: int = 10
     calm_s: float = CALM_S
@@ -65,6 +69,14 @@ def _brief(kind: FaultKind) -> Play:
         return Span(now_s, now_s)
 
     return play
+
+
+async def _held_up(stage: Stage) -> Span:
+    """The board, or the host that emulates it, is too slow for a while."""
+    now_s = time.monotonic()
+    for _ in range(_HELD_UP_SCANS):
+        stage.board.emulator.inflict("overrun")
+    return Span(now_s, now_s + _HELD_UP_SCANS / RATE_HZ)
 
 
 async def _stall(stage: Stage) -> Span:
@@ -190,7 +202,8 @@ CASES = (
     Case("a frame is cut", _brief("cut"), 1),
     Case("a frame comes twice", _brief("duplicate"), 0),
     Case("burst of noise, 40 bytes", _brief("burst"), 1),
-    Case("the board misses a scan", _brief("overrun"), 1),
+    Case("the board misses a scan", _brief("overrun"), 1, overruns=1),
+    Case(f"the board misses {_HELD_UP_SCANS} scans", _held_up, overruns=_HELD_UP_SCANS),
     Case(f"stall of {STALL_S:g} s", _stall, 0),
     Case("noise for 1.2 s", _garbled(_noise(), "no frame"), times=5),
     Case("wrong baud for 1.2 s", _garbled(lambda data: heard(data, _BAUD, 57_600)[0], "baud"), times=5),

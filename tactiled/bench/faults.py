@@ -145,16 +145,21 @@ def bench_faults(say: Callable[[str], None], *, quick: bool) -> str:
     for case, times in zip(CASES, found, strict=True):
         lost = [sum(column) for column in zip(*(time.lost(case, lost_s) for time in times), strict=True)]
         missing = sum(time.counted("scans_missing") for time in times)
+        overruns = sum(time.counted("scans_overrun") for time in times)
         restarts = sum(time.counted("restarts") for time in times)
-        rows.append(_row(case, times, [*lost, missing, restarts], stage.statuses))
+        rows.append(_row(case, times, [*lost, missing, overruns, restarts], stage.statuses))
+        if overruns != case.overruns * len(times):
+            wrong.append(f"{case.name}: {overruns} overruns counted, {case.overruns * len(times)} injected")
         if restarts != case.restarts * len(times):
             wrong.append(f"{case.name}: restarts miscounted")
         if lost[-1] or (case.counts and missing != sum(lost)):
             wrong.append(f"{case.name}: scans lost besides, or miscounted")
+    if n := stage.board.overruns_of_host:
+        wrong.append(f"this host is too slow: {n} scan instants were missed that no fault took")
     if stale := false_fresh(stage):
         wrong.append(f"{stale} statuses called old scans fresh")
     head = ["fault", "times", "scans lost to it", "until recovered", "besides", "counted: missing",
-            "restarts", "time to recover: median", "worst", "states meanwhile"]  # fmt: skip
+            "overruns", "restarts", "time to recover: median", "worst", "states meanwhile"]  # fmt: skip
     return f"{table(head, rows)}\n\n{'wrong: ' + '; '.join(wrong) if wrong else 'Nothing wrong was found.'}"
 
 

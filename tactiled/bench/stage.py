@@ -59,6 +59,8 @@ class BoardInThread:
         self.taken_s: list[float] = []
         """When each scan began, those among them that the board missed."""
         self.plugged_s: list[float] = []
+        self.overruns_of_host = 0
+        """Scan instants missed because this host was too slow, and not because a fault was played."""
         self._ready = threading.Event()
         self.emulator = Emulator(
             load_scene("rest"),
@@ -86,6 +88,8 @@ class BoardInThread:
             self.taken_s.append(what["began_s"])
         elif what["what"] == "plugged":
             self.plugged_s.append(what["time_s"])
+        elif what["what"] == "end":
+            self.overruns_of_host = what["counts"]["overruns_of_host"]
         elif what["what"] == "ready":
             self._ready.set()
 

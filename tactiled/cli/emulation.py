@@ -15,6 +15,8 @@ from tactiled.cli.options import FILE
 def demo(out: Path) -> None:
     """Run the whole path on an emulated board: three processes, half a minute, a table and a picture.
 
+    Ends with 1 if an estimate is wrong or missing, and if this host is too slow to tell.
+
     Example: tactiled demo --out /tmp/demo.png
     """
     from tactiled.demo import run_demo

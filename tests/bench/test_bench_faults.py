@@ -35,7 +35,9 @@ def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
     assert lost_scans(taken_s, scans) == taken_s[20:30]
 
 
-@pytest.mark.parametrize("name", ["a bit flips", "its sequence jumps", "unplugged while running"])
+@pytest.mark.parametrize(
+    "name", ["a bit flips", "the board misses 30 scans", "its sequence jumps", "unplugged while running"]
+)
 def test_a_fault_played_on_a_pty_costs_what_it_must_and_no_more(name: str, tmp_path: Path) -> None:
     (case,) = [case for case in CASES if case.name == name]
 
@@ -47,8 +49,9 @@ def test_a_fault_played_on_a_pty_costs_what_it_must_and_no_more(name: str, tmp_p
     done, lost_s = asyncio.run(play(case))
     to_it, until_recovered, besides = done.lost(case, lost_s)
     assert done.counted("scans_missing") == to_it + until_recovered
+    assert done.counted("scans_overrun") == case.overruns
     assert (besides, done.counted("restarts")) == (0, case.restarts)
     if case.scans_hit is not None:
         assert (to_it, until_recovered) == (case.scans_hit, 0)
     else:
-        assert to_it > 50
+        assert to_it + until_recovered == case.overruns or to_it > 50
