@@ -146,7 +146,7 @@ def _judge(picture: Path, seen: Seen, slides: Sequence[TrueSlip], t0_s: float, c
         _draw(picture, seen, slides, t0_s)
         click.echo(f"\npicture: {picture}")
     for words in verdict.wrong:
-        _say("wrong:", words)
+        _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
 
 

@@ -9,12 +9,13 @@ their sequence numbers are used up, and the next scan carries the flag ``overrun
 import math
 from bisect import bisect_right
 
-# A scheduler that takes the processor away for so long is no slow host; an adapter buffers as much.
-HICCUP_S = 0.25
-# A host that has just been too slow: two scans at 100 Hz. What is sent is then fresh (the daemon calls 0.1 s
+# A busy scheduler takes the processor away for so long and gives it back; an adapter's buffer holds as much.
+HICCUP_S = 0.5
+# On a host that computes too slowly: two scans at 100 Hz. What is sent is then fresh (the daemon calls 0.1 s
 # late), and a gap stays under the 50 ms of silence that the daemon calls a stall.
 BEHIND_S = 0.02
 RECOVERED_S = 5.0  # without an overrun: then a hiccup is caught up with again
+_ONE_PAUSE = 0.8  # of the delay: so much of it in one pause, and the host was away and not slow
 REPORT_PERIOD_S = 5.0  # between two reports of overruns that go on
 
 
@@ -22,7 +23,7 @@ class Pace:
     """Decide when overdue scans are left out, and when that is reported. No clock is read here."""
 
     def __init__(self) -> None:
-        self._overrun_s = self._report_s = -math.inf
+        self._slow_s = self._looked_s = self._report_s = -math.inf
         self._n = self._n_reported = 0
 
     @property
@@ -31,13 +32,21 @@ class Pace:
         return self._n
 
     def is_behind(self, due_s: float, now_s: float) -> bool:
-        """Whether a scan that was due at `due_s` is so late that it and its like are to be left out."""
-        allowed_s = HICCUP_S if now_s - self._overrun_s > RECOVERED_S else BEHIND_S
-        return now_s - due_s > allowed_s
+        """Whether a scan that was due at `due_s` is so late that it and its like are to be left out.
 
-    def overrun(self, n: int, now_s: float) -> None:
-        """Count n scan instants that were left out now."""
-        self._overrun_s = now_s
+        Ask after each scan: a delay that grew from scan to scan is that of a host that computes too slowly.
+        """
+        pause_s, late_s = now_s - self._looked_s, now_s - due_s
+        self._looked_s = now_s
+        is_slow = now_s - self._slow_s <= RECOVERED_S
+        if late_s <= (BEHIND_S if is_slow else HICCUP_S):
+            return False
+        if is_slow or pause_s < _ONE_PAUSE * late_s:
+            self._slow_s = now_s
+        return True
+
+    def overrun(self, n: int) -> None:
+        """Count n scan instants that were left out."""
         self._n += n
 
     def is_report_due(self, now_s: float) -> bool:

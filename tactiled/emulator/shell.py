@@ -173,7 +173,7 @@ class Emulator:
         board = self._port.board
         if self._clock is not None and board.running and self._pace.is_behind(board.next_deadline_s(), now_s):
             scene_s = board.next_scene_s
-            self._pace.overrun(self._port.skip_until(now_s), now_s)
+            self._pace.overrun(self._port.skip_until(now_s))
             if board.scene_start_s is not None:
                 self._clock.hold(scene_s, board.scene_start_s)
         if self._clock is not None and self._pace.is_report_due(now_s):

@@ -85,4 +85,4 @@ def test_a_demo_that_is_cut_short_names_what_was_not_found(tmp_path: Path) -> No
     assert process.returncode == 1, said
     assert "the demo was cut short: the board process ended after" in said
     for name in ("slip 1, flat", "slip 2, grooves"):
-        assert f"wrong: {name}: gross at: not reported" in said
+        assert f": {name}: gross at: not reported" in said
