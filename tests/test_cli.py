@@ -120,3 +120,50 @@ def test_the_wheel_carries_all_that_the_program_needs(tmp_path: Path) -> None:
         env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tmp_path / "site")},
     )  # fmt: skip
     assert done.stdout.splitlines() == [str(tmp_path / "site" / "tactiled" / "__init__.py"), "True", "True"]
+
+
+GRID = """\
+name = "mine"
+[[grids]]
+x_mm = [0.0, 4.0, 8.0]
+y_mm = [0.0, 4.0]
+[[taxel_channels]]
+name = "z"
+kind = "normal"
+"""
+
+
+def test_an_array_file_is_checked_as_such(tmp_path: Path) -> None:
+    """It was taken for a configuration: "name: unknown key", "port: missing"."""
+    (tmp_path / "mine.toml").write_text(GRID)
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["array"], told["taxels"], told["channels"]) == ("mine", 6, 6)
+    assert "mine.toml: good (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["wang2019-3x3", "xyz-two-pads-4x4"])
+def test_shipped_array_files_are_good(name: str) -> None:
+    done = tactiled("check-config", str(ROOT / "config" / "arrays" / f"{name}.toml"))
+    assert (done.returncode, json.loads(done.stdout)["array"]) == (0, name)
+
+
+@pytest.mark.parametrize(
+    ("broken", "says"),
+    [
+        (GRID.replace("8.0", "3.0"), ["grids[0]", "x_mm must grow"]),
+        (
+            GRID.replace('"normal"', '"pressure"') + "unit = 3\n",
+            ["taxel_channels[0].kind", "unit: unknown key"],
+        ),
+        (GRID.replace('name = "mine"\n', ""), ["name: missing"]),
+        (GRID.replace('"normal"', '"side"'), ["taxel_channels[0]", "azimuth_deg belongs to kind"]),
+    ],
+)
+def test_faults_of_an_array_file_are_named_by_field(broken: str, says: list[str], tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(broken)
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert all(word in done.stderr for word in says), done.stderr
+    assert "port" not in done.stderr

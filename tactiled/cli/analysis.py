@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, use_one_blas_thread
+from tactiled.cli.options import FILE, KEYS, SPEED, need_named, need_readable, use_one_blas_thread
 
 
 @click.command()
@@ -29,6 +29,8 @@ def detect(
 
     Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
     """
+    need_readable(file)
+    need_named(array, "config/arrays")
     from tactiled.offline import detect_file
 
     found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
@@ -70,11 +72,13 @@ def tune(
 
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """
+    if (quiet is None) != (motion is None):
+        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
+    need_readable(quiet, motion)
+    need_named(array, "config/arrays")
     use_one_blas_thread()
     from tactiled.tune.run import tune_files, tune_live
 
-    if (quiet is None) != (motion is None):
-        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
     if quiet is not None and motion is not None:
         tune_files(quiet, motion, array, per_hour)
     else:

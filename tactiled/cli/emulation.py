@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE
+from tactiled.cli.options import FILE, need_named, need_toml
 
 
 @click.command()
@@ -53,6 +53,10 @@ def emulate(
 
     Example: tactiled emulate --scene demo --link /tmp/board
     """
+    if not explains and (link is None) == (tcp is None):
+        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+    need_named(protocol, "protocols")
+    need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile
     from tactiled.emulator.faults import FaultParams
     from tactiled.emulator.identity import BoardParams
@@ -67,8 +71,6 @@ def emulate(
 
         click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))
         return
-    if (link is None) == (tcp is None):
-        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
     run_emulator(
         played,
         load_layout(protocol),

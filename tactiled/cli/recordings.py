@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, PORT, need_board, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml, use_one_blas_thread
 
 RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 
@@ -22,13 +22,14 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 
     Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
     """
+    need_board(config, port)
+    need_toml(config)
     use_one_blas_thread()
     from tactiled.config import default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
     from tactiled.daemon.service import run_service
 
-    need_board(config, port)
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
     service = setup.config.service.without_publishing()
@@ -63,12 +64,13 @@ def replay(
 
     Example: tactiled replay slide.mcap --topic slip
     """
+    if link is not None and (verify or topics):
+        raise click.UsageError("--link plays bytes; it prints and compares no events")
+    need_readable(*files)
     from tactiled.recording.playback import play
     from tactiled.recording.replay import replay as run_again
 
     if link is not None:
-        if verify or topics:
-            raise click.UsageError("--link plays bytes; it prints and compares no events")
         source = click.get_current_context().get_parameter_source("speed")
         is_default = source == click.core.ParameterSource.DEFAULT
         played = play(files, link, 1.0 if is_default else speed)
@@ -88,6 +90,7 @@ def recover(file: Path, out: Path | None) -> None:
 
     Example: tactiled recover slide.mcap.active
     """
+    need_readable(file)
     from tactiled.recording.recover import recover as save
 
     click.echo(save(file, out).words(), err=True)
@@ -102,10 +105,11 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
 
     Example: tactiled export slide.mcap --csv slide.csv
     """
-    from tactiled.recording.export import export_csv, export_npz
-
     if csv_out is None and npz_out is None:
         raise click.UsageError("say --csv OUT, --npz OUT or both")
+    need_readable(*files)
+    from tactiled.recording.export import export_csv, export_npz
+
     for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
         if out is not None:
             click.echo(f"{out}: {write(files, out)} scans", err=True)
