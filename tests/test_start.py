@@ -30,6 +30,35 @@ def heavy_imports(*arguments: str, cwd: Path) -> tuple[int, list[str]]:
     return done.returncode, json.loads(done.stdout.splitlines()[-1])
 
 
+def without(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """A call where a library is not installed."""
+    script = f"import sys; sys.modules[{module!r}] = None; from tactiled.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        capture_output=True, text=True, cwd=cwd, timeout=60, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["demo"], ["detect", "log.csv", "--plot", "a.png"], ["bench", "contact", "--quick", "--plot", "a.png"]],
+)
+def test_a_picture_without_matplotlib_names_the_command_that_installs_it(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a\n0.0,0.0\n")
+    done = without("matplotlib", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "needs matplotlib: pip install 'tactiled[plot]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["clock", "paper", "contact", "soak", "faults", "slip", "texture"])
+def test_benches_need_matplotlib_for_pictures_alone(name: str) -> None:
+    script = f"import sys; sys.modules['matplotlib'] = None; import tactiled.bench.{name}"
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, need_named, need_readable, use_one_blas_thread
+from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, use_one_blas_thread
+from tactiled.progress import ProgressBar
 
 
 @click.command()
@@ -31,9 +32,12 @@ def detect(
     """
     need_readable(file)
     need_named(array, "config/arrays")
+    if plot is not None:
+        need_extra("matplotlib", "plot", "detect --plot")
     from tactiled.offline import detect_file
 
-    found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
+    with ProgressBar(f"detect {file}", writes_lines=True) as bar:
+        found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot, bar.reach)
     click.echo(f"{file}: {found} events", err=True)
 
 

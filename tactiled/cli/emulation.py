@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, need_named, need_toml
+from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 
 
 @click.command()
@@ -16,6 +16,7 @@ def demo(out: Path) -> None:
 
     Example: tactiled demo --out /tmp/demo.png
     """
+    need_extra("matplotlib", "plot", "the picture of the demo")
     from tactiled.demo import run_demo
 
     sys.exit(0 if run_demo(out) else 1)

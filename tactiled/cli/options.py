@@ -4,13 +4,14 @@ The checks find mistakes in a call before its verb imports numpy, which takes mo
 """
 
 import errno
+import importlib.util
 import os
 from pathlib import Path
 
 import click
 
 from tactiled import tomltext
-from tactiled.errors import DataError
+from tactiled.errors import DataError, OperatorError
 
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -48,6 +49,22 @@ def _fault_of(path: Path) -> int:
     if path.is_dir():
         return errno.EISDIR
     return 0 if os.access(path, os.R_OK) else errno.EACCES
+
+
+def need_extra(module: str, extra: str, what: str) -> None:
+    """Refuse what needs a library that is not installed, with the command that installs it.
+
+    Parameters
+    ----------
+    module : str
+        Name under which the library is imported.
+    extra : str
+        Extra of the distribution that installs it.
+    what : str
+        What needs it.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise OperatorError(f"{what} needs {module}: pip install 'tactiled[{extra}]'")
 
 
 def need_named(name_or_path: str | None, kind: str) -> None:

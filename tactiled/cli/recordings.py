@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml, use_one_blas_thread
+from tactiled.progress import ProgressBar
 
 RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 
@@ -73,10 +74,13 @@ def replay(
     if link is not None:
         source = click.get_current_context().get_parameter_source("speed")
         is_default = source == click.core.ParameterSource.DEFAULT
-        played = play(files, link, 1.0 if is_default else speed)
+        with ProgressBar(f"replay to {link}") as progress:
+            played = play(files, link, 1.0 if is_default else speed, progress.reach)
         click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
         return
-    verdict = run_again(files, (lambda _: None) if verify else click.echo, topics=topics, speed=speed)
+    with ProgressBar("replay", writes_lines=not verify) as progress:
+        say = (lambda _: None) if verify else click.echo
+        verdict = run_again(files, say, topics=topics, speed=speed, reached=progress.reach)
     if verify:
         click.echo(verdict.words(), err=True)
         sys.exit(0 if verdict.is_good else 1)
@@ -93,7 +97,9 @@ def recover(file: Path, out: Path | None) -> None:
     need_readable(file)
     from tactiled.recording.recover import recover as save
 
-    click.echo(save(file, out).words(), err=True)
+    with ProgressBar(f"recover {file}") as progress:
+        saved = save(file, out, progress.reach)
+    click.echo(saved.words(), err=True)
 
 
 @click.command()
@@ -112,4 +118,6 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
 
     for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
         if out is not None:
-            click.echo(f"{out}: {write(files, out)} scans", err=True)
+            with ProgressBar(f"export {out}") as progress:
+                n_scans = write(files, out, progress.reach)
+            click.echo(f"{out}: {n_scans} scans", err=True)

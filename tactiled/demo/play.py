@@ -25,6 +25,7 @@ from tactiled.demo.verdict import HEAD, Seen, compare
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell
 START_WITHIN_S = 15.0  # Python starting three times on a small loaded machine
@@ -76,12 +77,16 @@ def run_demo(picture: Path) -> bool:
         _say("board: tactiled emulate --scene demo --link", str(link))
         start("board", "emulate", "--scene", "demo", "--link", str(link))
         phases: list[tuple[float, str]] = []
+        bar = stack.enter_context(ProgressBar("demo", None))
         while not seen.done:
+            if seen.scene:
+                bar.reach(time.monotonic() - seen.scene["t0_s"])
             for name, message in _take(lines):
                 if message is None:
                     raise DemoError(f"the {name} process ended early; see above")
                 if name == "board" and message.get("what") == "scene":
                     seen.scene = message
+                    bar.begin(message["duration_s"])
                     phases = [(p["start_s"], _phase_words(p)) for p in message["phases"]]
                 elif name == "board" and message.get("what") == "slip":
                     if message["number"] not in seen.slips and message["direction_deg"] is None:

@@ -16,7 +16,7 @@ from tactiled.recording import contents
 from tactiled.recording.chunks import chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.extent import Damage, Extent
-from tactiled.recording.reader import open_recording, read_header
+from tactiled.recording.reader import Reached, open_recording, read_header
 from tactiled.recording.writer import ACTIVE, is_being_written, sync_directory
 
 
@@ -70,7 +70,7 @@ class Recovered:
         )
 
 
-def recover(path: Path, out: Path | None = None) -> Recovered:
+def recover(path: Path, out: Path | None = None, reached: Reached | None = None) -> Recovered:
     """Copy what is whole into a finished file; the original is only read.
 
     Parameters
@@ -79,6 +79,8 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         A ``.active`` file, or a recording cut anywhere.
     out : Path, optional
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
+    reached : callable, optional
+        Takes the share that is done, from 0 to 1.
 
     Raises
     ------
@@ -96,6 +98,8 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
                 copy = _Copy(target, header)
                 for found in chunks(stream, extent):
                     copy.take(found)
+                    if reached is not None:
+                        reached(extent.share_read)
                 lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
                 copy.finish(path.name, lost_bytes)
         except OSError as error:
