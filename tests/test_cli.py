@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -11,11 +10,9 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def tactiled(
-    *arguments: str, cwd: Path | None = None, path: Path | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run the program; `path` puts another copy of the package first."""
-    environ = {"PATH": "/usr/bin:/bin", **({"PYTHONPATH": str(path)} if path else {})}
+def tactiled(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the program."""
+    environ = {"PATH": "/usr/bin:/bin"}
     return subprocess.run(
         [sys.executable, "-m", "tactiled", *arguments],
         capture_output=True, text=True, cwd=cwd, env=environ, timeout=60, check=False,
@@ -95,31 +92,6 @@ def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
 def test_the_schema_is_for_editors() -> None:
     schema = json.loads(tactiled("check-config", "--schema").stdout)
     assert "port" in schema["properties"]
-
-
-def test_the_wheel_carries_all_that_the_program_needs(tmp_path: Path) -> None:
-    """Installed from a wheel, away from the checkout, protocols, config and scenes are still there."""
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True, timeout=120)
-    (wheel,) = tmp_path.glob("tactiled-*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "site")
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    done = tactiled("check-config", "--schema", cwd=elsewhere, path=tmp_path / "site")
-    assert done.returncode == 0, done.stderr
-    script = (
-        "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
-        "from tactiled.emulator.scene import load_scene; load_scene('demo');"
-        "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
-        "print(r.shipped('systemd', 'tactiled@.service').exists());"
-        "print(r.shipped('protocols', 'board.md').exists())"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=elsewhere, check=True,
-        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tmp_path / "site")},
-    )  # fmt: skip
-    assert done.stdout.splitlines() == [str(tmp_path / "site" / "tactiled" / "__init__.py"), "True", "True"]
 
 
 GRID = """\
