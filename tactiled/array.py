@@ -9,15 +9,13 @@ along +x, ``shear_y`` along +y (``sign = -1`` turns one round), ``normal`` with 
 
 import itertools
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tactiled import resources, tomlfile
-from tactiled.errors import ConfigError
+from tactiled import tomlfile, tomltext
 from tactiled.tomlfile import Params
 
 FloatArray = NDArray[np.float64]
@@ -137,6 +135,29 @@ class Array:
         """Whether direction can be told at all."""
         return bool(np.any(self.shear_weights() != 0))
 
+    def summary(self) -> dict[str, Any]:
+        """Plain map for `tactiled check-config`."""
+        return {
+            "array": self.name,
+            "taxels": self.n_taxels,
+            "pads": len(set(self.pad.tolist())),
+            "channels": self.n_channels,
+            "kinds": sorted(set(self.channel_kind)),
+            "x_mm": self.x_mm.tolist(),
+            "y_mm": self.y_mm.tolist(),
+            "channel_names": list(self.channel_name),
+            "full_scale_volts": self.full_scale_volts,
+        }
+
+    def in_words(self) -> str:
+        """One line on what the array has, and what it cannot tell."""
+        pads = len(set(self.pad.tolist()))
+        words = (
+            f"array {self.name}: {self.n_taxels} taxels on {pads} pad{'s' * (pads > 1)}, "
+            f"{self.n_channels} channels ({', '.join(sorted(set(self.channel_kind)))})"
+        )
+        return words if self.has_shear else f"{words}, no shear channels: directions cannot be told"
+
     def shear_weights(self) -> NDArray[np.float64]:
         """Weights that turn channels into the motion response of each taxel.
 
@@ -226,8 +247,4 @@ def load_array(name_or_path: str) -> Array:
     ConfigError
         With every fault of the file.
     """
-    path: Path = resources.find(name_or_path, "config/arrays")
-    if resources.is_name(name_or_path) and not path.exists():
-        known = ", ".join(resources.shipped_names("config/arrays"))
-        raise ConfigError("array", [f"no array named {name_or_path!r}; shipped: {known}; or give a file"])
-    return build(tomlfile.load(path, ArrayFile))
+    return build(tomlfile.load(tomltext.locate(name_or_path, "config/arrays"), ArrayFile))

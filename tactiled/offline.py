@@ -17,8 +17,9 @@ from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ScanEvent
 from tactiled.pipeline import Pipeline, PipelineParams, check_hello
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.reader import read_header, read_items
+from tactiled.recording.reader import Reached, read_header, read_items
 from tactiled.recording.table import read_table, to_blocks
+from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
 
@@ -26,6 +27,7 @@ logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 PICTURES = (".png", ".pdf", ".svg")
+_PART_SCANS = 1000  # ten seconds of the published board
 _NO_VOLTS_PART = 2.0  # of full scale: a saturated reading is below, millivolts and counts are far above
 
 
@@ -52,8 +54,11 @@ def detect_file(
     speed_mm_s: float | None = None,
     setting: str | None = None,
     plot: Path | None = None,
+    reached: Reached | None = None,
 ) -> int:
     """Print every event of a file as a JSON line; returns how many there were.
+
+    `reached` takes the share of the file that has been read, from 0 to 1.
 
     Raises
     ------
@@ -68,10 +73,10 @@ def detect_file(
             fault = "--array and --rate are for tables; a recording knows its own"
             raise ConfigError("command line", [fault])
         log = Log(read_header(path).source.array)
-        found = _run_recording(path, log, params)
+        found = _run_recording(path, log, params, reached)
     elif path.suffix in (".csv", ".npz"):
         log = Log(load_array(array or "wang2019-3x3"))
-        found = _run_table(path, log, rate_hz, params)
+        found = _run_table(path, log, rate_hz, params, reached)
     else:
         raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
     seqs: dict[str, int] = {}
@@ -92,14 +97,14 @@ def detect_file(
     return len(log.events)
 
 
-def _run_recording(path: Path, log: Log, params: DetectParams) -> Iterator[Event]:
+def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached | None) -> Iterator[Event]:
     """Bytes through the very pipeline that runs live."""
     header = read_header(path)
     layout = header.source.layout
     pipeline = Pipeline(layout, log.array, PipelineParams(samples=header.pipeline.samples, detect=params))
     foreign = ""
     pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording says no hello of its own
-    for item in read_items(path):
+    for item in read_items(path, reached=reached):
         if isinstance(item, Input) and item.name == "disconnected":
             pipeline.disconnected()
         elif isinstance(item, Input) and item.name in ("damaged", "dropped"):
@@ -124,7 +129,9 @@ def _run_recording(path: Path, log: Log, params: DetectParams) -> Iterator[Event
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
 
 
-def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams) -> Iterator[Event]:
+def _run_table(
+    path: Path, log: Log, rate_hz: float | None, params: DetectParams, reached: Reached | None
+) -> Iterator[Event]:
     """Rows of a log as one block between any two holes."""
     time_s, volts = read_table(path)
     if volts.shape[1] != log.array.n_channels:
@@ -141,8 +148,22 @@ def _run_table(path: Path, log: Log, rate_hz: float | None, params: DetectParams
         )
     log.time_s, log.volts = time_s.tolist(), list(volts)
     suite = build_suite(log.array, params)
+    n_scans = 0
     for item in to_blocks(time_s, volts, rate_hz, log.array.full_scale_volts):
-        yield from suite.process(item)
+        for part in _parts(item):
+            yield from suite.process(part)
+            n_scans += len(part) if isinstance(part, ScanBlock) else 0
+            if reached is not None:
+                reached(n_scans / len(time_s))
+
+
+def _parts(item: ScanBlock | Gap) -> Iterator[ScanBlock | Gap]:
+    """A long block in parts, between which progress is shown; events are the same for any parts."""
+    if isinstance(item, Gap):
+        yield item
+        return
+    for start in range(0, len(item), _PART_SCANS):
+        yield item[start : start + _PART_SCANS]
 
 
 def _params(speed_mm_s: float | None, setting: str | None) -> DetectParams:

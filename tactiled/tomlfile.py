@@ -5,7 +5,6 @@ document into one, and pydantic's findings into lines that a person can act on.
 """
 
 import difflib
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -14,6 +13,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from tactiled.errors import ConfigError
+from tactiled.tomltext import read
+
+__all__ = ["Params", "load", "parse", "read"]
 
 
 class Params(BaseModel):
@@ -34,20 +36,6 @@ def load(path: Path, schema: type[P]) -> P:
         The file is missing, is not TOML, or does not fit; lists every fault.
     """
     return parse(read(path), schema, str(path))
-
-
-def read(path: Path) -> dict[str, Any]:
-    """Read a TOML file into plain dictionaries; `ConfigError` when it is missing or not TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        near = sorted(p.stem for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-        hint = f"; beside it there are: {', '.join(near)}" if near else ""
-        raise ConfigError(str(path), [f"no such file{hint}"]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), [f"cannot be read: {error}"]) from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(path), [f"not valid TOML: {error}"]) from None
 
 
 def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:

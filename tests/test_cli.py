@@ -1,10 +1,8 @@
 """The command line: exit codes, one clear line for each fault, machine output apart from words."""
 
 import json
-import re
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -12,11 +10,9 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def tactiled(
-    *arguments: str, cwd: Path | None = None, path: Path | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run the program; `path` puts another copy of the package first."""
-    environ = {"PATH": "/usr/bin:/bin", **({"PYTHONPATH": str(path)} if path else {})}
+def tactiled(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the program."""
+    environ = {"PATH": "/usr/bin:/bin"}
     return subprocess.run(
         [sys.executable, "-m", "tactiled", *arguments],
         capture_output=True, text=True, cwd=cwd, env=environ, timeout=60, check=False,
@@ -112,31 +108,48 @@ def test_the_schema_is_for_editors() -> None:
     assert "port" in schema["properties"]
 
 
-def test_the_wheel_carries_all_that_the_program_needs(tmp_path: Path) -> None:
-    """Installed from a wheel, away from the checkout, protocols, config and scenes are still there."""
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True, timeout=120)
-    (wheel,) = tmp_path.glob("tactiled-*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "site")
-        installed = {name.partition(".data/data/")[2] for name in archive.namelist()}
-    unit = (ROOT / "systemd/tactiled@.service").read_text()
-    documents = re.findall(r"(?m)^Documentation=file:/opt/tactiled/(.*)$", unit)
-    assert documents
-    assert set(documents) <= installed  # pip of /opt/tactiled puts them where the unit says
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    done = tactiled("check-config", "--schema", cwd=elsewhere, path=tmp_path / "site")
+GRID = """\
+name = "mine"
+[[grids]]
+x_mm = [0.0, 4.0, 8.0]
+y_mm = [0.0, 4.0]
+[[taxel_channels]]
+name = "z"
+kind = "normal"
+"""
+
+
+def test_an_array_file_is_checked_as_such(tmp_path: Path) -> None:
+    """It was taken for a configuration: "name: unknown key", "port: missing"."""
+    (tmp_path / "mine.toml").write_text(GRID)
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    script = (
-        "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
-        "from tactiled.emulator.scene import load_scene; load_scene('demo');"
-        "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
-        "print(r.shipped('systemd', 'tactiled@.service').exists());"
-        "print(r.shipped('protocols', 'board.md').exists())"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=elsewhere, check=True,
-        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tmp_path / "site")},
-    )  # fmt: skip
-    assert done.stdout.splitlines() == [str(tmp_path / "site" / "tactiled" / "__init__.py"), "True", "True"]
+    told = json.loads(done.stdout)
+    assert (told["array"], told["taxels"], told["channels"]) == ("mine", 6, 6)
+    assert "mine.toml: good (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["wang2019-3x3", "xyz-two-pads-4x4"])
+def test_shipped_array_files_are_good(name: str) -> None:
+    done = tactiled("check-config", str(ROOT / "config" / "arrays" / f"{name}.toml"))
+    assert (done.returncode, json.loads(done.stdout)["array"]) == (0, name)
+
+
+@pytest.mark.parametrize(
+    ("broken", "says"),
+    [
+        (GRID.replace("8.0", "3.0"), ["grids[0]", "x_mm must grow"]),
+        (
+            GRID.replace('"normal"', '"pressure"') + "unit = 3\n",
+            ["taxel_channels[0].kind", "unit: unknown key"],
+        ),
+        (GRID.replace('name = "mine"\n', ""), ["name: missing"]),
+        (GRID.replace('"normal"', '"side"'), ["taxel_channels[0]", "azimuth_deg belongs to kind"]),
+    ],
+)
+def test_faults_of_an_array_file_are_named_by_field(broken: str, says: list[str], tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(broken)
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert all(word in done.stderr for word in says), done.stderr
+    assert "port" not in done.stderr

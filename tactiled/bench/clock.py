@@ -4,7 +4,6 @@ The emulated board scans by its own crystal, its line delays, bunches and stalls
 same decoder and assembler as live ones. Truth is the emulator's record of when each scan began.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from tactiled.emulator.faults import FaultParams
 from tactiled.emulator.identity import BoardParams
 from tactiled.emulator.scene import load_scene
 from tactiled.emulator.simulate import Simulation
+from tactiled.progress import ProgressBar
 from tactiled.samples.assembler import Assembler
 from tactiled.samples.block import ScanBlock
 from tactiled.wire.codec import Decoder
@@ -82,8 +82,9 @@ def timing(line: Line, seed: int, duration_s: float) -> tuple[FloatArray, FloatA
     return time_s - began_s[index], np.concatenate([block.time_sd_s for block in blocks])
 
 
-def bench_clock(say: Callable[[str], None], *, quick: bool) -> str:
+def bench_clock(progress: ProgressBar, *, quick: bool) -> str:
     """Table of timing errors over several lines."""
+    progress.begin(len(LINES))
     seeds, duration_s = (2 if quick else 10), 60.0
     rows = []
     for line in LINES:
@@ -92,7 +93,7 @@ def bench_clock(say: Callable[[str], None], *, quick: bool) -> str:
             error_s, sd_s = timing(line, seed, duration_s)
             errors.append(error_s[int(SETTLED_S * line.rate_hz) :])
             sigmas.append(sd_s[int(SETTLED_S * line.rate_hz) :])
-        say(f"{line.name}: {seeds} runs of {duration_s:g} s")
+        progress.advance(line.name)
         runs_ms = [1e3 * float(np.sqrt(np.mean(error**2))) for error in errors]
         error_s, sd_s = np.concatenate(errors), np.concatenate(sigmas)
         rows.append(

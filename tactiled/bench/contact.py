@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactiled.bench.contact_findings import findings, replayed_paper
-from tactiled.bench.contact_picture import draw_contact
+from tactiled.bench.contact_findings import N_FINDINGS, findings, replayed_paper
 from tactiled.bench.contact_score import (
     AREA,
     AZIMUTH,
@@ -32,8 +31,9 @@ from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.fem.reference import reference_names
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.prepare import rung_of
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene import load_scene, paper_scenes
 from tactiled.emulator.simulate import Simulation
+from tactiled.progress import ProgressBar
 from tactiled.wire.layout import load_layout
 
 LADDER: dict[str, tuple[Callable[..., Rung], float]] = {
@@ -63,24 +63,24 @@ class Scored:
     ripples: dict[str, Ripple]
 
 
-def bench_contact(say: Callable[[str], None], *, quick: bool, picture: Path | None = None) -> str:
+def bench_contact(progress: ProgressBar, *, quick: bool, picture: Path | None = None) -> str:
     """Error against cost for each rung; the paper's findings; its estimators on physical scenes.
 
     Parameters
     ----------
-    say : callable
-        Takes a line of progress.
+    progress : ProgressBar
     quick : bool
         One groove plate instead of all, one seed of the estimators instead of three.
     picture : Path, optional
         PNG to write.
     """
     plates = [name for name in GROOVES if name in reference_names("coarse")][: 1 if quick else None]
+    progress.begin(len(LADDER) + N_FINDINGS + len(paper_scenes()))
     scored = []
     for name, (build, step_s) in LADDER.items():
         ripples = {plate: rung_ripple(build, plate) for plate in plates} if name in _GROOVED else {}
         scored.append(Scored(name, cost_ms(build, step_s, name in _GROOVED), flat_errors(build), ripples))
-        say(f"{name}: {scored[-1].cost_ms:.1f} ms a simulated second")
+        progress.advance(name)
     reference = {
         mesh: {plate: reference_ripple(mesh, plate) for plate in plates if plate in reference_names(mesh)}
         for mesh in ("coarse", "medium")
@@ -92,9 +92,11 @@ def bench_contact(say: Callable[[str], None], *, quick: bool, picture: Path | No
         _ripple_table(scored, reference),
         _aims(scored),
     ]
-    text.append(findings(say))
-    text.append(replayed_paper(say, seeds=1 if quick else 3))
+    text.append(findings(progress))
+    text.append(replayed_paper(progress, seeds=1 if quick else 3))
     if picture is not None:
+        from tactiled.bench.contact_picture import draw_contact  # matplotlib is an extra
+
         draw_contact(picture, {s.name: (s.cost_ms, s.errors) for s in scored}, plates)
     return "\n\n".join(text)
 

@@ -1,6 +1,6 @@
 """The findings of Wang 2019 beside those of the contact ladder, and its estimators on physical scenes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from tactiled.emulator.mechanics.base import Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.fem.reference import load_reference
 from tactiled.emulator.scene import paper_scenes
+from tactiled.progress import ProgressBar
 
 FloatArray = NDArray[np.float64]
 Ripples = Mapping[tuple[float, int], FloatArray]
@@ -22,13 +23,15 @@ _STEP_MM = 0.02
 _RUN_IN_MM = 0.6
 _PLATES = ((0.9, 0), (1.2, 0), (1.5, 0), (1.2, 30), (1.2, 60))
 
+N_FINDINGS = 2  # steps of progress
 
-def findings(say: Callable[[str], None]) -> str:
+
+def findings(progress: ProgressBar) -> str:
     """Opposite change, ripple by period and angle, number of peaks."""
     unit = {plate: normal_ripple(*plate) for plate in _PLATES}
-    say("findings: ripple at held indentation")
+    progress.advance("ripple at held indentation")
     side = {plate: side_ripple(*plate) for plate in _PLATES}
-    say("findings: ripple at held load")
+    progress.advance("ripple at held load")
     edge, half = (_opposite_change(area) for area in ("edge", "half"))
 
     def by_period(ripple: Ripples) -> str:
@@ -54,14 +57,14 @@ def findings(say: Callable[[str], None]) -> str:
     )
 
 
-def replayed_paper(say: Callable[[str], None], *, seeds: int) -> str:
+def replayed_paper(progress: ProgressBar, *, seeds: int) -> str:
     """The published procedure on the protocols again, with physics instead of prescribed signals."""
     scenes = {
         name: scene.with_changes(contact="bristle" if name.startswith("flat") else "periodic")
         for name, scene in paper_scenes().items()
     }
     return "With physics (bristle on the flat plate, periodic on grooves):\n\n" + compare(
-        say, scenes, seeds=seeds
+        progress, scenes, seeds=seeds
     )
 
 

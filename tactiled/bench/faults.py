@@ -10,7 +10,7 @@ import logging
 import tempfile
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -21,6 +21,7 @@ from tactiled.bench.fault_cases import CALM_S, CASES, Case, Span
 from tactiled.bench.report import table
 from tactiled.bench.stage import RATE_HZ, SERIAL, Heard, Stage
 from tactiled.daemon.session import SILENT_PERIODS
+from tactiled.progress import ProgressBar
 
 _IN_FLIGHT_S = 0.03  # a scan is sampled and sent in 15 ms, the rest is the host's
 _OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01  # as the status has it, by instants that err a little
@@ -124,22 +125,23 @@ def false_fresh(stage: Stage) -> int:
     return n
 
 
-async def _play(say: Callable[[str], None], folder: Path, most: int) -> tuple[list[list[Time]], Stage]:
+async def _play(progress: ProgressBar, folder: Path, most: int) -> tuple[list[list[Time]], Stage]:
     found = []
+    progress.begin(len(CASES))
     async with Stage(folder) as stage:
         await stage.until_said("running")
         for case in CASES:
             times = [await once(case, stage) for _ in range(min(case.times, most))]
             found.append(times)
-            say(f"{case.name}: {len(times)} times")
+            progress.advance(case.name)
     return found, stage
 
 
-def bench_faults(say: Callable[[str], None], *, quick: bool) -> str:
+def bench_faults(progress: ProgressBar, *, quick: bool) -> str:
     """Table of what faults cost and how long they last."""
     logging.getLogger("tactiled.daemon").setLevel(logging.ERROR)  # it says each fault, as it should
     with tempfile.TemporaryDirectory(prefix="tactiled-") as folder:
-        found, stage = asyncio.run(_play(say, Path(folder), 2 if quick else 10))
+        found, stage = asyncio.run(_play(progress, Path(folder), 2 if quick else 10))
     lost_s = lost_scans(stage.board.taken_s, stage.scans)
     rows, wrong = [], []
     for case, times in zip(CASES, found, strict=True):

@@ -1,6 +1,6 @@
 """The slip rule where the paper did not try it: other speeds, any direction, turns, more noise."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from tactiled.bench.report import table
 from tactiled.emulator.scene import Scene, load_scene
 from tactiled.emulator.truth import TrueSlip
 from tactiled.events.types import SlipEvent
+from tactiled.progress import ProgressBar
 
 _RIGHT_S = 0.3  # an event so near a true one is said of it: three times the paper's own delay
 
@@ -58,12 +59,12 @@ HEAD = (
 )  # fmt: skip
 
 
-def off_protocol(say: Callable[[str], None], *, seeds: int) -> str:
+def off_protocol(progress: ProgressBar, *, seeds: int) -> str:
     """Table of every case."""
     rows = []
     for case in CASES:
         rows.append(score(case.name, [play(case.scene(seed), seed) for seed in range(seeds)]))
-        say(f"{case.name}: {seeds} runs")
+        progress.advance(case.name)
     return (
         "The rule off the paper's protocol: a flat plate, 20 N, any direction; right is what is within "
         f"{_RIGHT_S:g} s of the truth, and errors are of those. {seeds} runs a row (seeds 1..{seeds}).\n\n"

@@ -4,13 +4,13 @@ Each protocol of Wang, Chen, Mei 2019 runs in simulated time through firmware, l
 the published detectors. The scenes prescribe signals: what is compared is the estimators, not the sensor.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
-from tactiled.bench.off_protocol import off_protocol
+from tactiled.bench.off_protocol import CASES, off_protocol
 from tactiled.bench.play import NONE, Run, play, spread
 from tactiled.bench.report import table
 from tactiled.detect.slip_wavelet import level_at
@@ -18,6 +18,7 @@ from tactiled.detect.suite import DetectParams
 from tactiled.detect.wavelet import BankParams, SwtBank, border_scans
 from tactiled.emulator.scene import Scene, paper_scenes
 from tactiled.events.types import TextureEvent
+from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
 FloatArray = NDArray[np.float64]
@@ -33,18 +34,20 @@ PUBLISHED: dict[tuple[float, float], dict[str, tuple[str, str, str]]] = {
 }
 
 
-def bench_paper(say: Callable[[str], None], *, quick: bool) -> str:
+def bench_paper(progress: ProgressBar, *, quick: bool) -> str:
     """Slip on a flat plate, table 2 of the paper for simulation and for experiment, and slip elsewhere."""
     seeds = 2 if quick else 10
-    return f"{compare(say, paper_scenes(), seeds=seeds)}\n\n{off_protocol(say, seeds=seeds)}"
+    scenes = paper_scenes()
+    progress.begin(len(scenes) + len(CASES))
+    return f"{compare(progress, scenes, seeds=seeds)}\n\n{off_protocol(progress, seeds=seeds)}"
 
 
-def compare(say: Callable[[str], None], scenes: Mapping[str, Scene], *, seeds: int) -> str:
+def compare(progress: ProgressBar, scenes: Mapping[str, Scene], *, seeds: int) -> str:
     """The paper's tables from scenes named as in `paper_scenes`."""
     runs: dict[str, list[Run]] = {}
     for name, scene in scenes.items():
         runs[name] = [play(scene, seed) for seed in range(seeds)]
-        say(f"{name}: {seeds} runs of {scene.duration_s:g} s")
+        progress.advance(name)
     title = f"{seeds} runs of each protocol (seeds 1..{seeds}); mean ± standard deviation"
     flat = {name: runs[name] for name in ("flat-experiment", "flat-simulation")}
     grooves = "\n\n".join(

@@ -16,18 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from tactiled.bench.pool import workers
-from tactiled.bench.progress import Progress
 from tactiled.bench.slip_cost import costs
 from tactiled.bench.slip_latency import fastest_level, measure
 from tactiled.bench.slip_noise import oracle_tail, rule_maxima, rule_pieces, rule_tails
 from tactiled.bench.slip_oracle import Oracle
-from tactiled.bench.slip_picture import draw_slip
 from tactiled.bench.slip_quiet import HELD, Quiet, count, quiet_families
 from tactiled.bench.slip_report import Measured, numbers_of, text_of
 from tactiled.bench.slip_rest import rests, tasks
 from tactiled.bench.slip_rivals import Knobs, rivals, sweep
 from tactiled.bench.slip_scenes import Played, play, slipping_families, tuned_families
 from tactiled.emulator.families import QUIET, Family
+from tactiled.progress import ProgressBar
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
 TUNE_SEED = 1001
@@ -58,14 +57,13 @@ FULL = Sizes(tune=2, slips=10, quiet=7, noise_hours=4.0, readings=3, cost_scans=
 
 
 def bench_slip(
-    say: Callable[[str], None], *, quick: bool, picture: Path | None = None, numbers: Path | None = None
+    progress: ProgressBar, *, quick: bool, picture: Path | None = None, numbers: Path | None = None
 ) -> str:
     """Aims, latency, false alarms, errors of direction and onset, cost, and the curve to choose from.
 
     Parameters
     ----------
-    say : callable
-        Takes a line of progress.
+    progress : ProgressBar
     quick : bool
         Fewer seeds, about a minute where no curve is asked for.
     picture : Path, optional
@@ -73,15 +71,19 @@ def bench_slip(
     numbers : Path, optional
         JSON to write: every number, case by case.
     """
-    found = _measured(say, QUICK if quick else FULL, with_sweep=picture is not None or numbers is not None)
+    found = _measured(
+        progress, QUICK if quick else FULL, with_sweep=picture is not None or numbers is not None
+    )
     if picture is not None:
+        from tactiled.bench.slip_picture import draw_slip  # matplotlib is an extra
+
         draw_slip(picture, found.cases, found.quiet, found.knobs)
     if numbers is not None:
         numbers.write_text(json.dumps(numbers_of(found), indent=1, allow_nan=False))
     return text_of(found)
 
 
-def _measured(say: Callable[[str], None], sizes: Sizes, *, with_sweep: bool) -> Measured:
+def _measured(progress: ProgressBar, sizes: Sizes, *, with_sweep: bool) -> Measured:
     tune_seeds = range(TUNE_SEED, TUNE_SEED + sizes.tune)
     slip_seeds = range(REPORT_SEED, REPORT_SEED + sizes.slips)
     quiet_seeds = range(REPORT_SEED, REPORT_SEED + sizes.quiet)
@@ -97,7 +99,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes, *, with_sweep: bool) -> 
         sum(_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count),
         _REST_S * len(to_rest),
     ]
-    progress = Progress(say, sum(work))
+    progress.begin(sum(work))
     with workers() as pool:
         each = Each(pool, progress)
         pieces = rule_pieces(sizes.noise_hours)
@@ -135,7 +137,6 @@ def _measured(say: Callable[[str], None], sizes: Sizes, *, with_sweep: bool) -> 
         ):
             without.add(part)
         resting = each("loads that rest", rests, to_rest, [_REST_S] * len(to_rest))
-    progress.close()
     return Measured(
         seeds={
             "tune": list(tune_seeds),
@@ -156,7 +157,7 @@ def _measured(say: Callable[[str], None], sizes: Sizes, *, with_sweep: bool) -> 
 class Each:
     """Work for a pool: the longest first, so that no worker waits for the last; results in order."""
 
-    def __init__(self, pool: Executor, progress: Progress) -> None:
+    def __init__(self, pool: Executor, progress: ProgressBar) -> None:
         self._pool, self._progress = pool, progress
 
     def __call__(

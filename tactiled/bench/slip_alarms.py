@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy import special
 
 from tactiled.bench.report import table
 from tactiled.bench.slip_faults import FAULTS
@@ -46,9 +46,9 @@ def mean_rate(alarms: Sequence[Alarms], *, told: bool) -> Rate:
     weight = 1 / (len(alarms) * apart)
     mean, most = float(per_hour.mean()), float(weight.max())
     spread = float((weight**2 * per_hour * apart).sum())
-    low = spread / (2 * mean) * chi2.ppf(0.025, 2 * mean**2 / spread) if mean else 0.0
+    low = spread / mean * special.gammaincinv(mean**2 / spread, 0.025) if mean else 0.0
     wider = spread + most**2
-    high = wider / (2 * (mean + most)) * chi2.ppf(0.975, 2 * (mean + most) ** 2 / wider)
+    high = wider / (mean + most) * special.gammaincinv((mean + most) ** 2 / wider, 0.975)
     return Rate(mean, float(low), float(high))
 
 

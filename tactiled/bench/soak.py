@@ -9,7 +9,6 @@ import gc
 import resource
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from tactiled.emulator.phases import Hold, Lift, Press, Rest, Slide
 from tactiled.emulator.scene import Scene
 from tactiled.emulator.truth import Truth
 from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.progress import ProgressBar
 from tactiled.wire.layout import load_layout
 
 HOUR_S = 3600.0
@@ -58,7 +58,7 @@ def grasps(duration_s: float) -> Scene:
     return Scene(name="grasps", phases=cycle * n)
 
 
-def soak(stretch: Stretch, say: Callable[[str], None]) -> Outcome:
+def soak(stretch: Stretch, progress: ProgressBar) -> Outcome:
     """Run a stretch and look at everything that it may get wrong."""
     array, layout = load_array("wang2019-3x3"), load_layout("board-v1")
     silence_s = max(0.05, 5.0 / stretch.rate_hz)
@@ -95,7 +95,7 @@ def soak(stretch: Stretch, say: Callable[[str], None]) -> Outcome:
         gc.collect()
         outcome.rss_mb.append(_rss_mb())
         outcome.blocks.append(sys.getallocatedblocks())
-        say(f"{stretch.name}: {tenth * 10} %, {ledger.account.delivered} scans, {outcome.rss_mb[-1]:.0f} MB")
+        progress.advance(f"{stretch.name}, {outcome.rss_mb[-1]:.0f} MB", stretch.duration_s / _TENTHS)
     ledger.close()
     outcome.took_s = time.perf_counter() - took_s
     outcome.health = rig.pipeline.health()
@@ -104,14 +104,15 @@ def soak(stretch: Stretch, say: Callable[[str], None]) -> Outcome:
     return outcome
 
 
-def bench_soak(say: Callable[[str], None], *, quick: bool) -> str:
+def bench_soak(progress: ProgressBar, *, quick: bool) -> str:
     """Tables of what was lost, what was false, and what grew."""
     stretches = [
         Stretch("clean line", 100.0, 600.0 if quick else 2 * HOUR_S, FaultParams()),
         Stretch("faults, 16 ms bunches", 100.0, 600.0 if quick else 12 * HOUR_S, BUNCHED),
         Stretch("faults, slow board", 4.0, 8 * HOUR_S if quick else 72 * HOUR_S, FAULTS),
     ]
-    outcomes = [soak(stretch, say) for stretch in stretches]
+    progress.begin(sum(stretch.duration_s for stretch in stretches))
+    outcomes = [soak(stretch, progress) for stretch in stretches]
     lost = table(
         ["stretch", "board time", "speed", "faults done", "scans taken", "delivered", "of these late",
          "missing, counted", "at restarts", "not accounted for"],

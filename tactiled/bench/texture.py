@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from tactiled.bench.pool import workers
-from tactiled.bench.progress import Progress
 from tactiled.bench.texture_aims import aims_table
 from tactiled.bench.texture_cost import Cost, OnlineCost, cost_table, online_table, run_cost
 from tactiled.bench.texture_count import FIRST_SEED, Counted, count_table, run_count
@@ -33,9 +32,9 @@ from tactiled.bench.texture_paper import (
     run_table2,
     table2,
 )
-from tactiled.bench.texture_picture import draw_texture
 from tactiled.bench.texture_tables import by_band, over_bound, refusals, threshold, wrong_rate
 from tactiled.bench.texture_two import Twofold, run_two, two_table
+from tactiled.progress import ProgressBar
 
 _QUICK_PLATES = ((0.9, 0), (1.2, 30))  # a fine one, and one that the procedure mostly refuses
 
@@ -114,14 +113,13 @@ class Found:
 
 
 def bench_texture(
-    say: Callable[[str], None], *, quick: bool, picture: Path | None = None, numbers: Path | None = None
+    progress: ProgressBar, *, quick: bool, picture: Path | None = None, numbers: Path | None = None
 ) -> str:
     """Error over bound, table 2, misfits, error against time, and cost.
 
     Parameters
     ----------
-    say : callable
-        Takes a line of progress.
+    progress : ProgressBar
     quick : bool
         Few seeds and plates: about a minute, coarser numbers.
     picture : Path, optional
@@ -131,7 +129,7 @@ def bench_texture(
     """
     sizes = QUICK if quick else FULL
     work_s = _work_s(sizes)
-    progress = Progress(say, sum(work_s.values()))
+    progress.begin(sum(work_s.values()))
 
     def part(name: str) -> Callable[[float], None]:
         return lambda share: progress.advance(name, share * work_s[name])
@@ -151,8 +149,9 @@ def bench_texture(
             costs,
             online,
         )
-    progress.close()
     if picture is not None:
+        from tactiled.bench.texture_picture import draw_texture  # matplotlib is an extra
+
         draw_texture(picture, found.joint, found.plates, found.slides)
     if numbers is not None:
         numbers.write_text(json.dumps(_plain({"sizes": asdict(sizes), **asdict(found)})))

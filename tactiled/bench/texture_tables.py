@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import beta
+from scipy import special
 
 from tactiled.bench.report import table
 from tactiled.bench.texture_grid import MIN_PERIODS, Summary, Trial, summary
@@ -75,7 +75,7 @@ def _row(name: str, trials: Sequence[Trial]) -> list[str]:
 def most_wrong(found: Summary) -> float:
     """Largest part of wrong answers that is not excluded (one-sided, Clopper and Pearson 1934)."""
     right = found.ok - found.wrong
-    return float(beta.ppf(_SURE, found.wrong + 1, right)) if right else 1.0
+    return float(special.betaincinv(found.wrong + 1, right, _SURE)) if right else 1.0
 
 
 def wrong_rate(trials: Sequence[Trial]) -> str:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, use_one_blas_thread
+from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, use_one_blas_thread
+from tactiled.progress import ProgressBar
 
 
 @click.command()
@@ -29,9 +30,14 @@ def detect(
 
     Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
     """
+    need_readable(file)
+    need_named(array, "config/arrays")
+    if plot is not None:
+        need_extra("matplotlib", "plot", "detect --plot")
     from tactiled.offline import detect_file
 
-    found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot)
+    with ProgressBar(f"detect {file}", writes_lines=True) as bar:
+        found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot, bar.reach)
     click.echo(f"{file}: {found} events", err=True)
 
 
@@ -70,11 +76,13 @@ def tune(
 
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """
+    if (quiet is None) != (motion is None):
+        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
+    need_readable(quiet, motion)
+    need_named(array, "config/arrays")
     use_one_blas_thread()
     from tactiled.tune.run import tune_files, tune_live
 
-    if (quiet is None) != (motion is None):
-        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
     if quiet is not None and motion is not None:
         tune_files(quiet, motion, array, per_hour)
     else:

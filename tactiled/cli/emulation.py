@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE
+from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 
 
 @click.command()
@@ -19,6 +19,7 @@ def demo(out: Path) -> None:
 
     Example: tactiled demo --out /tmp/demo.png
     """
+    need_extra("matplotlib", "plot", "the picture of the demo")
     from tactiled.demo import run_demo
 
     sys.exit(0 if run_demo(out) else 1)
@@ -56,6 +57,10 @@ def emulate(
 
     Example: tactiled emulate --scene demo --link /tmp/board
     """
+    if not explains and (link is None) == (tcp is None):
+        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+    need_named(protocol, "protocols")
+    need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile
     from tactiled.emulator.faults import FaultParams
     from tactiled.emulator.identity import BoardParams
@@ -70,8 +75,6 @@ def emulate(
 
         click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))
         return
-    if (link is None) == (tcp is None):
-        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
 
     def told(what: dict[str, Any]) -> None:
         print(json.dumps(what), flush=True)

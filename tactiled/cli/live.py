@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, need_toml, use_one_blas_thread
 
 
 @click.command()
@@ -20,13 +20,13 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 
     Example: tactiled run --config /etc/tactiled/left.toml
     """
+    need_board(config, port)
+    need_toml(config)
     use_one_blas_thread()
     from tactiled.config import Setup, default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
     from tactiled.daemon.service import ServiceParams, run_service
-
-    need_board(config, port)
 
     def load() -> Setup:
         return default_config(port or "") if config is None else load_config(config, port)

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE
+from tactiled.cli.options import FILE, need_extra
+from tactiled.progress import ProgressBar
 
 BENCHES = ("clock", "paper", "contact", "soak", "faults", "slip", "texture")
 
@@ -30,7 +31,11 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
         raise click.UsageError("--plot is for `bench contact`, `bench slip` and `bench texture`")
     if numbers is not None and name not in ("slip", "texture"):
         raise click.UsageError("--json is for `bench slip` and `bench texture`")
+    if plot is not None:
+        need_extra("matplotlib", "plot", "bench --plot")
     measure = getattr(import_module(f"tactiled.bench.{name}"), f"bench_{name}")
     written = {"picture": plot, "numbers": numbers}
     more = {"contact": {"picture": plot}, "slip": written, "texture": written}.get(name, {})
-    click.echo(measure(lambda words: click.echo(words, err=True), quick=quick, **more))
+    with ProgressBar(f"bench {name}", None) as progress:
+        text = measure(progress, quick=quick, **more)
+    click.echo(text)

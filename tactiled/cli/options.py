@@ -1,9 +1,17 @@
-"""What several verbs share: the same option is written, and explained, once."""
+"""Options and checks that several verbs share.
 
+The checks find mistakes in a call before its verb imports numpy, which takes most of a second.
+"""
+
+import errno
+import importlib.util
 import os
 from pathlib import Path
 
 import click
+
+from tactiled import tomltext
+from tactiled.errors import DataError, OperatorError
 
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -18,6 +26,51 @@ def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
     """Refuse a call that names no board."""
     if config is None and port is None:
         raise click.UsageError(f"say --config FILE, or --port PORT to {to} with defaults")
+
+
+def need_toml(*paths: Path | None) -> None:
+    """Refuse a file that cannot be read, or is no TOML."""
+    for path in paths:
+        if path is not None:
+            tomltext.read(path)
+
+
+def need_readable(*paths: Path | None) -> None:
+    """Refuse a data file that cannot be read."""
+    for path in paths:
+        if path is not None and (fault := _fault_of(path)):
+            raise DataError(f"{path}: cannot be read: {os.strerror(fault)}")
+
+
+def _fault_of(path: Path) -> int:
+    """Number of the error that opening a file would end in; 0 for none."""
+    if not path.exists():
+        return errno.ENOENT
+    if path.is_dir():
+        return errno.EISDIR
+    return 0 if os.access(path, os.R_OK) else errno.EACCES
+
+
+def need_extra(module: str, extra: str, what: str) -> None:
+    """Refuse what needs a library that is not installed, with the command that installs it.
+
+    Parameters
+    ----------
+    module : str
+        Name under which the library is imported.
+    extra : str
+        Extra of the distribution that installs it.
+    what : str
+        What needs it.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise OperatorError(f"{what} needs {module}: pip install 'tactiled[{extra}]'")
+
+
+def need_named(name_or_path: str | None, kind: str) -> None:
+    """Refuse an array (kind ``config/arrays``) or a layout (``protocols``) that is not there or no TOML."""
+    if name_or_path is not None:
+        tomltext.read(tomltext.locate(name_or_path, kind))
 
 
 def use_one_blas_thread() -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, PORT, need_board, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml, use_one_blas_thread
+from tactiled.progress import ProgressBar
 
 RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 
@@ -22,13 +23,14 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 
     Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
     """
+    need_board(config, port)
+    need_toml(config)
     use_one_blas_thread()
     from tactiled.config import default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
     from tactiled.daemon.service import run_service
 
-    need_board(config, port)
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
     service = setup.config.service.without_publishing()
@@ -64,18 +66,22 @@ def replay(
 
     Example: tactiled replay slide.mcap --topic slip
     """
+    if link is not None and (verify or topics):
+        raise click.UsageError("--link plays bytes; it prints and compares no events")
+    need_readable(*files)
     from tactiled.recording.playback import play
     from tactiled.recording.replay import replay as run_again
 
     if link is not None:
-        if verify or topics:
-            raise click.UsageError("--link plays bytes; it prints and compares no events")
         source = click.get_current_context().get_parameter_source("speed")
         is_default = source == click.core.ParameterSource.DEFAULT
-        played = play(files, link, 1.0 if is_default else speed)
+        with ProgressBar(f"replay to {link}") as progress:
+            played = play(files, link, 1.0 if is_default else speed, progress.reach)
         click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
         return
-    verdict = run_again(files, (lambda _: None) if verify else click.echo, topics=topics, speed=speed)
+    with ProgressBar("replay", writes_lines=not verify) as progress:
+        say = (lambda _: None) if verify else click.echo
+        verdict = run_again(files, say, topics=topics, speed=speed, reached=progress.reach)
     if verify:
         click.echo(verdict.words(), err=True)
         sys.exit(0 if verdict.is_good else 1)
@@ -97,11 +103,15 @@ def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
 
     Example: tactiled recover slide.mcap.active
     """
+    if not file.is_dir():
+        need_readable(file)
     from tactiled.recording.recover import recover as save
     from tactiled.recording.recover import recover_directory
 
     if not file.is_dir():
-        click.echo(save(file, out).words(), err=True)
+        with ProgressBar(f"recover {file}") as progress:
+            saved = save(file, out, progress.reach)
+        click.echo(saved.words(), err=True)
         return
     if out is not None:
         raise click.UsageError("--out is for one FILE")
@@ -121,10 +131,13 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
 
     Example: tactiled export slide.mcap --csv slide.csv
     """
-    from tactiled.recording.export import export_csv, export_npz
-
     if csv_out is None and npz_out is None:
         raise click.UsageError("say --csv OUT, --npz OUT or both")
+    need_readable(*files)
+    from tactiled.recording.export import export_csv, export_npz
+
     for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
         if out is not None:
-            click.echo(f"{out}: {write(files, out)} scans", err=True)
+            with ProgressBar(f"export {out}") as progress:
+                n_scans = write(files, out, progress.reach)
+            click.echo(f"{out}: {n_scans} scans", err=True)

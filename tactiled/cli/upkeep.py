@@ -3,10 +3,12 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from tactiled.cli.options import CONFIG, CONFIG_ENV, FILE, PORT, SPEED, need_board
+from tactiled import tomltext
+from tactiled.cli.options import CONFIG, CONFIG_ENV, FILE, PORT, SPEED, need_board, need_readable
 
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
 
@@ -15,18 +17,28 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
 def check_config(file: Path | None, schema: bool) -> None:
-    """Check a configuration and all files that it names, without touching the port.
+    """Check a configuration and all files that it names, without touching the port; or an array file.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
-    from tactiled.config import Config, load_config
-    from tactiled.doctor.unplugged import check_files, resolved_in_words
-
     if schema:
+        from tactiled.config import Config
+
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return
     if file is None:
         raise click.UsageError("say which FILE, or --schema")
+    if _describes_array(tomltext.read(file)):
+        from tactiled import tomlfile
+        from tactiled.array import ArrayFile, build
+
+        array = build(tomlfile.load(file, ArrayFile))
+        click.echo(json.dumps(array.summary()))
+        click.echo(f"{file}: good ({array.in_words()})", err=True)
+        return
+    from tactiled.config import load_config
+    from tactiled.doctor.unplugged import check_files, resolved_in_words
+
     setup = load_config(file)
     warnings = check_files(setup, str(file))
     click.echo(json.dumps(setup.config.model_dump(mode="json")))
@@ -35,6 +47,13 @@ def check_config(file: Path | None, schema: bool) -> None:
         click.echo(f"warning: {warning}", err=True)
     for line in resolved_in_words(setup):
         click.echo(line, err=True)
+
+
+def _describes_array(document: dict[str, Any]) -> bool:
+    """Whether a TOML file is an array; in a layout, `channels` is a number."""
+    return bool({"grids", "taxels", "taxel_channels"} & document.keys()) or isinstance(
+        document.get("channels"), list
+    )
 
 
 @click.command()
@@ -49,9 +68,9 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
 
     Example: tactiled doctor --config /etc/tactiled/left.toml
     """
+    need_board(config, port, "check")
     from tactiled.doctor.examine import run_doctor
 
-    need_board(config, port, "check")
     report, code = run_doctor(config, port, json_lines=json_lines, speed_mm_s=speed_mm_s)
     click.echo(report)
     sys.exit(code)
@@ -107,6 +126,7 @@ def fit_material(file: Path, level: float) -> None:
 
     Example: tactiled fit-material rubber.csv
     """
+    need_readable(file)
     from tactiled.emulator.mechanics.fit import fit_material_file
 
     fit = fit_material_file(file, level)

@@ -31,6 +31,7 @@ from tactiled.emulator.scene import load_scene
 from tactiled.emulator.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell
 SCENE = "demo"
@@ -110,7 +111,9 @@ def run_demo(picture: Path) -> bool:
         _say("board: tactiled emulate --scene", SCENE, "--link", str(link))
         start("board", "emulate", "--scene", SCENE, "--link", str(link))
         seen.t0_s = t0_s = _await(lines, "board", "the start of the scene", "scene")["t0_s"]
+        bar = stack.enter_context(ProgressBar("demo", end_s))
         while not cut_short and not _is_over(seen, t0_s + end_s):
+            bar.reach(time.monotonic() - t0_s)
             for name, message in _take(lines):
                 if message is None:
                     played_s = time.monotonic() - t0_s

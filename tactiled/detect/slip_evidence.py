@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy import special
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.quantise import Held
@@ -264,7 +264,7 @@ class Evidence:
 
 @functools.cache
 def _threshold(chance: float, axes: int) -> float:
-    return float(chi2.isf(chance, axes))
+    return float(special.chdtri(axes, chance))
 
 
 def _size(axes: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ channels of a taxel are pressed alike.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_model import Layout
@@ -176,4 +176,4 @@ class Phasors:
         """Whether one wave, alike in all channels of a kind, leaves no more than noise."""
         left = np.abs(self.z - self.fit(k[np.newaxis, np.newaxis])[0, :, 0]) ** 2
         dof = 2 * (len(self.z) - self.is_kind.shape[1] - 1)
-        return bool((left / self.variance).sum() < stats.chi2.isf(_FALSE_PAIR, max(dof, 1)))
+        return bool((left / self.variance).sum() < special.chdtri(max(dof, 1), _FALSE_PAIR))

@@ -8,7 +8,7 @@ under a ripple, or a slow ripple with its harmonics), the reading that leaves le
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, tabulate
@@ -98,7 +98,7 @@ def _fundamental(window: Window, turn: float, params: WaveParams, least_periods:
         more = float(((tables.explained() - alone) / variance).sum())
         # Drift that is no polynomial is strongest where a slower line would be.
         floor = max(1.0, floor_beside(left, turn / part, variance, turn))
-        level = floor * stats.chi2.isf(_FALSE_LINE, 2 * (part - 1) * len(variance))
+        level = floor * special.chdtri(2 * (part - 1) * len(variance), _FALSE_LINE)
         if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
             return turn / part
     return turn

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.wave_basis import Window, tabulate
@@ -93,7 +93,7 @@ def _belies(
     if not len(others.k):
         return False
     shared = len(layout.x_mm) / len(layout.places_mm)
-    least = shared * stats.chi2.isf(_FALSE_CONFLICT, 1)
+    least = shared * special.chdtri(1, _FALSE_CONFLICT)
     # Strays let either do better: what freedom is worth without them is more than with them.
     likeliest = found[int(found.gain.argmax())]
     plain = Solver(window, layout, motion, best.variance).solve(tables, likeliest.k, likeliest.turn, 2)

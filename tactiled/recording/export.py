@@ -13,10 +13,11 @@ import numpy as np
 
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
+from tactiled.recording.reader import Reached
 from tactiled.recording.steps import Replay
 
 
-def export_csv(paths: Sequence[Path], out: Path) -> int:
+def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None) -> int:
     """Table with ``time_s`` and one column a channel, volts, written so that each number reads back exactly.
 
     A reading that is not valid (saturated, reference fault) is an empty cell.
@@ -26,6 +27,8 @@ def export_csv(paths: Sequence[Path], out: Path) -> int:
     paths : sequence of Path
         One recording, or consecutive parts.
     out : Path
+    reached : callable, optional
+        Takes the share that is done, from 0 to 1.
 
     Returns
     -------
@@ -37,7 +40,7 @@ def export_csv(paths: Sequence[Path], out: Path) -> int:
     DataError
         A file is no recording or holds no scan, or `out` exists or cannot be written.
     """
-    replay = Replay(paths)
+    replay = Replay(paths, reached)
     n_scans = 0
     with _new_file(out), out.open("x", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream, lineterminator="\n")
@@ -49,13 +52,13 @@ def export_csv(paths: Sequence[Path], out: Path) -> int:
     return n_scans
 
 
-def export_npz(paths: Sequence[Path], out: Path) -> int:
+def export_npz(paths: Sequence[Path], out: Path, reached: Reached | None = None) -> int:
     """Arrays: ``time_s``, ``time_sd_s``, ``unix_offset_s``, ``index``, ``late`` (n,), ``volts`` and ``valid``
     (n, channels), ``channel_name`` (channels,). ``time_s + unix_offset_s`` is epoch time.
 
     As `export_csv`; readings that are not valid keep their value here.
     """
-    replay = Replay(paths)
+    replay = Replay(paths, reached)
     names = np.array(replay.header.source.array.channel_name)
     columns: dict[str, list[object]] = {
         name: [] for name in ("time_s", "time_sd_s", "unix_offset_s", "index", "late", "volts", "valid")

@@ -59,6 +59,11 @@ class Extent:
     other_forms: set[str] = field(default_factory=set)
 
     @property
+    def share_read(self) -> float:
+        """Part of the file that was read, 0 to 1."""
+        return self.good_bytes / self.size_bytes if self.size_bytes else 0.0
+
+    @property
     def is_whole(self) -> bool:
         """All that was ever written was read."""
         return self.is_complete and not self.is_damaged

@@ -18,8 +18,9 @@ from pathlib import Path
 
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.recording.contents import Read
+from tactiled.recording.extent import Extent
 from tactiled.recording.pace import Pace
-from tactiled.recording.reader import in_order, read_items
+from tactiled.recording.reader import Reached, in_order, read_items
 
 _POLL_S = 0.02
 _SETTLE_S = 0.2  # drivers throw away what they find in the first moments after opening
@@ -35,7 +36,7 @@ class Played:
     latest_s: float
 
 
-def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
+def play(paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached | None = None) -> Played:
     """Play recordings to whoever opens `link`; begins when someone does.
 
     Parameters
@@ -46,6 +47,8 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
         Name under which the pseudo-terminal appears meanwhile.
     speed : float
         1 is real time, 0 as fast as the driver reads.
+    reached : callable, optional
+        Takes the share that is done, from 0 to 1.
 
     Raises
     ------
@@ -61,8 +64,11 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0) -> Played:
     n_bytes, latest_s = 0, 0.0
     with _terminal(link) as (master, device):
         _wait_for_reader(master)
-        for path in paths:
-            for item in read_items(path):
+        for number, path in enumerate(paths):
+            extent = Extent()
+            for item in read_items(path, extent):
+                if reached is not None:
+                    reached((number + extent.share_read) / len(paths))
                 if isinstance(item, Read) and item.data:
                     pace.wait(item.arrival_s)
                     began_s = time.monotonic()

@@ -4,7 +4,7 @@
 """
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -19,6 +19,9 @@ from tactiled.recording.contents import Header, Input, Item, Read
 from tactiled.recording.extent import Damage, Extent
 
 logger = logging.getLogger(__name__)
+
+Reached = Callable[[float], None]
+"""Takes the share of the work that is done, from 0 to 1."""
 
 
 @dataclass
@@ -101,7 +104,7 @@ def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
     return sorted(headers, key=lambda entry: (runs.index(entry[1].run), entry[1].part))
 
 
-def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
+def read_items(path: Path, extent: Extent | None = None, reached: Reached | None = None) -> Iterator[Item]:
     """Everything in a recording, in the order of the file; an unfinished file ends at its last whole chunk.
 
     A stretch in the middle that cannot be read is an `Input` "damaged". At the end the log is told what could
@@ -112,6 +115,8 @@ def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
     path : Path
     extent : Extent, optional
         Filled meanwhile.
+    reached : callable, optional
+        Takes the share of the file that has been read, from 0 to 1.
 
     Raises
     ------
@@ -122,6 +127,8 @@ def read_items(path: Path, extent: Extent | None = None) -> Iterator[Item]:
     with open_recording(path) as stream:
         known = _Channels(other_forms=extent.other_forms)
         for found in chunks(stream, extent):
+            if reached is not None:
+                reached(extent.share_read)
             if isinstance(found, Damage):
                 yield found.mark()
                 continue

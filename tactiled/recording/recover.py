@@ -18,7 +18,7 @@ from tactiled.recording.chunks import chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
 from tactiled.recording.extent import Damage, Extent
-from tactiled.recording.reader import open_recording, read_header
+from tactiled.recording.reader import Reached, open_recording, read_header
 from tactiled.recording.rotation import free_mb
 from tactiled.recording.writer import ACTIVE, sync_directory
 
@@ -73,7 +73,9 @@ class Recovered:
         )
 
 
-def recover(path: Path, out: Path | None = None, *, replace_original: bool = False) -> Recovered:
+def recover(
+    path: Path, out: Path | None = None, reached: Reached | None = None, *, replace_original: bool = False
+) -> Recovered:
     """Copy what is whole into a finished file; the original is only read, and locked meanwhile.
 
     Parameters
@@ -82,6 +84,8 @@ def recover(path: Path, out: Path | None = None, *, replace_original: bool = Fal
         A ``.active`` file, or a recording cut anywhere.
     out : Path, optional
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
+    reached : callable, optional
+        Takes the share that is done, from 0 to 1.
     replace_original : bool
         Remove the original once the finished file is on the disk, and give that file its time.
 
@@ -101,6 +105,8 @@ def recover(path: Path, out: Path | None = None, *, replace_original: bool = Fal
                 copy = _Copy(target, header)
                 for found in chunks(stream, extent):
                     copy.take(found)
+                    if reached is not None:
+                        reached(extent.share_read)
                 lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
                 copy.finish(path.name, lost_bytes)
             if replace_original:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tactiled.events.codec import to_map
 from tactiled.recording.pace import Pace
+from tactiled.recording.reader import Reached
 from tactiled.recording.steps import Replay, is_damage
 from tactiled.recording.verdict import Verdict, Verifier
 
@@ -18,6 +19,7 @@ def replay(
     topics: Collection[str] = (),
     speed: float = 0.0,
     sleep: Callable[[float], None] = time.sleep,
+    reached: Reached | None = None,
 ) -> Verdict:
     """Run recordings again and say each event as the JSON line that `tactiled listen` printed live.
 
@@ -30,6 +32,8 @@ def replay(
         Only these; empty for all.
     speed : float
         1 is real time, 2 twice as fast, 0 as fast as can be.
+    reached : callable, optional
+        Takes the share that is done, from 0 to 1.
 
     Raises
     ------
@@ -38,7 +42,7 @@ def replay(
     """
     seqs: dict[str, int] = {}
     pace = Pace(speed, sleep)
-    again = Replay(paths)
+    again = Replay(paths, reached)
     verdict = Verifier(again)
     for step in again:
         if not is_damage(step.told):  # which has no instant of this clock

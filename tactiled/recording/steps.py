@@ -15,7 +15,7 @@ from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline
 from tactiled.recording.contents import Header, Input, Read, Said
 from tactiled.recording.extent import Extent
-from tactiled.recording.reader import in_order, read_items
+from tactiled.recording.reader import Reached, in_order, read_items
 from tactiled.wire.frames import Hello
 
 
@@ -41,6 +41,8 @@ class Replay:
     ----------
     paths : sequence of Path
         One file, or consecutive parts of one recording, in any order.
+    reached : callable, optional
+        Takes the share of all files that has been read, from 0 to 1.
 
     Attributes
     ----------
@@ -56,7 +58,7 @@ class Replay:
         A file is no recording, or the parts do not follow each other.
     """
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Path], reached: Reached | None = None) -> None:
         parts = in_order(paths)
         for (_, before), (path, header) in pairwise(parts):
             if (header.run, header.part) != (before.run, before.part + 1):
@@ -64,6 +66,7 @@ class Replay:
                     f"{path}: is part {header.part}, and part {header.part - 1} of its run was not given: "
                     "give consecutive parts of one recording, each once"
                 )
+        self._reached = reached
         self.header: Header = parts[0][1]
         self.extents = {path: Extent() for path, _ in parts}
         self.pipeline = Pipeline(self.header.source.layout, self.header.source.array, self.header.pipeline)
@@ -73,8 +76,8 @@ class Replay:
         if self.header.hello:
             pipeline.receive_data(self.header.hello, 0.0)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
-        for path, extent in self.extents.items():
-            for told, live, is_cut in _steps(path, extent):
+        for number, (path, extent) in enumerate(self.extents.items()):
+            for told, live, is_cut in _steps(path, extent, self._share_of(number)):
                 now: list[Said] = []
                 for output in _run(pipeline, told, path):
                     if isinstance(output, Hello):
@@ -82,6 +85,11 @@ class Replay:
                     elif isinstance(output, Event):
                         now.append(Said(output, board, told.unix_offset_s, "pipeline"))
                 yield Step(told, tuple(now), live, is_cut)
+
+    def _share_of(self, number: int) -> Reached | None:
+        """Progress in one part as progress in all of them; parts of a rotated recording are alike in size."""
+        reached = self._reached
+        return reached and (lambda share: reached((number + share) / len(self.extents)))
 
 
 def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]:
@@ -100,11 +108,13 @@ def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]
     return ()
 
 
-def _steps(path: Path, extent: Extent) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
+def _steps(
+    path: Path, extent: Extent, reached: Reached | None
+) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
     """What went in, each with the pipeline's events that are recorded behind it."""
     told: Read | Input | None = None
     live: list[Said] = []
-    for item in read_items(path, extent):
+    for item in read_items(path, extent, reached):
         if not isinstance(item, Said):
             if told is not None:
                 yield told, tuple(live), is_damage(item)

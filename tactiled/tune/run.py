@@ -6,10 +6,11 @@ from pathlib import Path
 import click
 
 from tactiled.errors import ConfigError
+from tactiled.progress import ProgressBar
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
 from tactiled.tune.live import record_live
-from tactiled.tune.study import study
+from tactiled.tune.study import N_STAGES, study
 from tactiled.tune.words import as_map, as_toml, in_words
 
 
@@ -43,7 +44,8 @@ def tune_live(
 
 def judge(quiet: Recording, motion: Recording, wanted_per_hour: float) -> None:
     """Print a study of two recordings."""
-    found = study(quiet, motion, wanted_per_hour, _tell)
+    with ProgressBar("tune", N_STAGES) as bar:
+        found = study(quiet, motion, wanted_per_hour, bar.advance)
     _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
     click.echo(json.dumps(as_map(found), allow_nan=False))
 

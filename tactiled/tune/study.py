@@ -32,6 +32,8 @@ SHEARS = tuple(float(s) for s in np.round(np.geomspace(0.02, 1.0, 18), 3))
 # All that a skin of friction 0.3 bears on the 2019 array: the weakest slip of a dry one.
 WEAK_SHEAR = 0.57
 ONSETS: Mapping[str, Onset] = {"sudden": Onset(WEAK_SHEAR, 0.1), "slow": Onset(WEAK_SHEAR, 1.0)}
+# Two ladders, the shipped settings and the proposed one, and what is left while the last of them is judged.
+N_STAGES = 2 + len(SETTINGS) + 1 + 1
 
 Tell = Callable[[str], None]
 

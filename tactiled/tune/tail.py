@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binom, chi2
+from scipy import special
 
 LEVEL = 0.95
 _ENOUGH = 10  # alarms above u: the scale is then good to a third
@@ -27,7 +27,7 @@ def rate_interval(count: int, hours: float) -> tuple[float, float]:
     if count == 0:
         return 0.0, float(-np.log(1 - LEVEL) / hours)
     side = (1 - LEVEL) / 2
-    low, high = chi2.ppf(side, 2 * count) / 2, chi2.isf(side, 2 * count + 2) / 2
+    low, high = special.gammaincinv(count, side), special.chdtri(2 * count + 2, side) / 2
     return float(low / hours), float(high / hours)
 
 
@@ -54,9 +54,10 @@ class Tail:
     def needed(self, per_hour: float) -> tuple[float, float, float]:
         """Strictness for a rate, and its 95 % interval: 2 n mean / scale is chi-square of 2 n."""
         times = max(0.0, float(np.log(self.count / self.hours / per_hour)))
-        n, side = 2 * self.count, (1 - LEVEL) / 2
+        n, side = self.count, (1 - LEVEL) / 2
         excess = self.scale * times
-        low, high = excess * n / chi2.isf(side, n), excess * n / chi2.ppf(side, n)
+        low = excess * 2 * n / special.chdtri(2 * n, side)
+        high = excess * n / special.gammaincinv(n, side)
         return self.start + excess, self.start + float(low), self.start + float(high)
 
 
@@ -89,7 +90,7 @@ def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
     """
     ordered = np.sort(np.asarray(values, dtype=np.float64))
     n = len(ordered)
-    k = int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
+    k = int(np.searchsorted(special.bdtr(np.arange(n + 1), n, 0.5), (1 - LEVEL) / 2))
     # Two halves of inf are one: no mean of unequal infinities arises, since all are of one sign.
     middle = float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2
     low = max(k - 1, 0)

@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tactiled import resources, tomlfile
-from tactiled.errors import ConfigError
+from tactiled import tomlfile, tomltext
 from tactiled.wire.checksum import CHECKSUMS, Checksum
 from tactiled.wire.schema import Direction, FieldLayout, LayoutFile, width
 
@@ -116,8 +115,4 @@ def compile_layout(file: LayoutFile) -> Layout:
 
 def load_layout(name_or_path: str) -> Layout:
     """Layout by shipped name (``board-v1``) or by path; `ConfigError` with every fault of the file."""
-    path = resources.find(name_or_path, "protocols")
-    if resources.is_name(name_or_path) and not path.exists():
-        known = ", ".join(resources.shipped_names("protocols"))
-        raise ConfigError("protocol", [f"no layout named {name_or_path!r}; shipped: {known}"])
-    return compile_layout(tomlfile.load(path, LayoutFile))
+    return compile_layout(tomlfile.load(tomltext.locate(name_or_path, "protocols"), LayoutFile))

@@ -13,7 +13,6 @@ from scipy.stats import chi2
 
 from tactiled.array import load_array
 from tactiled.bench import slip_alarms, slip_tables
-from tactiled.bench.progress import Progress
 from tactiled.bench.slip import Each
 from tactiled.bench.slip_aims import aims_table, limit_table
 from tactiled.bench.slip_cost import Cost
@@ -39,6 +38,7 @@ from tactiled.bench.slip_score import Found
 from tactiled.cli import cli
 from tactiled.detect.slip_coherent import SETTINGS as DETECTOR_SETTINGS
 from tactiled.emulator.families import QUIET
+from tactiled.progress import ProgressBar
 
 TAIL = Tail(5.0, 0.5, 1.0)
 KEYS = [(rule, level) for rule in RULES for level in LEVELS] + [COHERENT]
@@ -237,16 +237,14 @@ def test_all_is_printed_written_without_nan_and_drawn(
 
 
 def test_work_is_done_longest_first_and_given_in_order() -> None:
-    begun, lines = list[str](), list[str]()
+    begun = list[str]()
 
     def work(name: str) -> str:
         begun.append(name)
         return name.upper()
 
     with ThreadPoolExecutor(1) as pool:
-        found = Each(pool, Progress(lines.append, 8.0))(
-            "some", work, [("a",), ("b",), ("c",)], [1.0, 5.0, 2.0]
-        )
+        found = Each(pool, ProgressBar("slips", 8.0))("some", work, [("a",), ("b",), ("c",)], [1.0, 5.0, 2.0])
     assert begun == ["b", "c", "a"]
     assert found == ["A", "B", "C"]
 

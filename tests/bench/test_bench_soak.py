@@ -9,13 +9,14 @@ from tactiled.bench.soak import BUNCHED, soak
 from tactiled.bench.soak_outcome import Outcome, Stretch
 from tactiled.emulator.scanning import ScanTruth
 from tactiled.events.types import ScanEvent
+from tactiled.progress import ProgressBar
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
     """Ten minutes with ten times the faults of the bench's."""
     faults = BUNCHED.model_copy(update={"reboot_per_s": 1 / 90, "unplug_per_s": 1 / 60, "stall_per_s": 0.1})
-    return soak(Stretch("test", 20.0, 600.0, faults), lambda _: None)
+    return soak(Stretch("test", 20.0, 600.0, faults), ProgressBar("soak"))
 
 
 def test_ten_minutes_of_faults_are_accounted_for(outcome: Outcome) -> None:

@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tactiled import __version__
+
 CHECKOUT = Path(__file__).parents[2]
 SUITE, PYTHON = "bookworm", "3.11"  # Debian 12, the oldest that we serve, and the Python that it has
 PACKAGES = "systemd,systemd-sysv,dbus,python3,python3-venv,procps"
@@ -41,22 +43,20 @@ def make_root(root: Path) -> None:
 
 
 def make_wheels(folder: Path, version: str) -> None:
-    """The checkout as a wheel that says it is `version`, and all that it needs."""
+    """The checkout as two wheels that say they are `version`, and all that they need."""
     copy = folder / f"source-{version}"
-    for name in ("tactiled", "protocols", "config", "systemd"):
+    for name in ("tactiled", "protocols", "config", "systemd", "packaging"):
         shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("README.md", "LICENSE"):
+    for name in ("README.md", "LICENSE", "hatch_build.py", "pyproject.toml"):
         shutil.copy(CHECKOUT / name, copy)
-    project = (CHECKOUT / "pyproject.toml").read_text()
-    (line,) = [line for line in project.splitlines() if line.startswith("version = ")]
-    (copy / "pyproject.toml").write_text(project.replace(line, f'version = "{version}"'))
+    for path in (copy / "pyproject.toml", copy / "tactiled" / "__init__.py"):
+        path.write_text(path.read_text().replace(__version__, version))
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(copy)]
-    subprocess.run(build, check=True, timeout=COMMAND_S)
-    (wheel,) = folder.glob(f"tactiled-{version}-*.whl")
-    pins = ["--constraint", str(CHECKOUT / "constraints.txt")]
+    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
+    subprocess.run([*build, str(copy), str(copy / "packaging" / "client")], check=True, timeout=COMMAND_S)
+    pins = ["--require-hashes", "--requirement", str(CHECKOUT / "requirements" / "daemon.txt")]
     target = ["--python-version", PYTHON, "--only-binary=:all:", "--dest", str(folder)]
-    _or_cannot("the wheels could not be had", [*pip, "download", *pins, *target, str(wheel)])
+    _or_cannot("the wheels could not be had", [*pip, "download", "--no-deps", *pins, *target])
 
 
 class Container:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import poisson
+from scipy.stats import binom, poisson
 
 from tactiled.tune.tail import fit_tail, median_interval, rate_interval, silent_from
 
@@ -67,3 +67,10 @@ def test_what_was_never_told_counts_as_later_than_all() -> None:
     assert median_interval([0.1, np.inf, np.inf])[0] == np.inf
     assert median_interval([0.1, 0.2, 0.3, np.inf])[0] == pytest.approx(0.25)
     assert median_interval([0.1]) == (0.1, 0.1, 0.1)
+
+
+@given(st.integers(1, 2000))
+def test_the_place_of_a_limit_is_the_quantile_of_the_binomial_distribution(n: int) -> None:
+    _, low, high = median_interval(range(1, n + 1))
+    place = max(int(binom.ppf(0.025, n, 0.5)), 1)
+    assert (low, high) == (place, n + 1 - place)

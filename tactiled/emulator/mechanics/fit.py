@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy import special
 
 from tactiled.emulator.mechanics.stability import StableRange, stable_range
 from tactiled.errors import DataError
@@ -131,7 +131,7 @@ def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -
     constants = right.T @ ((left.T @ stress_mpa) / sizes) / scale
     variance = float(np.sum((stress_mpa - design @ constants) ** 2)) / (n - 3)
     spread = np.sqrt(variance * np.sum((right.T / sizes) ** 2, axis=1)) / scale
-    reach = float(student.ppf(0.5 + level / 2, n - 3)) * spread
+    reach = float(special.stdtrit(n - 3, 0.5 + level / 2)) * spread
     c1, c2, c3 = (float(c) for c in constants)
     low1, low2, low3 = (float(c) for c in constants - reach)
     high1, high2, high3 = (float(c) for c in constants + reach)

@@ -1,0 +1,38 @@
+"""``python -m tactiled.client``: what `tactiled listen` is where only tactiled-client is installed."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from tactiled.client.listen import listen
+from tactiled.errors import TactiledError
+from tactiled.events.endpoints import DEFAULT_ENDPOINT
+from tactiled.events.types import EVENT_TYPES
+
+
+def main() -> int:
+    """Print what a daemon publishes, one JSON line for each message; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tactiled.client",
+        description="Print what a tactiled daemon publishes, one JSON line for each message.",
+        epilog="Example: python -m tactiled.client --topic slip",
+    )
+    parser.add_argument("endpoint", nargs="?", default=DEFAULT_ENDPOINT, help="default: %(default)s")
+    parser.add_argument("-t", "--topic", action="append", default=[], choices=EVENT_TYPES, dest="topics")
+    parser.add_argument("-n", "--count", type=int, help="stop after this many messages")
+    parser.add_argument(
+        "--timeout", type=float, dest="timeout_s", help="stop after so many seconds; 1 if nothing came"
+    )
+    parser.add_argument("--keys", type=Path, help="our file of `tactiled keys make`")
+    asked = parser.parse_args()
+    try:
+        return listen(
+            asked.endpoint, asked.topics, count=asked.count, timeout_s=asked.timeout_s, keys=asked.keys
+        )
+    except TactiledError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""How far a verb is: a bar on standard error if that is a terminal, else one plain line at the start."""
+
+import sys
+from types import TracebackType
+from typing import TYPE_CHECKING, Self, TextIO
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+    from rich.progress import TaskID
+
+
+class ProgressBar:
+    """A context manager; its bar disappears at the end.
+
+    Parameters
+    ----------
+    title : str
+        What is done, e.g. ``replay slide.mcap``.
+    total : float, optional
+        Work to come, in any unit; without it the bar shows that time passes.
+    writes_lines : bool
+        The verb prints to standard output meanwhile. Where that is a terminal too, there is no bar: it would
+        be drawn into those lines.
+    terminal : TextIO, optional
+        Where the bar is drawn; standard error if not given.
+
+    Notes
+    -----
+    `rich` is imported where a bar is drawn and nowhere else.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        total: float | None = 1.0,
+        *,
+        writes_lines: bool = False,
+        terminal: TextIO | None = None,
+    ) -> None:
+        self._title, self._total = title, total
+        self._stream = sys.stderr if terminal is None else terminal
+        self._has_bar = self._stream.isatty() and not (writes_lines and sys.stdout.isatty())
+        self._bar: RichProgress | None = None
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Self:
+        if not self._has_bar:
+            print(f"{self._title} ...", file=self._stream, flush=True)
+            return self
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            TaskProgressColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+        from rich.progress import Progress as RichProgress
+
+        self._bar = RichProgress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(compact=True),
+            console=Console(file=self._stream),
+            refresh_per_second=4,
+            transient=True,
+            redirect_stdout=False,  # which rich would print to standard error
+        )
+        self._bar.start()
+        self._task = self._bar.add_task(self._title, total=self._total)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def begin(self, total: float) -> None:
+        """Say how much work there is, once that is known."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, total=total)
+
+    def advance(self, what: str, work: float = 1.0) -> None:
+        """Count work as done; `what` names it beside the title."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, advance=work, description=f"{self._title}: {what}")
+
+    def reach(self, done: float) -> None:
+        """Say how much is done in all."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done)
+
+    def note(self, what: str) -> None:
+        """Name what is being done now."""
+        self.advance(what, 0.0)

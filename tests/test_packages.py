@@ -1,0 +1,187 @@
+"""The two distributions: what each ships, what each needs, and that no file belongs to both."""
+
+import email
+import json
+import re
+import subprocess
+import sys
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tactiled import __version__
+
+ROOT = Path(__file__).resolve().parent.parent
+CLIENT = ROOT / "packaging" / "client"
+ADDRESS = "https://example.org/robots/tactiled"
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Both wheels, built without the network from a copy that knows its repository."""
+    folder = tmp_path_factory.mktemp("wheels")
+    copy = folder / "checkout"
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard", "-z"], cwd=ROOT, capture_output=True, check=True
+    )
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        if (ROOT / name).is_file() and not name.startswith(("tests/", "docs/")):
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            (copy / name).write_bytes((ROOT / name).read_bytes())
+    project = copy / "pyproject.toml"
+    project.write_text(project.read_text().replace('address = ""', f'address = "{ADDRESS}"'))
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
+    built = [*pip, "--wheel-dir", str(folder), str(copy), str(copy / "packaging" / "client")]
+    subprocess.run(built, check=True, timeout=120)
+    return {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
+
+
+def files_of(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def metadata_of(wheel: Path) -> email.message.Message:
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return email.message_from_string(archive.read(name).decode())
+
+
+def test_no_file_belongs_to_both_distributions_and_none_is_missing(wheels: dict[str, Path]) -> None:
+    daemon, client = files_of(wheels["tactiled"]), files_of(wheels["tactiled_client"])
+    assert not daemon & client
+    sources = {str(path.relative_to(ROOT)) for path in (ROOT / "tactiled").rglob("*.py")}
+    assert {name for name in daemon | client if name.endswith(".py")} == sources
+    assert "tactiled/py.typed" in client
+
+
+def test_the_daemon_asks_for_the_client_of_its_own_version(wheels: dict[str, Path]) -> None:
+    daemon, client = metadata_of(wheels["tactiled"]), metadata_of(wheels["tactiled_client"])
+    assert daemon["Version"] == client["Version"] == __version__
+    assert f"tactiled-client=={__version__}" in daemon.get_all("Requires-Dist", [])
+
+
+def test_both_are_built_of_the_same_list_of_modules() -> None:
+    daemon = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
+    client = tomllib.loads((CLIENT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
+    wheel = client["targets"]["wheel"]
+    assert daemon["targets"]["wheel"]["exclude"] == wheel["hooks"]["custom"]["modules"]
+
+
+def test_the_daemon_installs_nothing_for_pictures_or_finite_elements(wheels: dict[str, Path]) -> None:
+    needed = metadata_of(wheels["tactiled"]).get_all("Requires-Dist", [])
+    plain = {re.split(r"[<>=\[; ]", line)[0] for line in needed if "extra ==" not in line}
+    assert not plain & {"matplotlib", "felupe", "mypy", "pytest"}
+    extras = {line.split(";")[0].strip() for line in needed if "extra ==" in line}
+    assert {"matplotlib>=3.9", "felupe<12,>=11.3"} <= extras
+    client = metadata_of(wheels["tactiled_client"]).get_all("Requires-Dist", [])
+    assert {re.split("[<>=]", line)[0] for line in client} == {"pyzmq", "msgpack"}
+
+
+def test_the_client_runs_with_zmq_and_msgpack_alone(wheels: dict[str, Path], tmp_path: Path) -> None:
+    """In a bare environment; pyzmq and msgpack, and nothing else of ours, are linked into it."""
+    import msgpack
+    import zmq
+
+    venv.create(tmp_path / "bare", with_pip=False, symlinks=True)
+    python = tmp_path / "bare" / "bin" / "python"
+    (site,) = (tmp_path / "bare").glob("lib/python*/site-packages")
+    with zipfile.ZipFile(wheels["tactiled_client"]) as archive:
+        archive.extractall(site)
+    for package in (zmq, msgpack):
+        folder = Path(str(package.__file__)).parent
+        for beside in folder.parent.glob(f"{'pyzmq' if package is zmq else 'msgpack'}*"):
+            (site / beside.name).symlink_to(beside)  # with the libraries that a wheel puts beside it
+        if not (site / folder.name).exists():
+            (site / folder.name).symlink_to(folder)
+    script = (
+        "import sys\n"
+        "for name in ('numpy', 'scipy', 'pydantic', 'click', 'serial'): sys.modules[name] = None\n"
+        "import tactiled.client, tactiled.client.listen, tactiled.client.__main__\n"
+        "print(tactiled.client.__file__)\n"
+    )
+    done = subprocess.run([python, "-I", "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(site / "tactiled" / "client" / "__init__.py")
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [str(python), "-I", "-m", "tactiled.client", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+    assert "Example: python -m tactiled.client" in run("--help").stdout
+    assert run("--topic", "slipp").returncode == 2
+    assert "it should look like" in run("nonsense").stderr
+    silent = run(f"ipc://{tmp_path}/none.ipc", "--timeout", "0.1")
+    assert (silent.returncode, silent.stdout) == (1, "")
+
+
+def test_both_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], tmp_path: Path) -> None:
+    """Installed from wheels, away from the checkout, protocols, config and scenes are still there."""
+    for wheel in wheels.values():
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(tmp_path / "site")
+    (tmp_path / "elsewhere").mkdir()
+
+    def python(*arguments: str) -> str:
+        done = subprocess.run(
+            [sys.executable, *arguments], cwd=tmp_path / "elsewhere", capture_output=True, text=True,
+            timeout=60, check=False, env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tmp_path / "site")},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "Example: tactiled listen" in python("-m", "tactiled", "listen", "--help")
+    assert "port" in json.loads(python("-m", "tactiled", "check-config", "--schema"))["properties"]
+    script = (
+        "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
+        "from tactiled.emulator.scene import load_scene; load_scene('demo');"
+        "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
+        "print(r.shipped('systemd', 'tactiled@.service').exists());"
+        "print(r.shipped('protocols', 'board.md').exists())"
+    )
+    own = str(tmp_path / "site" / "tactiled" / "__init__.py")
+    assert python("-c", script).split() == [own, "True", "True"]
+
+
+def test_the_unit_names_documents_that_the_install_brings(wheels: dict[str, Path]) -> None:
+    installed = {name.partition(".data/data/")[2] for name in files_of(wheels["tactiled"])}
+    unit = (ROOT / "systemd/tactiled@.service").read_text()
+    documents = re.findall(r"(?m)^Documentation=file:/opt/tactiled/(.*)$", unit)
+    assert documents
+    assert set(documents) <= installed  # pip of /opt/tactiled puts them where the unit says
+
+
+def test_links_of_the_page_on_an_index_are_absolute(wheels: dict[str, Path]) -> None:
+    """A package index shows README alone: a relative picture is a broken one there."""
+    metadata = metadata_of(wheels["tactiled"])
+    page = metadata.get_payload()
+    assert f"({ADDRESS}/raw/v{__version__}/docs/demo.png)" in page
+    assert f"({ADDRESS}/blob/v{__version__}/protocols/board.md)" in page
+    assert not re.search(r"\]\((?!https?://)", str(page))
+    addresses = metadata.get_all("Project-URL", [])
+    assert f"Source, {ADDRESS}" in addresses
+    assert any(line.startswith("Paper, https://doi.org/") for line in addresses)
+    assert metadata["Keywords"]
+    assert "Topic :: Scientific/Engineering" in metadata.get_all("Classifier", [])
+
+
+@pytest.mark.parametrize("level", ["daemon", "plot", "dev"])
+def test_every_pin_has_hashes_and_no_address(level: str) -> None:
+    text = (ROOT / "requirements" / f"{level}.txt").read_text()
+    pins = re.split(r"\n(?=[a-zA-Z])", text.strip())
+    assert all("==" in pin and "--hash=sha256:" in pin for pin in pins)
+    assert "http" not in text
+
+
+def test_the_levels_pin_the_same_versions_and_the_build() -> None:
+    def pins(level: str) -> dict[str, str]:
+        text = (ROOT / "requirements" / f"{level}.txt").read_text()
+        return dict(re.findall(r"^([\w.-]+)==(\S+)", text, re.MULTILINE))
+
+    daemon, plot, dev = pins("daemon"), pins("plot"), pins("dev")
+    assert daemon.items() < plot.items() < dev.items()
+    assert {"hatchling", "editables", "numpy", "pyzmq", "rich"} <= daemon.keys()
+    assert not {"matplotlib", "mypy", "felupe"} & daemon.keys()
+    assert not {"mypy", "felupe", "pytest"} & plot.keys()

@@ -1,0 +1,119 @@
+"""Mistakes in a call are reported before numpy is imported, which takes most of a second."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = ["numpy", "scipy", "pydantic", "rich"]
+LOADED = f"""\
+import sys
+from tactiled.cli import main
+sys.argv[0] = "tactiled"
+try:
+    main()
+finally:
+    import json
+    print(json.dumps([name for name in {HEAVY} if name in sys.modules]))
+"""
+
+
+def heavy_imports(*arguments: str, cwd: Path) -> tuple[int, list[str]]:
+    """Exit code of a call, and which of the slow libraries it imported."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED, *arguments],
+        capture_output=True, text=True, cwd=cwd, timeout=60, check=False,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    return done.returncode, json.loads(done.stdout.splitlines()[-1])
+
+
+def without(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """A call where a library is not installed."""
+    script = f"import sys; sys.modules[{module!r}] = None; from tactiled.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        capture_output=True, text=True, cwd=cwd, timeout=60, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["demo"], ["detect", "log.csv", "--plot", "a.png"], ["bench", "contact", "--quick", "--plot", "a.png"]],
+)
+def test_a_picture_without_matplotlib_names_the_command_that_installs_it(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a\n0.0,0.0\n")
+    done = without("matplotlib", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "needs matplotlib: pip install 'tactiled[plot]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["clock", "paper", "contact", "soak", "faults", "slip", "texture"])
+def test_benches_need_matplotlib_for_pictures_alone(name: str) -> None:
+    script = f"import sys; sys.modules['matplotlib'] = None; import tactiled.bench.{name}"
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frobnicate"],
+        ["run"],
+        ["run", "--nonsense"],
+        ["run", "--config", "none.toml"],
+        ["run", "--config", "broken.toml"],
+        ["record", "a.mcap"],
+        ["record", "a.mcap", "--config", "none.toml"],
+        ["replay"],
+        ["replay", "none.mcap"],
+        ["replay", "none.mcap", "--link", "x", "--verify"],
+        ["recover", "none.mcap"],
+        ["export", "none.mcap"],
+        ["export", "none.mcap", "--csv", "x.csv"],
+        ["emulate"],
+        ["emulate", "--protocol", "none", "--link", "x"],
+        ["emulate", "--scene", "none.toml", "--link", "x"],
+        ["emulate", "--faults", "none.toml", "--link", "x"],
+        ["detect", "none.csv"],
+        ["detect", "log.csv", "--array", "none"],
+        ["detect", "log.csv", "--array", "broken.toml"],
+        ["detect", "log.csv", "--speed", "-1"],
+        ["tune", "--quiet", "log.csv"],
+        ["tune", "--quiet", "none.csv", "--motion", "none.csv"],
+        ["bench", "none"],
+        ["bench", "clock", "--plot", "x.png"],
+        ["check-config"],
+        ["check-config", "none.toml"],
+        ["check-config", "broken.toml"],
+        ["doctor"],
+        ["fit-material", "none.csv"],
+        ["listen", "--topic", "slipp"],
+        ["listen", "nonsense"],
+        ["command", "tare", "force"],
+    ],
+)
+def test_a_mistake_in_a_call_imports_neither_numpy_nor_scipy(arguments: list[str], tmp_path: Path) -> None:
+    (tmp_path / "broken.toml").write_text("[board\n")
+    (tmp_path / "log.csv").write_text("time_s,a\n0.0,0.0\n")
+    code, heavy = heavy_imports(*arguments, cwd=tmp_path)
+    assert code == 2
+    assert not heavy
+
+
+def test_help_imports_no_slow_library(tmp_path: Path) -> None:
+    assert heavy_imports("--help", cwd=tmp_path) == (0, [])
+
+
+def test_the_daemon_does_without_the_statistics_of_scipy() -> None:
+    """They cost 44 MB and half a second of its start, for a quantile that `scipy.special` has too."""
+    script = (
+        "import sys, tactiled.config, tactiled.daemon.service, tactiled.tune.run;"
+        "print([m for m in ('scipy.stats', 'matplotlib', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
