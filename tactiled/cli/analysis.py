@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, use_one_blas_thread
+from tactiled.cli.options import FILE, KEYS, SPEED
 
 
 @click.command()
@@ -70,7 +70,6 @@ def tune(
 
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """
-    use_one_blas_thread()
     from tactiled.tune.run import tune_files, tune_live
 
     if (quiet is None) != (motion is None):

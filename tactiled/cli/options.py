@@ -1,6 +1,5 @@
 """What several verbs share: the same option is written, and explained, once."""
 
-import os
 from pathlib import Path
 
 import click
@@ -18,8 +17,3 @@ def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
     """Refuse a call that names no board."""
     if config is None and port is None:
         raise click.UsageError(f"say --config FILE, or --port PORT to {to} with defaults")
-
-
-def use_one_blas_thread() -> None:
-    """Before numpy is imported: more would only wake every core for 36 channels, which costs latency."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, PORT, need_board, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, PORT, need_board
 
 RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 
@@ -22,7 +22,6 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 
     Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
     """
-    use_one_blas_thread()
     from tactiled.config import default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder
