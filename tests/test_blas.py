@@ -18,12 +18,12 @@ import json, sys
 {before}
 {then}
 from threadpoolctl import threadpool_info
-json.dump([library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"], sys.stdout)
+json.dump([each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"], sys.stdout)
 """
 
 
 def threads_of_blas(before: str, then: str) -> list[int]:
-    """Threads of each BLAS of a new process that could have two, after statements that import what they need."""
+    """Threads of each BLAS of a new process that could have two, after statements that import."""
     environ = os.environ | {"OPENBLAS_NUM_THREADS": "2", "MKL_NUM_THREADS": "2"}
     done = subprocess.run(
         [sys.executable, "-c", THREADS_OF.format(before=before, then=then)],

@@ -29,7 +29,7 @@ _KEPT_PART = 0.5  # of the largest response in the trace: a stop or a lift leave
 # Least part of the response that has come since the slip began, or turned last. Shear that is left of a slide
 # before, under a slip said in error, is no turn.
 _DRAGGED_PART = 0.1
-_LARGEST_EXPONENT = 700.0  # exp overflows above 709; fast rates reach it, and nothing is left of the turn then
+_LARGEST_EXPONENT = 700.0  # exp overflows above 709, which fast scans reach: nothing is left of the turn then
 _EARLY, _LATE = 0.2, 0.5  # parts of the chord: above the ripple of grooves, and where it is still steep
 
 

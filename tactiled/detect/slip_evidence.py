@@ -211,8 +211,8 @@ class Evidence:
     def at_once(self, growth: Growth, delay: float, late: FloatArray) -> Growth:
         """As if the channels of a taxel were sampled at once, and not each so late (channels,) in a scan.
 
-        Of a slip that began one or two scans ago, the later of two pairs shows a tenth more. A slip that began
-        less than the largest skew ago counts as that old, or the correction would exceed the growth.
+        Of a slip that began one or two scans ago, the later of two pairs shows a tenth more. A slip counts as
+        at least as old as the largest skew, or the correction would exceed the growth.
         """
         taxel = self._array.channel_taxel
         mean = np.bincount(taxel, weights=late) / np.bincount(taxel)

@@ -87,7 +87,7 @@ def moved_in_gap(
         Shear over pressure of a change that counts.
     """
     gap_s = first_s - before.time_s
-    if not 0 < gap_s <= _LONGEST_S:  # not above 0: the nominal rate is not that of the scans, and misplaced it
+    if not 0 < gap_s <= _LONGEST_S:  # 0 or less: the nominal rate, which places the first scan, is wrong
         return None
     if not evidence.taxels.any() or (evidence.taxels & ~before.evidence.taxels).any():
         return None  # a taxel that was not read before has nothing to be compared with

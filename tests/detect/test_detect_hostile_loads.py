@@ -1,4 +1,4 @@
-"""Loads that no healthy contact makes: zero, negative, tiny and huge pressures, channels that vanish or saturate.
+"""Loads that no healthy contact makes: zero, negative, tiny and huge pressures, channels that fail.
 
 Every suite answers with finite numbers or says nothing; warnings of numpy are errors here.
 """
@@ -57,8 +57,10 @@ loads = st.lists(
     max_size=7,
 )
 # A healthy touch, so that the contact's beginning is seen and what follows can be slip.
-TOUCH = [Load(1, 0.0, 0.0, ALL, 0.0, 0.0), Load(60, 0.0, 0.0, ALL, 0.0, 0.0), Load(60, 1.2, 1.2, ALL, 0.0, 0.0),
-         Load(60, 1.2, 1.2, ALL, 0.0, 0.0)]  # fmt: skip
+TOUCH = [
+    Load(n_scans, volts, volts, ALL, 0.0, 0.0)
+    for n_scans, volts in ((1, 0.0), (60, 0.0), (60, 1.2), (60, 1.2))
+]
 courses = st.builds(
     lambda begin, course, times: begin + course * times,
     st.sampled_from([[], TOUCH]),
@@ -124,7 +126,7 @@ def assert_finite(events: Sequence[Event]) -> None:
 
 
 def one_taxel_up_eight_down(shear_volts: float = 0.4, n: int = 1200) -> FloatArray:
-    """The log that ended in a traceback: one taxel at 0.6 V, eight at -0.3 V, then shear that grows on all."""
+    """The log that ended in a traceback: one taxel at 0.6 V, eight at -0.3 V, then shear grows on all."""
     pressed = np.where(np.arange(9) == 4, 0.6, -0.3) @ (ARRAY.normal_weights() != 0)
     shear = np.sign(ARRAY.shear_weights()).sum(axis=1)[0]
     t = np.arange(n) / 100

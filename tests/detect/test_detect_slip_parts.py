@@ -200,7 +200,7 @@ def odds_of_slip(
 
 
 def test_rising_sides_that_cancel_tell_nothing() -> None:
-    """Falling sides bottom out, and of the rising ones seven rise by as much as two fall: no whole to share."""
+    """Falling sides bottom out; of the rising ones seven rise by as much as two fall: no whole to share."""
     eye, none = np.eye(9), np.zeros((9, 9))
     weights = np.zeros((7, 27))
     weights[0, :9], weights[3, 9:18], weights[6, 18:] = 1.0, 1.0, 1.0
