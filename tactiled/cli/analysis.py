@@ -10,7 +10,9 @@ from tactiled.cli.options import FILE, KEYS, SPEED
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
-@click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second; needed below 10."
+)
 @click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
@@ -24,8 +26,9 @@ def detect(
 ) -> None:
     """Find slip, contact and texture in a recording, a CSV or an npz file.
 
-    CSV: a header with `time_s`, then one column a channel in channel order, volts. Every event is one
-    JSON line on stdout, with times in the file's own clock.
+    CSV: a header with `time_s` in seconds, then one column a channel in channel order, volts. Every event is
+    one JSON line on stdout, with times in the file's own clock. A recording's scans count as in time, however
+    late they came; `tactiled replay` gives the events that were live.
 
     Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
     """
