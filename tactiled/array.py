@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tactiled import tomlfile, tomltext
+from tactiled import blas, tomlfile, tomltext
 from tactiled.tomlfile import Params
+
+blas.use_one_thread()  # here, because every room with numerics imports this module first
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["side", "normal", "shear_x", "shear_y"]

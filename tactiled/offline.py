@@ -15,7 +15,7 @@ from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ScanEvent
-from tactiled.pipeline import Pipeline, PipelineParams, check_hello
+from tactiled.pipeline import Pipeline, check_hello
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.reader import Reached, read_header, read_items
 from tactiled.recording.table import read_table, to_blocks
@@ -98,10 +98,10 @@ def detect_file(
 
 
 def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached | None) -> Iterator[Event]:
-    """Bytes through the very pipeline that runs live."""
+    """Run bytes through the pipeline that runs live, but without its limit on lateness."""
     header = read_header(path)
     layout = header.source.layout
-    pipeline = Pipeline(layout, log.array, PipelineParams(samples=header.pipeline.samples, detect=params))
+    pipeline = Pipeline(layout, log.array, header.pipeline.model_copy(update={"detect": params}), live=False)
     foreign = ""
     pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording says no hello of its own
     for item in read_items(path, reached=reached):
@@ -133,7 +133,7 @@ def _run_table(
     path: Path, log: Log, rate_hz: float | None, params: DetectParams, reached: Reached | None
 ) -> Iterator[Event]:
     """Rows of a log as one block between any two holes."""
-    time_s, volts = read_table(path)
+    time_s, volts = read_table(path, rate_hz)
     if volts.shape[1] != log.array.n_channels:
         raise DataError(
             f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "

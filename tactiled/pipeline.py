@@ -71,14 +71,19 @@ class Pipeline:
     layout : Layout
     array : Array
     params : PipelineParams
+    live : bool
+        Someone acts on events as they come, or wants those of then: scans that were handed over late are
+        marked so, and events that rest on them are not valid. Where a file is analysed, no scan is late.
     """
 
-    def __init__(self, layout: Layout, array: Array, params: PipelineParams | None = None) -> None:
+    def __init__(
+        self, layout: Layout, array: Array, params: PipelineParams | None = None, *, live: bool = True
+    ) -> None:
         params = params or PipelineParams()
         self.layout = layout
         self.array = array
         self._decoder = Decoder(layout)
-        self._assembler = Assembler(layout, params.samples, params.baud)
+        self._assembler = Assembler(layout, params.samples, params.baud, live=live)
         self.tuning = TunedSuite(array, params.detect)
         self.reset()
 

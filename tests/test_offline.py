@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
 from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.offline import detect_file
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.export import export_csv
+from tactiled.recording.replay import replay
 from tactiled.recording.writer import RecordingWriter
+from tactiled.tomlfile import parse
 from tactiled.wire.layout import load_layout
 
 Floats = NDArray[np.float64]
@@ -131,6 +134,53 @@ def test_a_recording_gives_the_events_that_were_live(
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [e["onset"] for e in events if e["topic"] == "slip"] == slips
     assert len(slips) == 2  # incipient, then gross
+
+
+def slide_over_grooves_handed_over_late(path: Path) -> None:
+    """A recording; from 3 s on the host sleeps for 0.45 s of each half second, then reads all that waits."""
+    phases = [
+        {"kind": "rest", "duration_s": 0.3},
+        {"kind": "press", "duration_s": 1.0, "force_n": 20.0},
+        {"kind": "hold", "duration_s": 1.2},
+        {"kind": "slide", "duration_s": 4.0, "speed_mm_s": 4.0},
+        {"kind": "lift", "duration_s": 0.5},
+    ]
+    surface = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 20.0}
+    scene = parse({"name": "short", "surface": surface, "phases": phases}, Scene, "test")
+    source = load_source("board-v1", "wang2019-3x3")
+    with RecordingWriter(path, Header(source)) as writer:
+        start_s = 0.0
+        for arrival_s, data in Simulation(scene, source.layout, seed=3):
+            start_s = start_s or arrival_s
+            slept_s, rest_s = divmod(arrival_s - start_s, 0.5)
+            if arrival_s - start_s > 3.0 and rest_s < 0.45:
+                arrival_s = start_s + 0.5 * slept_s + 0.45
+            writer.read(Read(arrival_s, 0.0, data))
+
+
+def test_lateness_of_a_recording_is_no_reason_to_refuse(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who acted live had to know of it; `replay` says so again, and `detect` answers as on the CSV of it."""
+    recording, table = tmp_path / "late.mcap", tmp_path / "late.csv"
+    slide_over_grooves_handed_over_late(recording)
+    lines: list[str] = []
+    replay([recording], lines.append, topics=("texture", "slip", "scan"))
+    live = [json.loads(line) for line in lines]
+    assert sum(e["late"] for e in live if e["topic"] == "scan") > 100
+    assert "stale" in [e["status"] for e in live if e["topic"] == "texture"]
+    export_csv([recording], table)
+    found = []
+    for path in (recording, table):
+        detect_file(path)
+        found.append([json.loads(line) for line in capsys.readouterr().out.splitlines()])
+    for events in found:
+        assert all(e["valid"] for e in events if e["topic"] in ("slip", "contact"))
+    ours, theirs = ([e for e in events if e["topic"] == "texture"] for events in found)
+    assert [e["status"] for e in ours] == [e["status"] for e in theirs]
+    answered = [e for e in ours if e["status"] == "ok"]
+    assert len(answered) > 5
+    assert [e["period_mm"] for e in answered] == pytest.approx([1.2] * len(answered), abs=0.05)
 
 
 def test_a_recording_goes_on_behind_a_wrong_board(

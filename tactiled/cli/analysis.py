@@ -4,14 +4,16 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, use_one_blas_thread
+from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable
 from tactiled.progress import ProgressBar
 
 
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
-@click.option("--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second.")
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second; needed below 10."
+)
 @click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
@@ -25,8 +27,9 @@ def detect(
 ) -> None:
     """Find slip, contact and texture in a recording, a CSV or an npz file.
 
-    CSV: a header with `time_s`, then one column a channel in channel order, volts. Every event is one
-    JSON line on stdout, with times in the file's own clock.
+    CSV: a header with `time_s` in seconds, then one column a channel in channel order, volts. Every event is
+    one JSON line on stdout, with times in the file's own clock. A recording's scans count as in time, however
+    late they came; `tactiled replay` gives the events that were live.
 
     Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
     """
@@ -80,7 +83,6 @@ def tune(
         raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(quiet, motion)
     need_named(array, "config/arrays")
-    use_one_blas_thread()
     from tactiled.tune.run import tune_files, tune_live
 
     if quiet is not None and motion is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, need_toml, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, need_toml
 
 
 @click.command()
@@ -22,7 +22,6 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
     """
     need_board(config, port)
     need_toml(config)
-    use_one_blas_thread()
     from tactiled.config import Setup, default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder

@@ -71,8 +71,3 @@ def need_named(name_or_path: str | None, kind: str) -> None:
     """Refuse an array (kind ``config/arrays``) or a layout (``protocols``) that is not there or no TOML."""
     if name_or_path is not None:
         tomltext.read(tomltext.locate(name_or_path, kind))
-
-
-def use_one_blas_thread() -> None:
-    """Before numpy is imported: more would only wake every core for 36 channels, which costs latency."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

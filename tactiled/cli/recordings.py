@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml, use_one_blas_thread
+from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
 RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
@@ -25,7 +25,6 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     """
     need_board(config, port)
     need_toml(config)
-    use_one_blas_thread()
     from tactiled.config import default_config, load_config
     from tactiled.daemon.log import set_up
     from tactiled.daemon.recorder import Recorder

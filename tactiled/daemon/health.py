@@ -26,11 +26,18 @@ def status_event(
     """How things are at `now_s`; `valid` only where the board runs and its newest scan is fresh."""
     # Before the first scan: nothing newer than our start was ever seen.
     age_s = max(0.0, now_s - max(health.newest_scan_s, started_s))
+    fresh_s = _STALE_FACTOR * session.silence_s
+    reason = session.reason(now_s)
+    if session.state == "running" and age_s > fresh_s:
+        reason = (
+            f"scans come late: the newest was taken {age_s * 1000:.0f} ms ago, and {fresh_s * 1000:.0f} ms "
+            "is the most; is the host or the line overloaded?"
+        )
     return StatusEvent(
         time_s=now_s,
         state=session.state,
-        valid=session.state == "running" and age_s <= _STALE_FACTOR * session.silence_s,
-        reason=session.reason(now_s),
+        valid=session.state == "running" and age_s <= fresh_s,
+        reason=reason,
         warning=warning,
         age_s=age_s,
         clock_sd_s=health.clock_sd_s,

@@ -57,7 +57,9 @@ def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:
     first = block[:1]
     n = int(first.index[0] - last.index[0]) - 1
     part = (np.arange(1, n + 1) / (n + 1))[:, np.newaxis]
-    volts = last.volts + part * (first.volts - last.volts)
+    finite = np.isfinite(last.volts) & np.isfinite(first.volts)  # only between numbers is there a line
+    before, after = np.where(finite, last.volts, np.nan), np.where(finite, first.volts, np.nan)
+    volts = before + part * (after - before)
     return ScanBlock(
         volts=np.concatenate([volts, block.volts]),
         time_s=np.concatenate([last.time_s + part[:, 0] * (first.time_s - last.time_s), block.time_s]),

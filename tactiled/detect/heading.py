@@ -29,6 +29,7 @@ _KEPT_PART = 0.5  # of the largest response in the trace: a stop or a lift leave
 # Least part of the response that has come since the slip began, or turned last. Shear that is left of a slide
 # before, under a slip said in error, is no turn.
 _DRAGGED_PART = 0.1
+_LARGEST_EXPONENT = 700.0  # exp overflows above 709, which fast scans reach: nothing is left of the turn then
 _EARLY, _LATE = 0.2, 0.5  # parts of the chord: above the ripple of grooves, and where it is still steep
 
 
@@ -132,7 +133,8 @@ class Heading:
         since_early, since_late = -np.log(1 - _EARLY), -np.log(1 - _LATE)
         tau_scans = (late - early) / (since_late - since_early)
         drift_deg = np.ptp(_between_deg(now, trace[-self._held_scans :].T))
-        left_deg = float(drift_deg / np.expm1(self._held_scans / max(tau_scans, 1.0)))
+        held = min(self._held_scans / max(tau_scans, 1.0), _LARGEST_EXPONENT)
+        left_deg = float(drift_deg / np.expm1(held))
         if left_deg > _SETTLED_DEG:
             return None
         along = now / sizes[-1]

@@ -60,7 +60,9 @@ class MotionResponse:
     def turn(self, along: FloatArray, look: Look) -> None:
         """Look along another direction from now on."""
         self._along = along
-        self.skew_s = float(np.average(look.channel_offset_s, weights=np.abs(along @ self._weights)))
+        weights = np.abs(along @ self._weights)
+        # A direction without channels, such as x on an array that has shear along y alone, has no weights.
+        self.skew_s = float(np.average(look.channel_offset_s, weights=weights)) if weights.any() else 0.0
 
     def now(self, look: Look) -> float:
         """Response, in steps."""

@@ -12,8 +12,8 @@
   (`slip_again`).
 * A slip that lies wholly in a gap shows by the shear after it (`slip_gap`).
 
-Nothing is said of an array out of contact. Arrays without shear channels see a load that moves between
-taxels; they tell no direction. One such taxel alone sees nothing.
+Nothing is said of an array out of contact, or while its mean pressure is not positive. Arrays without shear
+channels see a load that moves between taxels; they tell no direction. One such taxel alone sees nothing.
 
 `confidence` is the opposed part of opposed plus common rise, times the taxels' agreement on it, halved where
 the contact's beginning was not seen; it is no probability.

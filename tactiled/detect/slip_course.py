@@ -163,15 +163,13 @@ class Course:
         ----------
         index : int
         seen : (window, 7) float64
-            Responses, newest last.
+            Responses, newest last; the newest pressure is positive.
         steps : (window, channels) float64
             The readings that they are of.
         noise : float
             Standard deviation of the response along the slip.
         """
         pressure = float(seen[-1, PRESSURE])
-        if pressure <= 0:
-            return None
         x, y, turn = motion(seen[-1]).tolist()
         shear = self._along[0] * x + self._along[1] * y + self._along[2] * turn
         if self._after is None:
@@ -245,16 +243,23 @@ class Course:
 
     def _odds(self, shear: float, pressure: float, steps: FloatArray) -> float:
         """Logarithm of the odds that friction is at its limit where shear has stopped."""
-        if pressure - self._start_pressure > _PRESSED * (shear - self._start_shear):
+        grown = shear - self._start_shear
+        if pressure - self._start_pressure > _PRESSED * grown:
             return -math.inf  # a load came to rest, and shear with it
         odds = self._limit.odds(steps[-self._n_flat :])
         if odds is None:
             return math.inf
-        beyond = (shear - self._start_shear) / (_LITTLE * shear)
-        return odds + math.log(min(beyond, 1.0)) if beyond > 0 else -math.inf
+        if grown <= 0:
+            return -math.inf
+        # Shear may be zero: arrays without shear channels have no least shear of gross slip.
+        return odds if grown >= _LITTLE * shear else odds + math.log(grown / (_LITTLE * shear))
 
     def _trend(self, seen: FloatArray, n: int) -> FloatArray:
-        """Slopes (7,) of a line through the newest n scans: sums of whole numbers, exact in any order."""
+        """Slopes (7,) of a line through the newest n scans, or all that are kept.
+
+        Sums of whole numbers: exact in any order.
+        """
+        n = min(n, len(seen))
         line = 2.0 * np.arange(n) - (n - 1)
         return np.asarray((line @ seen[-n:]) * 6 / (n * (n * n - 1.0)))
 

@@ -211,12 +211,15 @@ class Evidence:
     def at_once(self, growth: Growth, delay: float, late: FloatArray) -> Growth:
         """As if the channels of a taxel were sampled at once, and not each so late (channels,) in a scan.
 
-        Of a slip that began one or two scans ago, the later of two pairs shows a tenth more.
+        Of a slip that began one or two scans ago, the later of two pairs shows a tenth more. A slip counts as
+        at least as old as the largest skew, or the correction would exceed the growth.
         """
         taxel = self._array.channel_taxel
         mean = np.bincount(taxel, weights=late) / np.bincount(taxel)
-        ahead = self._filters.later(growth.ramp, delay) * (late - mean[taxel])
-        less = growth.change * ahead
+        skew = late - mean[taxel]
+        if not skew.any():
+            return growth
+        less = growth.change * self._filters.later(growth.ramp, max(delay, float(np.abs(skew).max()))) * skew
         weights = motion(self.weights.T).T
         return replace(growth, rise=growth.rise - weights @ less, change=growth.change - less)
 
@@ -244,7 +247,7 @@ class Evidence:
         """
         shares = self.shares(rise, change)
         total = float(shares.sum())
-        if total < _AGREE * float(np.abs(shares).sum()):
+        if total <= 0 or total < _AGREE * float(np.abs(shares).sum()):
             return False
         load = self._normal_weights @ steps
         n_loaded = int((load > _LOADED * load[self.taxels].mean()).sum())

@@ -88,7 +88,7 @@ class Filters:
         return np.asarray(self._matrix[:, ramp] @ seen * self.rise_scale[ramp])
 
     def later(self, ramp: int, delay: float) -> float:
-        """Part by which a ramp rises further, a scan, of a response that began `delay` scans ago."""
+        """Part by which a ramp rises further, a scan, of a response that began `delay` > 0 scans ago."""
         scans = int(self.lengths[ramp])
         risen = np.maximum(np.arange(1 - scans, 1) + delay, 0.0)
         weights = self._matrix[-scans:, ramp]

@@ -87,7 +87,9 @@ def moved_in_gap(
         Shear over pressure of a change that counts.
     """
     gap_s = first_s - before.time_s
-    if gap_s > _LONGEST_S or not evidence.taxels.any() or (evidence.taxels & ~before.evidence.taxels).any():
+    if not 0 < gap_s <= _LONGEST_S:  # 0 or less: the nominal rate, which places the first scan, is wrong
+        return None
+    if not evidence.taxels.any() or (evidence.taxels & ~before.evidence.taxels).any():
         return None  # a taxel that was not read before has nothing to be compared with
     readings, after = before.readings, steps.mean(axis=0)
     then, now = evidence.weights @ readings, evidence.weights @ after

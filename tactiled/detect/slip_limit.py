@@ -138,7 +138,7 @@ class Limit:
         after = (rest - self._start) @ shear.T
         end = after.mean(axis=0)
         told = (end > 0) & (load > _LOADED * load.mean()) & (load > 0)
-        if told.sum() < _LEAST_TAXELS:
+        if told.sum() < _LEAST_TAXELS or end.sum() <= 0:
             return None
         log_load = np.log(load[told])
         log_load -= log_load.mean()

@@ -95,10 +95,15 @@ class Story:
         return [] if self._slip is None else [self._end(now, now.time_s)]
 
     def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
-        """A scan in contact; `is_sure` where the contact's beginning was seen."""
+        """Take in a scan in contact; `is_sure` where the contact's beginning was seen.
+
+        A mean pressure that is not positive is no load: the scan is kept, and nothing is concluded from it.
+        """
         self._past.take(now.seen[-1])
         if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
             return self._look_back(self._before, now)
+        if now.seen[-1, PRESSURE] <= 0:
+            return []  # no load, or no taxel to read it from: shear over pressure means nothing in this scan
         if self._shake is not None:
             return self._go_on(self._shake, now)
         if (slip := self._slip or self._recoil) is not None:

@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.errors import DataError
+from tactiled.pipeline import RATES_HZ
 from tactiled.samples.block import Gap, ScanBlock
 
 FloatArray = NDArray[np.float64]
 
+# Slower than this, a log more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or numbers
+# its rows than that a hand was sensed so slowly.
+_SLOWEST_LIKELY_HZ = 10.0
 
-def read_table(path: Path) -> tuple[FloatArray, FloatArray]:
+
+def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:
     """Times and readings of a log.
 
     Parameters
@@ -24,6 +29,9 @@ def read_table(path: Path) -> tuple[FloatArray, FloatArray]:
         ``.csv``: a header, a column ``time_s``, then one column a channel in channel order; an empty
         cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
         ``valid`` of the same shape may say which readings count.
+    rate_hz : float, optional
+        Rate that the user states. Without it, a log slower than 10 Hz is refused: its times may not be in
+        seconds.
 
     Returns
     -------
@@ -44,7 +52,25 @@ def read_table(path: Path) -> tuple[FloatArray, FloatArray]:
     if backwards.size:
         row = int(backwards[0]) + 2
         raise DataError(f"{path}: time_s does not grow at row {row} ({time_s[row - 2]} to {time_s[row - 1]})")
+    if fault := _rate_fault(float(np.median(np.diff(time_s))), rate_hz):
+        raise DataError(f"{path}: {fault}")
     return time_s, np.where(np.isfinite(volts), volts, np.nan)
+
+
+def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
+    """What is wrong with times that lie so far apart, and what to do; empty where they are likely seconds."""
+    slowest, fastest = RATES_HZ
+    rate_hz = 1 / spacing_s
+    rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
+    if rate_hz > fastest:
+        return f"{rows}, and no board is faster than {fastest:g} Hz; give time_s in seconds"
+    if rate_hz < (_SLOWEST_LIKELY_HZ if stated_hz is None else slowest):
+        slow = f"; if scans are so slow, say --rate {rate_hz:g}" if rate_hz >= slowest else ""
+        return (
+            f"{rows}; time_s is in seconds: if these are milliseconds divide by 1000, if they count rows "
+            f"divide by the rate{slow}"
+        )
+    return ""
 
 
 def to_blocks(

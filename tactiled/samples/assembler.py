@@ -52,14 +52,26 @@ class Assembler:
     Say `read` for each read of the port, feed `scan` and `corrupt` in the order of the stream, then take what
     is complete with `flush`. None reads a clock: `now_s` is when bytes were handed over (host monotonic
     seconds).
+
+    Parameters
+    ----------
+    layout : Layout
+    params : SampleParams, optional
+    baud : int
+        Of the line, where it is not the layout's.
+    live : bool
+        Someone acts on the scans as they come. Else none is late, however long it took to arrive.
     """
 
     LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
     LEAST_STEP_S = 1e-6  # between two stamps: one tick
     TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
 
-    def __init__(self, layout: Layout, params: SampleParams | None = None, baud: int = 0) -> None:
+    def __init__(
+        self, layout: Layout, params: SampleParams | None = None, baud: int = 0, *, live: bool = True
+    ) -> None:
         self._layout = layout
+        self._live = live
         self._params = params or SampleParams()
         self._frame_s = 0.0
         if self._params.transfer == "line":  # start, eight data, stop bits
@@ -200,7 +212,7 @@ class Assembler:
         age_s = now_s - time_s
         # A scan of the future has a wrong time: as unfit to act on as one of the past.
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
-        self._rows.append((scan, time_s, sd_s, not fresh))
+        self._rows.append((scan, time_s, sd_s, self._live and not fresh))
         self._count(scans=1)
 
     def flush(self) -> list[ScanBlock | Gap]:

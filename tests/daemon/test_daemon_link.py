@@ -212,6 +212,19 @@ def test_another_board_on_the_port_is_not_a_restart_of_the_first() -> None:
     assert (status.restarts, status.scans_missing, status.scans) == (0, 0, 10)
 
 
+def test_a_status_that_is_not_valid_for_late_scans_says_so() -> None:
+    """Scans that wait for 4 s: the board runs, and what arrives of it is old."""
+    sim, link, events = SimBoard(), bare_link(), list[Event]()
+    link.opened(100.0)
+    link.received(Encoder(LAYOUT).encode(sim.hello()) + stream(sim, 50, 0), 100.5, events.append)
+    fresh = link.status(100.5, started_s=100.0, connects=1)
+    assert (fresh.state, fresh.valid, fresh.reason) == ("running", True, "")
+    link.received(stream(sim, 50, 500_000), 104.5, events.append)
+    late = link.status(104.5, started_s=100.0, connects=1)
+    assert (late.state, late.valid) == ("running", False)
+    assert late.reason.startswith("scans come late: the newest was taken 3")
+
+
 def test_lost_frames_are_missing_and_no_restart() -> None:
     sim, link, events = SimBoard(), bare_link(), list[Event]()
     link.opened(100.0)

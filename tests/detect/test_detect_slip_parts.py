@@ -199,6 +199,21 @@ def odds_of_slip(
     return limit.odds(np.stack(rest))
 
 
+def test_rising_sides_that_cancel_tell_nothing() -> None:
+    """Falling sides bottom out; of the rising ones seven rise by as much as two fall: no whole to share."""
+    eye, none = np.eye(9), np.zeros((9, 9))
+    weights = np.zeros((7, 27))
+    weights[0, :9], weights[3, 9:18], weights[6, 18:] = 1.0, 1.0, 1.0
+    load, rise, fall = np.linspace(0.8, 1.2, 9), np.r_[np.full(7, 0.25), -0.875, -0.875], np.full(9, -14.4)
+    start = np.r_[np.full(18, 32.0), load]
+    own_load = np.hstack([none, none, eye])
+    limit = Limit(weights, np.arange(9), np.hstack([eye, eye, eye]), own_load, start, np.zeros(27))
+    end = start + np.r_[rise, fall, np.zeros(9)]
+    for scan in range(1, 20):
+        limit.take(float(scan), start + (end - start) * scan / 20)
+    assert limit.odds(np.tile(end, (4, 1))) is None
+
+
 @given(st.floats(0.05, 0.5), st.integers(0, 99))
 @settings(max_examples=40)
 def test_taxels_that_keep_their_shares_hold(travel: float, seed: int) -> None:

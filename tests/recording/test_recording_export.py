@@ -67,10 +67,10 @@ def test_detect_finds_the_same_in_the_table(
 def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
     volts = np.ones((3, 2))
     valid = np.array([[True, False], [True, True], [False, True]])
-    np.savez(tmp_path / "v.npz", time_s=np.arange(3.0), volts=volts, valid=valid)
+    np.savez(tmp_path / "v.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid)
     _, got = read_table(tmp_path / "v.npz")
     assert np.isnan(got).tolist() == (~valid).tolist()
-    np.savez(tmp_path / "w.npz", time_s=np.arange(3.0), volts=volts, valid=valid[:, :1].repeat(5, axis=1))
+    np.savez(tmp_path / "w.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid[:, :1].repeat(5, axis=1))
     with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) is not as volts \(3, 2\)"):
         read_table(tmp_path / "w.npz")
 

@@ -56,6 +56,39 @@ def test_bad_tables_are_refused_with_their_place(tmp_path: Path, text: str, says
     assert "bad.csv" in str(caught.value)
 
 
+def table(path: Path, spacing_s: float) -> Path:
+    np.savez(path, time_s=np.arange(50) * spacing_s, volts=np.zeros((50, 2)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("spacing_s", "says"),
+    [
+        (
+            1e-12,
+            r"1e-12 s apart by time_s, 1e\+12 Hz, and no board is faster than 20000 Hz; .* in seconds",
+        ),
+        (28.0, "0.0357143 Hz; time_s is in seconds: if these are milliseconds divide by 1000"),  # 35.7 Hz
+        (10.0, "0.1 Hz; .* milliseconds"),  # 100 Hz
+        (1.0, "1 Hz; .* if they count rows divide by the rate; if scans are so slow, say --rate 1"),
+        (1e4, "0.0001 Hz; .* milliseconds"),  # microseconds
+    ],
+)
+def test_times_that_are_hardly_seconds_are_refused_with_what_to_do(
+    tmp_path: Path, spacing_s: float, says: str
+) -> None:
+    with pytest.raises(DataError, match=rf"t\.npz: rows are .*{says}"):
+        read_table(table(tmp_path / "t.npz", spacing_s))
+
+
+def test_a_slow_log_is_read_where_its_rate_is_stated(tmp_path: Path) -> None:
+    time_s, _ = read_table(table(tmp_path / "t.npz", 0.2), 5.0)
+    assert time_s[1] == 0.2
+    for spacing_s in (1e-12, 28.0):
+        with pytest.raises(DataError, match="rows are"):
+            read_table(table(tmp_path / "t.npz", spacing_s), 1 / spacing_s)
+
+
 def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=np.zeros(3))
     with pytest.raises(DataError, match=r"lacks the array time_s and volts; it has \['t'\]"):
