@@ -335,11 +335,16 @@ def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) 
         (file,) = [
             word
             for word in finding.remedy.split()
-            if word.startswith("/") and word.endswith((".service", ".rules"))
+            if word.startswith("/") and word.endswith((".service", ".rules", ".sysusers"))
         ]
         assert Path(file).is_file()
-    assert bare["systemd unit"].verdict == bare["udev rule"].verdict == "warn"
-    for name in ("etc/systemd/system/tactiled@.service", "usr/lib/udev/rules.d/99-tactiled.rules"):
+    assert {finding.verdict for finding in bare.values()} == {"warn"}
+    assert set(bare) == {"systemd unit", "systemd user", "udev rule"}
+    for name in (
+        "etc/systemd/system/tactiled@.service",
+        "etc/sysusers.d/tactiled.conf",
+        "usr/lib/udev/rules.d/99-tactiled.rules",
+    ):
         path = tmp_path / name
         path.parent.mkdir(parents=True)
         path.touch()

@@ -77,10 +77,10 @@ def listen(
 @click.command()
 @click.argument("name")
 @click.argument("fields", nargs=-1, metavar="[FIELD=VALUE]...")
-@click.option("--endpoint", default="tcp://127.0.0.1:9872", show_default=True, help="Where it publishes.")
+@click.option("--endpoint", help="Where it publishes. [default: ipc of the one daemon of this host]")
 @click.option("--who", default="command line", show_default=True, help="Our name, for the record.")
 @KEYS
-def command(name: str, fields: tuple[str, ...], endpoint: str, who: str, keys: Path | None) -> None:
+def command(name: str, fields: tuple[str, ...], endpoint: str | None, who: str, keys: Path | None) -> None:
     """Ask a running daemon for something, and print its reply as JSON; 1 when it refused.
 
     NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; fields:

@@ -1,9 +1,10 @@
 """Asking the daemon for something, and knowing what came of it: `Commander`, `AsyncCommander`.
 
-A command that got no reply is sent again with the same id, which the daemon does once however often it comes;
-so a reply lost on the way never makes a command happen twice.
+A command that got no reply is sent again with the same session and id. The daemon does it once however often
+it comes, so a reply that was lost never makes a command happen twice.
 """
 
+import itertools
 import json
 import secrets
 import time
@@ -16,11 +17,11 @@ import msgpack
 import zmq
 import zmq.asyncio
 
-from tactiled.client import connect
+from tactiled.client import connect, nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
 from tactiled.errors import OperatorError
-from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
+from tactiled.events.endpoints import control_endpoint
 
 TIMEOUT_S = 5.0  # the slowest command, a rate that the board does not take, is answered within 3 s
 _AGAIN_S = 0.5  # a reply takes a millisecond; a change of rate some 100
@@ -45,11 +46,11 @@ class Reply:
 
 
 class _Request:
-    """One request until it is answered."""
+    """One request until it is answered; `session` and `number` tell it from all others."""
 
-    def __init__(self, do: str, who: str, arguments: dict[str, Any], timeout_s: float) -> None:
-        self.id = secrets.token_hex(8)
-        self.payload = msgpack.packb({"v": 1, "id": self.id, "do": do, "who": who, **arguments})
+    def __init__(self, do: str, session: str, number: int, rest: dict[str, Any], timeout_s: float) -> None:
+        self.id = f"{session[:8]}-{number}"
+        self.payload = msgpack.packb({"v": 1, "session": session, "id": self.id, "do": do, **rest})
         self.until_s = time.monotonic() + timeout_s
         self.again_s = 0.0
 
@@ -81,13 +82,20 @@ class _Connected:
 
     def __init__(
         self,
-        endpoint: str = DEFAULT_ENDPOINT,
+        endpoint: str | None = None,
         who: str = "",
         control: str | None = None,
         keys: Path | str | None = None,
     ) -> None:
         self._who = who
-        self._endpoint = control_endpoint(endpoint) if control is None else control
+        self._session = secrets.token_hex(16)
+        self._numbers = itertools.count(1)
+        if control is not None:
+            self._endpoint = control
+        elif endpoint is not None:
+            self._endpoint = control_endpoint(endpoint)
+        else:
+            self._endpoint = nearby.control()
         self._context = zmq.Context()
         self._socket: zmq.Socket[bytes] = self._context.socket(zmq.DEALER)
         try:
@@ -95,6 +103,10 @@ class _Connected:
         except BaseException:
             self.close()
             raise
+
+    def _request(self, do: str, arguments: dict[str, Any], timeout_s: float) -> _Request:
+        rest = {"who": self._who, **arguments}
+        return _Request(do, self._session, next(self._numbers), rest, timeout_s)
 
     def close(self) -> None:
         self._socket.close(linger=0)
@@ -106,8 +118,8 @@ class Commander(_Connected):
 
     Parameters
     ----------
-    endpoint : str
-        Where the daemon publishes.
+    endpoint : str, optional
+        Where the daemon publishes; left out: the ipc endpoint of the one daemon of this host (`nearby`).
     who : str
         How we call ourselves, for the record.
     control : str, optional
@@ -119,6 +131,8 @@ class Commander(_Connected):
     ------
     ConfigError
         The endpoint is none, or there are no keys in the file.
+    OperatorError
+        No endpoint is given, and on this host is no daemon, more than one, or one that does not let us in.
 
     Examples
     --------
@@ -136,7 +150,7 @@ class Commander(_Connected):
         OperatorError
             Nobody answered in time. Whether a command was done is not known then.
         """
-        request = _Request(do, self._who, arguments, timeout_s)
+        request = self._request(do, arguments, timeout_s)
         while True:
             if request.is_due() and self._socket.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):
                 self._socket.send(request.payload)
@@ -157,7 +171,7 @@ class AsyncCommander(_Connected):
 
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Ask for something and wait for the reply; errors as `Commander.send`'s. One at a time."""
-        request = _Request(do, self._who, arguments, timeout_s)
+        request = self._request(do, arguments, timeout_s)
         sock: zmq.asyncio.Socket = zmq.asyncio.Socket(shadow=self._socket)
         while True:
             wait_ms = request.wait_ms(self._endpoint) if request.is_due() else 0

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tactiled.daemon.requests import Command, Mark, Rate, Record
+from tactiled.daemon.requests import Command, Mark, Rate, Record, Requester
 from tactiled.daemon.session import Session
 from tactiled.daemon.terms import SessionParams, is_same_rate
 from tactiled.errors import ConfigError, TactiledError
@@ -112,7 +112,7 @@ class Commands:
             "detect": tuning.params.model_dump(mode="json", exclude_none=True),
         }
 
-    def event(self, command: Command, key: str, reason: str, now_s: float) -> CommandEvent:
+    def event(self, command: Command, requester: Requester, reason: str, now_s: float) -> CommandEvent:
         """For the record: who asked for what, and what came of it."""
         return CommandEvent(
             time_s=now_s,
@@ -120,7 +120,8 @@ class Commands:
             command=command.do,
             arguments=json.dumps(command.arguments),
             who=command.who,
-            key=key,
+            key=requester.key,
+            uid=requester.uid,
             ok=not reason,
             reason=reason,
             scan_index=self._pipeline.tuning.next_index,

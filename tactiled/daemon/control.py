@@ -13,7 +13,7 @@ import msgpack
 
 from tactiled.daemon.complaints import Complaints
 from tactiled.daemon.publisher import Publisher
-from tactiled.daemon.requests import CONTROL_VERSION, Bad, Command, Events, parse
+from tactiled.daemon.requests import CONTROL_VERSION, Bad, Command, Events, Requester, parse
 from tactiled.events.types import EVENT_TYPES
 
 logger = logging.getLogger(__name__)
@@ -23,8 +23,12 @@ _REMEMBERED = 1000  # commands whose replies are kept for those who ask again; s
 _MOST_WAITING = 8  # repetitions of one command that are answered when it is done
 
 Respond = Callable[[bytes], None]
-Do = Callable[[Command, str, float, Callable[[str], None]], None]
-"""Does a command: (command, key, now_s, done); `done` takes the reason why not."""
+Do = Callable[[Command, Requester, float, Callable[[str], None]], None]
+"""Does a command: (command, requester, now_s, done); `done` takes the reason why not."""
+_NO_COMMANDS = (
+    "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
+    "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
+)
 
 
 @dataclass
@@ -57,20 +61,20 @@ class Control:
     ) -> None:
         self.answered = 0
         self.bad = Complaints(logger, "request refused")
+        self.commanded = Complaints(logger, "command")
         self._publisher = publisher
         self._do = do
         self._settings = settings
-        self._asked: OrderedDict[tuple[str, str], _Asked] = OrderedDict()
+        self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
-    def take(self, payload: bytes, key: str, now_s: float, respond: Respond) -> None:
+    def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
         """Answer a request; never raises for what it holds.
 
         Parameters
         ----------
         payload : bytes
             Anything.
-        key : str
-            Name of the key that the client proved to own; empty on plain endpoints.
+        requester : Requester
         respond : callable
             Takes the reply, now or when a command is done.
         """
@@ -81,7 +85,7 @@ class Control:
             return
         self.answered += 1
         if isinstance(request, Command):
-            self._command(request, key, now_s, respond)
+            self._command(request, requester, now_s, respond)
         elif isinstance(request, Events):
             respond(self._events(request))
         else:
@@ -104,9 +108,15 @@ class Control:
             more=msgpack.packb(span.more),
         )
 
-    def _command(self, command: Command, key: str, now_s: float, respond: Respond) -> None:
-        """Do a command once, whoever asks how often."""
-        asked = self._asked.get((key, command.id))
+    def _command(self, command: Command, requester: Requester, now_s: float, respond: Respond) -> None:
+        """Do a command once for an id of its session, however often it is sent."""
+        if not requester.may_command:
+            self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
+            respond(self._reply(command.id, command.do, _NO_COMMANDS))
+            return
+        session = ("session", command.session) if command.session else ("connection", requester.connection)
+        name = (requester.key, *session, command.id)
+        asked = self._asked.get(name)
         if asked is not None and asked.command != command:
             respond(self._reply(command.id, command.do, "id: was used for another request"))
         elif asked is not None and asked.reply:
@@ -115,12 +125,14 @@ class Control:
             if len(asked.waiting) < _MOST_WAITING:
                 asked.waiting.append(respond)
         else:
-            asked = self._asked[key, command.id] = _Asked(command, waiting=[respond])
+            asked = self._asked[name] = _Asked(command, waiting=[respond])
             if len(self._asked) > _REMEMBERED:
                 self._asked.popitem(last=False)
-            self._do(command, key, now_s, lambda reason: self._finish(asked, reason))
+            self._do(command, requester, now_s, lambda reason: self._finish(asked, requester, now_s, reason))
 
-    def _finish(self, asked: _Asked, reason: str) -> None:
+    def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:
+        outcome = "refused" if reason else "done"  # the event has the reason: lines must not be many
+        self.commanded.add(f"{asked.command.do} by {requester}: {outcome}", now_s, logging.INFO)
         asked.reply = self._reply(asked.command.id, asked.command.do, reason)
         for respond in asked.waiting:
             respond(asked.reply)

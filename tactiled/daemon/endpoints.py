@@ -14,17 +14,32 @@ import zmq
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
 
 RUNTIME = "{runtime}"  # stands in an endpoint for the runtime directory
+_LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
+_SOCKET_UMASK = 0o117  # sockets of ipc get mode 0660: for the daemon's user and group
 
 
 def fault_of(endpoint: str) -> str:
     """Why this is no endpoint; empty where it is one."""
     transport, _, address = endpoint.partition("://")
-    port = address.rsplit(":", 1)[-1]
-    if transport == "tcp" and ":" in address and (port == "*" or (port.isdigit() and int(port) < 65536)):
-        return ""
-    if transport == "ipc" and address:
-        return ""
-    return f"{endpoint}: not an endpoint; give tcp://127.0.0.1:PORT or ipc://PATH"
+    host, _, port = address.rpartition(":")
+    fault = ""
+    if not endpoint.isprintable():
+        fault = "has characters that cannot be printed"
+    elif transport == "tcp" and not host.strip("[]"):
+        fault = "has no host or no port"
+    elif transport == "tcp" and not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+        fault = "has no port from 1 to 65535"
+    elif transport == "ipc" and address.startswith("@"):
+        fault = "is an abstract socket, which any user of this host may connect to: give the path of a file"
+    elif transport == "ipc" and not address.strip("/"):
+        fault = "has no path"
+    elif transport == "ipc" and RUNTIME not in address and len(os.fsencode(address)) > _LONGEST_PATH:
+        fault = f"has a path longer than the {_LONGEST_PATH} bytes that a socket may have"
+    elif transport not in ("tcp", "ipc"):
+        fault = "is neither tcp nor ipc"
+    return (
+        f"{endpoint!r} {fault}; not an endpoint such as tcp://127.0.0.1:9872 or ipc://PATH" if fault else ""
+    )
 
 
 def is_wide(endpoint: str) -> bool:
@@ -42,6 +57,8 @@ def is_wide(endpoint: str) -> bool:
 
 def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.environ) -> None:
     """Bind a socket, or say clearly why not.
+
+    A socket of ipc is open to the user and the group of this process only (mode 0660).
 
     Raises
     ------
@@ -61,10 +78,9 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     if path is not None and path.exists() and not path.is_socket():
         # libzmq would delete whatever stands there.
         raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
+    umask = os.umask(_SOCKET_UMASK)  # not chmod after bind: at no time is the file open to more
     try:
         sock.bind(endpoint)
-        if path is not None:
-            path.chmod(0o666)  # whoever may enter the directory may connect, as on loopback TCP
     except zmq.ZMQError as error:
         if error.errno == zmq.EADDRINUSE:
             port = endpoint.rsplit(":", 1)[-1]
@@ -73,6 +89,8 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
                 "stop it, or give this one another port in endpoints"
             ) from None
         raise UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}") from None
+    finally:
+        os.umask(umask)
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
@@ -103,9 +121,10 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
 
 def _is_served(path: Path) -> bool:
     """Whether someone listens on a Unix socket (a stale file left by a killed daemon refuses)."""
-    if len(os.fsencode(path)) > 107:  # sun_path of unix(7), less its closing NUL
+    if len(os.fsencode(path)) > _LONGEST_PATH:
         raise ConfigError(
-            "publish.endpoints", [f"{path}: longer than the 107 bytes that a socket path may have"]
+            "publish.endpoints",
+            [f"{path}: longer than the {_LONGEST_PATH} bytes that a socket path may have"],
         )
     with socket.socket(socket.AF_UNIX) as probe, contextlib.suppress(OSError):
         probe.connect(str(path))

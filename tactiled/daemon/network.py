@@ -4,13 +4,14 @@ A request costs at most some 0.3 ms and the server takes at most `REQUESTS_PER_S
 a queue of his own and no more: ROUTER takes from its clients in turn. Nothing here is on the path from board
 to subscriber, and what a stalled client can make us keep is bounded by the queues below.
 
-One hole is libzmq's own: it keeps the frames of a message until the last one is there, and no option bounds
-how many. A peer that speaks the wire protocol by hand can fill our memory so; it must be a process of this
-host or own a key. ``MemoryMax=`` in the unit is the answer to that.
+libzmq does not bound the subscriptions of a peer, nor the frames of a message until the last one is there: a
+process of this host, or one that owns a key, can fill our memory so. ``MemoryMax=`` in the unit and a restart
+are the answer (protocols/control.md has the numbers).
 """
 
 import asyncio
 import os
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,9 @@ import zmq
 import zmq.asyncio
 
 from tactiled.daemon.control import Control, Do
-from tactiled.daemon.endpoints import bind
+from tactiled.daemon.endpoints import bind, is_wide
 from tactiled.daemon.publisher import Publisher, PublishParams, is_guarded
-from tactiled.daemon.requests import LONGEST_BYTES
+from tactiled.daemon.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.security import Gate, KeyFolder
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
@@ -32,6 +33,9 @@ _TELL_S = 1.0  # how late a complaint that waits to be logged may be
 _HIGH_WATER = 16
 # Of a request: identity, the number of a REQ that correlates, the empty one of REQ, payload; one too many.
 _MOST_FRAMES = 5
+# How libzmq names an ipc peer: uid, gid and process, as the kernel tells them (SO_PEERCRED).
+# It names a TCP peer by its IP address, which never looks so.
+_LOCAL_PEER = re.compile(r"localhost:([0-9]{1,10}):[0-9]{1,10}:[0-9]{1,10}")
 
 
 class Network:
@@ -79,6 +83,7 @@ class Network:
             loop = asyncio.get_running_loop()
             while True:  # also where there is nothing to serve
                 self.control.bad.tell(loop.time())
+                self.control.commanded.tell(loop.time())
                 if self._gate is not None:
                     self._gate.denied.tell(loop.time())
                     self._gate.accepted.tell(loop.time())
@@ -123,6 +128,10 @@ class ControlServer:
         self.unsent = 0
         """Replies to clients that had left, or did not read."""
         self._control = control
+        # Whoever may use a plain endpoint on the network may command; at loopback he then could there anyway.
+        self._commands_over_tcp = params.allow_commands_over_tcp or any(
+            is_wide(endpoint) and not is_guarded(params, endpoint) for endpoint in params.control
+        )
         self._sockets: dict[bool, zmq.asyncio.Socket] = {}
         try:
             for endpoint in params.control:
@@ -172,7 +181,24 @@ class ControlServer:
             except zmq.ZMQError:  # it has left, or does not read what it asked for
                 self.unsent += 1
 
-        self._control.take(payload, _key_of(frames[-1]), now_s, respond)
+        self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
+
+    def _requester(self, routing_id: bytes, frame: zmq.Frame) -> Requester:
+        key, peer = _property(frame, "User-Id"), _property(frame, "Peer-Address")
+        uid = uid_of(peer)
+        return Requester(
+            connection=f"{routing_id.hex()} {peer}",
+            key=key,
+            uid=uid,
+            address=peer.removeprefix("::ffff:") if uid < 0 else "",  # IPv4 as IPv6 writes it
+            may_command=bool(key) or uid >= 0 or self._commands_over_tcp,
+        )
+
+
+def uid_of(peer: str) -> int:
+    """User of an ipc peer, of what libzmq says of it; -1 where it says none."""
+    local = _LOCAL_PEER.fullmatch(peer)
+    return -1 if local is None else int(local[1])
 
 
 async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
@@ -193,10 +219,10 @@ async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
     return frames
 
 
-def _key_of(frame: zmq.Frame) -> str:
-    """Name that the gate gave the client."""
+def _property(frame: zmq.Frame, name: str) -> str:
+    """What libzmq knows of the sender, empty for nothing: User-Id is the key's name that the gate gave."""
     try:
-        return str(frame.get("User-Id"))
+        return str(frame.get(name))
     except zmq.ZMQError:
         return ""
 

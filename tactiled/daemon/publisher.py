@@ -62,18 +62,39 @@ class PublishParams(Params):
         description="Kept of each topic for subscribers that were away, 10^6 bytes: 4 is a minute of 100 Hz "
         "scans, and hours of all else.",
     )
+    allow_commands_over_tcp: bool = Field(
+        default=False,
+        description="Take commands at loopback TCP endpoints too, where any user of this host may connect. "
+        "Without it commands come over ipc, from the daemon's user and group, or from clients with keys; "
+        "loopback TCP answers questions only (state and events).",
+    )
 
     @model_validator(mode="after")
     def _reachable_only_if_meant(self) -> Self:
-        for endpoint in (*self.endpoints, *self.control):
+        for name, endpoint in self._named:
             if fault := fault_of(endpoint):
-                raise ValueError(fault)
+                raise ValueError(f"{name}: {fault}")
+        endpoints = [endpoint for _, endpoint in self._named]
+        for endpoint in endpoints:
+            if endpoints.count(endpoint) > 1:
+                raise ValueError(
+                    f"{endpoint!r} is named twice; each endpoint serves events or requests, once"
+                )
             if is_wide(endpoint) and self.keys is None and not self.allow_plaintext_on_network:
                 raise ValueError(
                     f"{endpoint} can be reached from other hosts, unencrypted; use 127.0.0.1, give a folder "
                     "of keys (tactiled keys make), or set allow_plaintext_on_network = true"
                 )
         return self
+
+    @property
+    def _named(self) -> list[tuple[str, str]]:
+        """Endpoints, and where they come from."""
+        events = [("publish.endpoints", endpoint) for endpoint in self.endpoints]
+        name = "publish.control_endpoints"
+        if self.control_endpoints is None:
+            name += " (left out: the port after that of publish.endpoints)"
+        return events + [(name, endpoint) for endpoint in self.control]
 
     @property
     def control(self) -> tuple[str, ...]:

@@ -21,6 +21,37 @@ _SEQ_LIMIT = 2**63
 
 Id = Annotated[str, Field(min_length=1, max_length=64)]
 Who = Annotated[str, Field(max_length=64)]
+Session = Annotated[str, Field(max_length=64)]
+
+
+@dataclass(frozen=True)
+class Requester:
+    """Who sent a request, as far as the transport tells.
+
+    Attributes
+    ----------
+    connection : str
+        Tells connections apart, except those of a client that chose a routing id (over ipc: of one process).
+    key : str
+        Name of the CURVE key that the client proved to own; empty on endpoints without keys.
+    uid : int
+        User, as the kernel says; -1 where it did not come over ipc.
+    address : str
+        Address of a TCP peer; empty where it came over ipc.
+    may_command : bool
+        Whether this is a way on which commands are taken.
+    """
+
+    connection: str
+    key: str = ""
+    uid: int = -1
+    address: str = ""
+    may_command: bool = True
+
+    def __str__(self) -> str:
+        if self.key:
+            return f"key {self.key}"
+        return f"uid {self.uid}" if self.uid >= 0 else f"an unknown user over TCP from {self.address}"
 
 
 class Request(Params):
@@ -29,10 +60,12 @@ class Request(Params):
     model_config = ConfigDict(strict=True)
 
     v: Literal[1] = Field(description="version of this protocol")
-    id: Id = Field(
-        description="echoed in the reply; a command is done once for an id, however often it is sent"
-    )
+    id: Id = Field(description="echoed in the reply; a command is done once for a session and an id")
     do: str
+    session: Session = Field(
+        default="",
+        description="drawn at random by the client when it starts; left out: the connection is the session",
+    )
     who: Who = Field(default="", description="how the client calls itself, for the record")
 
 
@@ -60,7 +93,7 @@ class Command(Request):
     @property
     def arguments(self) -> dict[str, Any]:
         """What it says beside what every request says."""
-        return self.model_dump(exclude={"v", "id", "who", "do"}, exclude_none=True)
+        return self.model_dump(exclude={"v", "id", "who", "do", "session"}, exclude_none=True)
 
 
 class Tare(Command):

@@ -74,7 +74,7 @@ class KeyFolder:
             There is none, it is none, or others can read it.
         """
         path = self.path / "daemon.toml"
-        # A daemon that runs as nobody cannot read what root keeps: LoadCredential= hands it over.
+        # A daemon that is not root cannot read what root keeps: LoadCredential= hands it over.
         loaded = Path(environ.get("CREDENTIALS_DIRECTORY", "/nonexistent")) / "daemon.toml"
         if loaded.exists():
             path = loaded

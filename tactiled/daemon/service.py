@@ -26,6 +26,7 @@ from tactiled.daemon.publisher import PublishParams
 from tactiled.daemon.recorder import Recorder
 from tactiled.daemon.report import Report
 from tactiled.daemon.requests import Command as Request
+from tactiled.daemon.requests import Requester
 from tactiled.daemon.session import Session
 from tactiled.daemon.source import PortParams, check_url
 from tactiled.daemon.terms import SessionParams, Terms
@@ -181,11 +182,11 @@ class Service:
         if not self._end.done():
             self._end.set_exception(error)
 
-    def _asked(self, request: Request, key: str, now_s: float, done: Done) -> None:
+    def _asked(self, request: Request, requester: Requester, now_s: float, done: Done) -> None:
         """Do a command, say in the events what came of it, and tell who asked."""
 
         def finish(reason: str) -> None:
-            self._outlets.say(self._commands.event(request, key, reason, time.monotonic()))
+            self._outlets.say(self._commands.event(request, requester, reason, time.monotonic()))
             done(reason)
 
         self._commands.do(request, now_s, finish)

@@ -23,6 +23,7 @@ from tactiled.recording.rotation import RecordParams
 _STATUS_S = 0.5  # a living daemon sends five in that time
 _SYSTEMD = "run/systemd/system"  # sd_booted(3)
 _UNITS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
+_USERS = ("etc/sysusers.d", "usr/lib/sysusers.d", "lib/sysusers.d")
 _RULES = ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 
 
@@ -107,8 +108,9 @@ def check_disk(record: RecordParams) -> list[Finding]:
 
 
 def check_installation(root: Path = Path("/")) -> list[Finding]:
-    """Whether unit and udev rule are where systemd and udev look."""
-    unit, rule = (resources.shipped("systemd", name) for name in ("tactiled@.service", "99-tactiled.rules"))
+    """Whether unit, its user and udev rule are where systemd and udev look."""
+    names = ("tactiled@.service", "tactiled.sysusers", "99-tactiled.rules")
+    unit, users, rule = (resources.shipped("systemd", name) for name in names)
     if not (root / _SYSTEMD).is_dir():
         words = "systemd does not run here: the daemon starts by hand, and nothing sets up the port"
         return [
@@ -119,6 +121,11 @@ def check_installation(root: Path = Path("/")) -> list[Finding]:
             "systemd unit", root, _UNITS, "tactiled@.service",
             f"for a daemon that starts with its board: sudo install -m 644 {unit} /etc/systemd/system/ "
             "&& sudo systemctl daemon-reload",
+        ),
+        _installed(
+            "systemd user", root, _USERS, "*tactiled*.conf",
+            f"for the unit's user and group: sudo install -D -m 644 {users} /etc/sysusers.d/tactiled.conf "
+            "&& sudo systemd-sysusers",
         ),
         _installed(
             "udev rule", root, _RULES, "*tactiled*.rules",

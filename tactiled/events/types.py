@@ -229,6 +229,8 @@ class CommandEvent(Event):
     """As the client calls itself."""
     key: str
     """Name of the key that the client proved to own; empty on plain endpoints."""
+    uid: int
+    """User at the other end, as the kernel says; -1 where the transport does not tell it."""
     ok: bool
     reason: str
     """Why not; empty where `ok`."""

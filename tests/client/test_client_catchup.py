@@ -15,9 +15,11 @@ from tactiled.client.catchup import HOLD_S, PROBE_S
 from tactiled.client.inbox import Inbox
 from tactiled.daemon.control import Control
 from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.daemon.requests import Requester
 from tactiled.events import codec
 from tactiled.events.types import Event
 
+SOMEONE = Requester("1")
 UNIX_S = 1.7e9
 
 
@@ -63,7 +65,7 @@ class World:
             for request in requests:
                 self.inbox.catch_up.sent(request)
                 replies: list[bytes] = []
-                self.control.take(msgpack.packb(request), "", self.now_s, replies.append)
+                self.control.take(msgpack.packb(request), SOMEONE, self.now_s, replies.append)
                 for reply in replies:
                     self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
 
@@ -193,7 +195,7 @@ def test_a_late_answer_changes_nothing() -> None:
     world.inbox.catch_up.sent(request)
     world.wait(HOLD_S)
     world.control.take(
-        msgpack.packb(request), "", world.now_s,
+        msgpack.packb(request), SOMEONE, world.now_s,
         lambda reply: world.items.extend(world.inbox.answer(reply, world.now_s, 0.0)),
     )  # fmt: skip
     assert world.story() == [0, "lost 1", 2]

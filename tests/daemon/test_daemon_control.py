@@ -28,10 +28,11 @@ from tactiled.daemon.complaints import PERIOD_S
 from tactiled.daemon.control import REPLY_BYTES, Control
 from tactiled.daemon.network import Network
 from tactiled.daemon.publisher import Publisher, PublishParams
-from tactiled.daemon.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, parse
+from tactiled.daemon.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, Requester, parse
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
+SOMEONE = Requester("1")
 EXAMPLES: dict[str, dict[str, Any]] = {
     "state": {},
     "events": {"board": "b", "topic": "contact", "first_seq": 0},
@@ -61,16 +62,16 @@ class Desk:
         self.later: list[Callable[[str], None]] | None = None
         self.control = Control(self.publisher, self.do, lambda _: {"speed_mm_s": 0.0})
 
-    def do(self, command: Command, _key: str, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(self, command: Command, _requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
         self.done.append(command)
         if self.later is None:
             done(self.refuse)
         else:
             self.later.append(done)
 
-    def ask(self, payload: bytes, key: str = "", now_s: float = 0.0) -> list[dict[str, Any]]:
+    def ask(self, payload: bytes, requester: Requester = SOMEONE, now_s: float = 0.0) -> list[dict[str, Any]]:
         replies: list[bytes] = []
-        self.control.take(payload, key, now_s, replies.append)
+        self.control.take(payload, requester, now_s, replies.append)
         return [msgpack.unpackb(reply) for reply in replies]
 
 
@@ -103,7 +104,7 @@ def test_events_come_in_parts_of_bounded_size() -> None:
     while True:
         payload = request("events", board="b", topic="contact", first_seq=first_seq)
         replies: list[bytes] = []
-        desk.control.take(payload, "", 0.0, replies.append)
+        desk.control.take(payload, SOMEONE, 0.0, replies.append)
         assert len(replies[0]) < REPLY_BYTES + 1000
         reply = msgpack.unpackb(replies[0])
         seqs += [message["seq"] for message in reply["messages"]]
@@ -126,8 +127,37 @@ def test_a_command_is_done_once_for_an_id() -> None:
     (reply,) = desk.ask(request("speed", speed_mm_s=6.0))
     assert (reply["ok"], reply["reason"]) == (False, "id: was used for another request")
     assert desk.ask(request("speed", "r2", speed_mm_s=6.0))[0]["ok"]
-    assert desk.ask(request("speed", speed_mm_s=7.0), key="other")[0]["ok"]  # ids are each client's own
+    other = Requester("1", key="other")  # ids are each key's own
+    assert desk.ask(request("speed", speed_mm_s=7.0), other)[0]["ok"]
     assert len(desk.done) == 3
+
+
+def test_a_client_that_restarts_and_counts_from_one_again_is_obeyed() -> None:
+    """With a session or without: what an earlier process asked under the same id does not answer for it."""
+    desk = Desk()
+    for start in range(3):
+        connection = Requester(f"connection {start}")
+        assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]
+        assert len(desk.done) == start + 1
+        assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]  # sent again: done once
+        assert len(desk.done) == start + 1
+    for start in range(3):
+        ask = request("inhibit", "1", session=f"drawn at start {start}", duration_s=3.0)
+        assert desk.ask(ask, Requester("the same connection"))[0]["ok"]
+        assert len(desk.done) == 4 + start
+
+
+def test_a_command_of_a_session_is_done_once_over_any_number_of_connections() -> None:
+    """A reply was lost with its connection: ZeroMQ connects anew, and the client sends the command again."""
+    desk = Desk()
+    ask = request("speed", "1", session="s", speed_mm_s=5.0)
+    first = desk.ask(ask, Requester("1"))
+    assert desk.ask(ask, Requester("2")) == first
+    assert len(desk.done) == 1
+    assert desk.ask(ask, Requester("3", key="other"))[0]["ok"]  # a session is its key's own
+    assert len(desk.done) == 2
+    other = request("speed", "1", session="s", speed_mm_s=6.0)
+    assert desk.ask(other, Requester("4"))[0]["reason"] == "id: was used for another request"
 
 
 def test_a_refusal_is_repeated_too() -> None:
@@ -144,7 +174,7 @@ def test_whoever_repeats_a_command_in_progress_is_answered_when_it_is_done() -> 
     desk.later = []
     replies: list[bytes] = []
     for _ in range(30):
-        desk.control.take(request("rate", rate_hz=200.0), "", 0.0, replies.append)
+        desk.control.take(request("rate", rate_hz=200.0), SOMEONE, 0.0, replies.append)
     assert replies == []
     (done,) = desk.later
     done("the board refused")
@@ -175,6 +205,7 @@ def test_ids_do_not_fill_the_memory() -> None:
         (request("state").replace(b"\xa1v\x01", b"\xa1v\xc3"), "v: True"),
         (request("state", ""), "id: "),
         (request("state", "x" * 65), "id: "),
+        (request("state", session="x" * 65), "session: "),
         (request("state", surplus=1), "surplus: unknown key"),
         (request("speed", speed=5), "use speed_mm_s"),
         (request("speed", speed_mm_s="5"), "speed_mm_s: "),
@@ -287,7 +318,7 @@ class Server:
             PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda _: {"speed_mm_s": 0.0}
         )
 
-    def do(self, command: Command, _key: str, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(self, command: Command, _requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
         self.done.append(command)
         done("")
 
@@ -375,6 +406,43 @@ def test_commands_over_sockets(tmp_path: Path) -> None:
     serve(server, story)
 
 
+def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_path: Path) -> None:
+    """And one of a client that was started anew is done, though it has the same id."""
+    server = Server(tmp_path)
+
+    async def ask(id_: str, **head: str) -> dict[str, Any]:
+        with zmq.asyncio.Context() as context, context.socket(zmq.REQ) as sock:
+            sock.linger = 0
+            sock.connect(server.control)
+            await sock.send(request("inhibit", id_, duration_s=1.0, **head))
+            reply: dict[str, Any] = msgpack.unpackb(await sock.recv())
+            return reply
+
+    async def story() -> None:
+        for session in ("first", "first", "second", "second"):
+            assert (await ask("1", session=session))["ok"]
+        assert len(server.done) == 2
+        for _ in range(2):
+            assert (await ask("1"))["ok"]
+        assert len(server.done) == 4
+
+    serve(server, story)
+
+
+def test_two_commanders_never_share_a_session_and_one_numbers_its_commands(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        for _ in range(2):
+            async with AsyncCommander(server.endpoint) as daemon:
+                for _ in range(2):
+                    assert (await daemon.send("inhibit", duration_s=1.0)).ok
+
+    serve(server, story)
+    assert len({(command.session, command.id) for command in server.done}) == 4
+    assert len({command.session for command in server.done}) == 2
+
+
 @pytest.mark.parametrize(
     ("kind", "options"), [(zmq.REQ, ()), (zmq.REQ, (zmq.REQ_RELAXED, zmq.REQ_CORRELATE)), (zmq.DEALER, ())]
 )
@@ -406,6 +474,7 @@ def test_hostile_clients_cost_nobody_else_anything(tmp_path: Path, monkeypatch: 
             for sock in evil:
                 sock.setsockopt(zmq.LINGER, 0)
                 sock.setsockopt(zmq.SNDHWM, 10)
+                sock.setsockopt(zmq.RCVHWM, 10)  # or what is measured is their memory, in this process
                 sock.connect(server.control)
             await asyncio.sleep(0.1)
             before = rss_bytes()

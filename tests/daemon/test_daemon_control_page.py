@@ -1,13 +1,15 @@
-"""The subscriber in protocols/control.md runs as it is printed, and misses nothing."""
+"""The programs in protocols/control.md run as they are printed."""
 
 import asyncio
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from tactiled import resources
 from tactiled.daemon.network import Network
 from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.requests import Command, Requester
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
@@ -15,7 +17,7 @@ CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 
 
 def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
     page = resources.shipped("protocols", "control.md").read_text()
-    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     endpoint = f"ipc://{tmp_path}/events.ipc"
     script = code.replace("tcp://127.0.0.1:9872", endpoint).replace(
         "tcp://127.0.0.1:9873", f"ipc://{tmp_path}/control.ipc"
@@ -54,3 +56,33 @@ def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
         assert sum(line.startswith("missed") for line in lines) == 1 + 401 + 801
 
     asyncio.run(main())
+
+
+def test_the_printed_command_is_done_whenever_it_is_started_and_once_though_it_is_sent_again(
+    tmp_path: Path,
+) -> None:
+    page = resources.shipped("protocols", "control.md").read_text()
+    _, code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    script = code.replace("ipc:///run/tactiled/TS0001/control.ipc", f"ipc://{tmp_path}/control.ipc")
+    done: list[str] = []
+
+    def do(command: Command, _requester: Requester, _now_s: float, finish: Callable[[str], None]) -> None:
+        done.append(command.id)
+        asyncio.get_running_loop().call_later(1.2, finish, "")  # it asks twice more meanwhile
+
+    async def main() -> None:
+        network = Network(PublishParams(endpoints=(f"ipc://{tmp_path}/events.ipc",)), do, lambda _: {})
+        serving = asyncio.create_task(network.run())
+        try:
+            for _ in range(2):
+                child = await asyncio.create_subprocess_exec(
+                    sys.executable, "-c", script, stdout=asyncio.subprocess.PIPE
+                )
+                assert (await asyncio.wait_for(child.communicate(), 30))[0] == b"True \n"
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            network.close()
+
+    asyncio.run(main())
+    assert done == ["1", "1"]

@@ -22,7 +22,7 @@ from tactiled.daemon import network as network_module
 from tactiled.daemon import publisher as publisher_module
 from tactiled.daemon.network import Network
 from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.requests import Command
+from tactiled.daemon.requests import Command, Requester
 from tactiled.daemon.security import Gate, KeyFolder
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.events.types import ContactEvent
@@ -167,8 +167,8 @@ class Server:
         params = PublishParams(endpoints=(self.wide, self.local), keys=str(folder.path))
         self.network = Network(params, self.do, lambda _: {})
 
-    def do(self, _command: Command, key: str, _now_s: float, done: Callable[[str], None]) -> None:
-        self.keys_used.append(key)
+    def do(self, _command: Command, requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
+        self.keys_used.append(requester.key)
         done("")
 
     def run(self, story: Callable[[], Any]) -> None:

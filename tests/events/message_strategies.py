@@ -15,6 +15,7 @@ NONNEGATIVE = {
 }  # fmt: skip
 SPECIAL: dict[str, st.SearchStrategy[Any]] = {
     "confidence": st.floats(0, 1),
+    "uid": st.integers(-1, 2**32 - 2),
     "protocol_version": st.integers(0, 255),
 }
 T = TypeVar("T")

@@ -43,6 +43,9 @@ def install(container: Container) -> None:
     container.run("python3", "-m", "venv", "/opt/tactiled")
     upgrade(container, OLD)
     shutil.copy(CHECKOUT / "systemd/tactiled@.service", container.root / UNITS)
+    (container.root / "etc/sysusers.d").mkdir(exist_ok=True)
+    shutil.copy(CHECKOUT / "systemd/tactiled.sysusers", container.root / "etc/sysusers.d/tactiled.conf")
+    container.run("systemd-sysusers")
     (container.root / "etc/tactiled").mkdir()
     for serial in PORTS:
         configure(container, serial)
@@ -141,17 +144,142 @@ def test_start_waits_for_ready_and_scans_come_over_ipc_and_tcp(container: Contai
         assert status == f"board {LEFT} running: 100 Hz"
 
 
-def test_it_runs_as_nobody_with_nothing(container: Container) -> None:
+def test_it_runs_as_a_user_of_its_own_with_nothing(container: Container) -> None:
     """The hardening is what the process has, not only what the unit says."""
     with started(container):
         (pid,) = container.shown(unit(), "MainPID")
         lines = container.run("cat", f"/proc/{pid}/status").splitlines()
         status = {key: value.split() for key, value in (line.split(":", 1) for line in lines)}
         assert "0" not in status["Uid"]
+        assert container.run("id", "--name", "--groups", "tactiled").split() == ["tactiled"]
+        groups = [container.run("getent", "group", name).split(":")[2] for name in ("tactiled", "dialout")]
+        assert status["Gid"] == groups[:1] * 4
+        assert sorted(status["Groups"]) == sorted(groups)
         assert status["CapBnd"] == ["0000000000000000"]
         assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
         assert container.shown(unit(), "MemoryMax") == [str(512 << 20)]
         assert int(status["VmHWM"][0]) << 10 < 128 << 20  # which leaves room for what it may hold
+
+
+STRANGER = "12345"
+
+
+def asked(container: Container, *words: str, groups: str = "") -> tuple[int, str]:
+    """Run tactiled as a user of the host that is in no group but these; exit code and all that it said."""
+    membership = ("--groups", groups) if groups else ("--clear-groups",)
+    who = ("setpriv", f"--reuid={STRANGER}", f"--regid={STRANGER}", *membership)
+    command = " ".join((*who, "/opt/tactiled/bin/tactiled", *words))
+    # A login shell's environment has none of root's; what fails must fail for the user, not for the shell.
+    shown = container.run("sh", "-c", f"cd /; {command} 2>&1; echo rc=$?")
+    text, _, code = shown.rpartition("rc=")
+    return int(code), text
+
+
+def test_a_user_outside_the_group_neither_hears_over_ipc_nor_commands(container: Container) -> None:
+    events = f"ipc:///run/tactiled/{LEFT}/events.ipc"
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        code, text = asked(container, "command", "inhibit", "duration_s=60")
+        assert (code, "usermod -aG tactiled" in text) == (2, True), text
+        for endpoint in (events, "ipc://" + events.removeprefix("ipc://").replace("events", "control")):
+            code, text = asked(container, "listen", endpoint, "--count", "1", "--timeout", "2")
+            assert code != 0
+            assert '"board"' not in text
+        for words in (("inhibit", "duration_s=60"), ("record", "on=false"), ("rate", "rate_hz=0.1")):
+            code, text = asked(container, "command", "--endpoint", f"tcp://127.0.0.1:{PORTS[LEFT]}", *words)
+            assert (code, "not taken over TCP" in text) == (1, True), text
+        code, text = asked(container, "command", "--endpoint", f"tcp://127.0.0.1:{PORTS[LEFT]}", "state")
+        assert code == 0
+        settings = json.loads(text)["settings"]
+        assert (settings["inhibited_s"], settings["rate_hz"]) == (0.0, 100.0)
+        said = "request refused: inhibit by an unknown user over TCP"
+        wait_until(lambda: said in container.journal(unit()), said, PATIENCE_S)
+
+
+def test_a_member_of_the_group_commands_and_is_named(container: Container) -> None:
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        code, text = asked(container, "command", "inhibit", "duration_s=60", groups="tactiled")
+        assert code == 0, text
+        found = until(
+            subscription, lambda item: isinstance(item, Message) and item.topic == "command", "command"
+        )[-1]
+        assert isinstance(found, Message)
+        assert (found.data["command"], found.data["uid"], found.data["ok"]) == (
+            "inhibit",
+            int(STRANGER),
+            True,
+        )
+        said = f"command: inhibit by uid {STRANGER}: done"
+        wait_until(lambda: said in container.journal(unit()), said, PATIENCE_S)
+        events = f"ipc:///run/tactiled/{LEFT}/events.ipc"
+        words = ("listen", events, "--topic", "scan", "--count", "3")
+        code, text = asked(container, *words, groups="tactiled")
+        assert code == 0, text
+        folder = container.run("stat", "--format=%a %U %G", f"/run/tactiled/{LEFT}").split()
+        assert folder == ["750", "tactiled", "tactiled"]
+        for name in ("events.ipc", "control.ipc"):
+            mode = container.run("stat", "--format=%a %U %G", f"/run/tactiled/{LEFT}/{name}").split()
+            assert mode == ["660", "tactiled", "tactiled"]
+
+
+@contextmanager
+def memory_limited(container: Container) -> Iterator[str]:
+    """Give the name of the limit that ends the daemon: MemoryMax=, where the container has a memory controller.
+
+    Where it has none (cgroups version 1), a limit of the same size on the data of the process.
+    """
+    controllers = Path(container.seen("/sys/fs/cgroup/cgroup.controllers"))
+    if controllers.exists() and "memory" in controllers.read_text().split():
+        yield "MemoryMax"
+        return
+    folder = container.root / UNITS / f"{unit()}.d"
+    folder.mkdir()
+    (folder / "limit.conf").write_text("[Service]\nLimitDATA=512M\n")
+    container.run("systemctl", "daemon-reload")
+    try:
+        yield "LimitDATA"
+    finally:
+        shutil.rmtree(folder)
+        container.run("systemctl", "daemon-reload")
+
+
+def test_a_storm_of_subscriptions_ends_the_daemon_and_others_get_on(
+    container: Container, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only MemoryMax bounds the subscriptions of a client: the daemon is ended, started and caught up with.
+
+    Over loopback TCP, from a user who may do nothing else.
+    """
+    storm = (
+        "import os, time, zmq; sock = zmq.Context().socket(zmq.SUB); sock.sndhwm = 0; "
+        f"sock.connect('tcp://127.0.0.1:{PORTS[LEFT]}'); "
+        "[sock.subscribe(os.urandom(125).hex()) for _ in range(80000)]; time.sleep(60)"
+    )
+
+    def restarts() -> int:
+        return int(container.shown(unit(), "NRestarts")[0])
+
+    with memory_limited(container) as limit, started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        (pid,) = container.shown(unit(), "MainPID")
+        container.run(
+            "systemd-run", "--quiet", "--unit=storm", f"--uid={STRANGER}", "--property=KillSignal=KILL",
+            "/opt/tactiled/bin/python", "-c", storm,
+        )  # fmt: skip
+        try:
+            wait_until(lambda: restarts() > 0, f"ended by {limit}", PATIENCE_S)
+        finally:
+            container.run("systemctl", "stop", "storm")
+        began_s = time.monotonic()
+        items = until(subscription, lambda item: isinstance(item, Restarted), "restarted")
+        items += until_fresh_scans(subscription)
+        took_s = time.monotonic() - began_s
+        assert sum(isinstance(item, Stale) for item in items) == 1
+        assert subscription.lost == 0
+        assert container.shown(unit(), "MainPID") != [pid]
+    with capsys.disabled():
+        print(f"\nsystemd: fresh scans {took_s:.1f} s after {limit} ended the daemon in a storm of subscriptions")
 
 
 def test_stop_ends_well_and_the_board_is_told(container: Container) -> None:
@@ -281,7 +409,7 @@ def test_it_records_where_the_configuration_says(container: Container) -> None:
         with started(container), listening(container) as subscription:
             until_fresh_scans(subscription)
             container.run("systemctl", "stop", unit())
-            (recording,) = (container.root / f"var/lib/private/tactiled/{LEFT}").glob("*.mcap")
+            (recording,) = (container.root / f"var/lib/tactiled/{LEFT}").glob("*.mcap")
             container.run(
                 "/opt/tactiled/bin/tactiled",
                 "replay",

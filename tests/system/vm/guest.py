@@ -39,6 +39,9 @@ def make_image(folder: Path) -> None:
     shutil.rmtree(root / "wheels")
     shutil.copy(CHECKOUT / "systemd/tactiled@.service", root / "etc/systemd/system")
     shutil.copy(CHECKOUT / "systemd/99-tactiled.rules", root / "etc/udev/rules.d")
+    (root / "etc/sysusers.d").mkdir(exist_ok=True)
+    shutil.copy(CHECKOUT / "systemd/tactiled.sysusers", root / "etc/sysusers.d/tactiled.conf")
+    _run("chroot", str(root), "systemd-sysusers")
     (root / "etc/tactiled").mkdir()
     for serial in SERIALS:
         (root / f"etc/tactiled/{serial}.toml").write_text(

@@ -1,0 +1,46 @@
+"""The daemon of this host that takes our commands: where its ipc endpoint is."""
+
+import os
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+
+from tactiled.errors import OperatorError
+
+_OF_UNITS = Path("/run/tactiled")  # the unit's RuntimeDirectory is a folder in it
+_NAME = "control.ipc"
+
+
+def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
+    """Endpoint for requests of the one daemon that runs here, of our own or as a unit.
+
+    Raises
+    ------
+    OperatorError
+        There is none, or more than one, or we may not connect; says what to do.
+    """
+    session = environ.get("XDG_RUNTIME_DIR")
+    own = Path(session) / "tactiled" if session else Path(f"/tmp/tactiled-{os.getuid()}")
+    units = sorted(of_units.iterdir()) if of_units.is_dir() else []
+    found: list[Path] = []
+    closed: list[Path] = []
+    for folder in (own, *units):
+        try:
+            with socket.socket(socket.AF_UNIX) as probe:
+                probe.connect(str(folder / _NAME))
+            found.append(folder / _NAME)
+        except PermissionError:
+            closed.append(folder)
+        except OSError:
+            continue  # none there, or a daemon that was killed left its file
+    if len(found) == 1:
+        return f"ipc://{found[0]}"
+    if found:
+        names = ", ".join(f"ipc://{path.with_name('events.ipc')}" for path in found)
+        raise OperatorError(f"several daemons run here: give --endpoint, one of {names}")
+    if closed:
+        raise OperatorError(
+            f"{', '.join(map(str, closed))}: this user may not command the daemon there; join its group: "
+            "sudo usermod -aG tactiled USER, then log in anew"
+        )
+    raise OperatorError("no daemon that takes commands runs here: start one, or give --endpoint (and --keys)")

@@ -1,0 +1,90 @@
+"""The daemon of this host is found where it runs, and who may not command it is told so."""
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from tactiled.client import nearby
+from tactiled.errors import OperatorError
+
+
+class Host:
+    """Directories of a host, and daemons that listen there."""
+
+    def __init__(self, root: Path, stack: ExitStack) -> None:
+        self.units = root / "units"
+        self.environ = {"XDG_RUNTIME_DIR": str(root / "session")}
+        self.own = root / "session/tactiled"
+        self._stack = stack
+
+    def listen(self, folder: Path) -> str:
+        folder.mkdir(parents=True)
+        sock = self._stack.enter_context(socket.socket(socket.AF_UNIX))
+        sock.bind(str(folder / "control.ipc"))
+        sock.listen()
+        return f"ipc://{folder}/control.ipc"
+
+    def find(self) -> str:
+        return nearby.control(self.environ, self.units)
+
+
+@pytest.fixture
+def host(tmp_path: Path) -> Iterator[Host]:
+    with ExitStack() as stack:
+        yield Host(tmp_path, stack)
+
+
+def test_the_one_daemon_is_found_whoever_started_it(host: Host) -> None:
+    (host.units / "TS0009").mkdir(parents=True)  # a unit whose daemon is starting
+    endpoint = host.listen(host.units / "TS0001")
+    assert host.find() == endpoint
+
+
+def test_our_own_daemon_is_found(host: Host) -> None:
+    endpoint = host.listen(host.own)
+    assert host.find() == endpoint
+
+
+def test_of_several_one_must_be_named(host: Host) -> None:
+    host.listen(host.own)
+    host.listen(host.units / "TS0001")
+    with pytest.raises(
+        OperatorError, match=r"several daemons.*--endpoint.*session/tactiled/events\.ipc.*TS0001"
+    ):
+        host.find()
+
+
+def test_where_none_runs_it_is_said(host: Host) -> None:
+    with pytest.raises(OperatorError, match="no daemon"):
+        host.find()
+    folder = host.units / "TS0001"
+    folder.mkdir(parents=True)
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(folder / "control.ipc"))
+    with pytest.raises(OperatorError, match="no daemon"):
+        host.find()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs another user")
+def test_who_is_not_in_the_group_is_told_how_to_join(host: Host) -> None:
+    host.listen(host.units / "TS0001")
+    (host.units / "TS0001").chmod(0o750)
+    for folder in host.units.parents[:1]:
+        folder.chmod(0o755)
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(12345)
+            os.setuid(12345)
+            host.find()
+        except OperatorError as error:
+            os._exit(0 if "usermod -aG tactiled" in str(error) else 1)
+        finally:
+            os._exit(2)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
