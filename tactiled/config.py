@@ -9,11 +9,11 @@ from pydantic import Field
 
 from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
-from tactiled.daemon.exporter import MetricsParams
-from tactiled.daemon.publisher import PublishParams
+from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.operations.exporter import MetricsParams
+from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import ServiceParams
-from tactiled.daemon.source import PortParams
-from tactiled.daemon.terms import SessionParams
+from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline, PipelineParams

@@ -86,7 +86,7 @@ def detect_file(
         click.echo(json.dumps({"topic": event.topic, **message}, allow_nan=False))
         log.events.append(event)
     if plot is not None:
-        from tactiled.bench.pictures import draw_log
+        from tactiled.plots.log import draw_log
 
         try:
             draw_log(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.recording.contents import Header, Read, load_source
 from tactiled.recording.writer import RecordingWriter

@@ -6,9 +6,9 @@ import re
 import pytest
 
 from tactiled.demo.verdict import REFINED_S, Host, compare, finds_end_s, true_slides
-from tactiled.emulator.phases import Flat, Grooves
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.truth import TrueSlip, Truth
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.emulator.scene.truth import TrueSlip, Truth
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 
 T0_S = 100.0

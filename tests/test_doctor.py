@@ -16,15 +16,15 @@ import zmq
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from bench.daemon.uart import heard
 from tactiled.array import load_array
-from tactiled.bench.uart import heard
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
-from tactiled.daemon import device
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.security import KeyFolder
-from tactiled.daemon.source import open_port
-from tactiled.detect.grooves import GrooveParams
+from tactiled.daemon.serial import device
+from tactiled.daemon.serial.port import open_port
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.security import KeyFolder
+from tactiled.detect.wang2019.grooves import GrooveParams
 from tactiled.doctor import board as board_checks
 from tactiled.doctor.board import check_board
 from tactiled.doctor.examine import examine, run_doctor
@@ -40,10 +40,10 @@ from tactiled.doctor.host import (
 from tactiled.doctor.port import check_port
 from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
 from tactiled.doctor.unplugged import check_files
-from tactiled.emulator.faults import FaultParams
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.links import PtyLink
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.line.faults import FaultParams
+from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import load_layout

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.texture.bound import Wave, turns
+from bench.texture.signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, sensed_by
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.bench.texture_bound import Wave, turns
-from tactiled.bench.texture_signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, sensed_by
 from tactiled.cli import main
 from tactiled.config import load_config
-from tactiled.detect.texture_joint import JointParams
-from tactiled.detect.wave_fit import fit_wave
-from tactiled.detect.wave_model import WaveFit, WaveMotion, layout_of
+from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveFit, WaveMotion, layout_of
 from tactiled.doctor.finding import as_json
 from tactiled.doctor.ranges import Range, ranges
 from tactiled.doctor.rivals import rivals

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent

@@ -136,7 +136,7 @@ def test_both_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], t
     assert "port" in json.loads(python("-m", "tactiled", "check-config", "--schema"))["properties"]
     script = (
         "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
-        "from tactiled.emulator.scene import load_scene; load_scene('demo');"
+        "from tactiled.emulator.scene.description import load_scene; load_scene('demo');"
         "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
         "print(r.shipped('systemd', 'tactiled@.service').exists());"
         "print(r.shipped('protocols', 'board.md').exists())"

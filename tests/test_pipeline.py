@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from tactiled.array import load_array
 from tactiled.detect.suite import DetectParams, Wang2019Params
-from tactiled.detect.texture_paper import TextureParams
-from tactiled.emulator.faults import FaultAt, FaultParams
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.detect.wang2019.texture import TextureParams
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.line.faults import FaultAt, FaultParams
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent, TextureEvent
 from tactiled.pipeline import Pipeline, PipelineParams, check_hello

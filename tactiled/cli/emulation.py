@@ -62,15 +62,15 @@ def emulate(
     need_named(protocol, "protocols")
     need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile
-    from tactiled.emulator.faults import FaultParams
-    from tactiled.emulator.identity import BoardParams
-    from tactiled.emulator.named import named_scene
+    from tactiled.emulator.board.identity import BoardParams
+    from tactiled.emulator.line.faults import FaultParams
     from tactiled.emulator.process import run_emulator, words_for_people
+    from tactiled.emulator.scene.named import named_scene
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)
     if explains:
-        from tactiled.emulator.identity import worn_array
+        from tactiled.emulator.board.identity import worn_array
         from tactiled.emulator.prepare import explain_in_real_time
 
         click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))

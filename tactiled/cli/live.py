@@ -23,8 +23,8 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
     need_board(config, port)
     need_toml(config)
     from tactiled.config import Setup, default_config, load_config
-    from tactiled.daemon.log import set_up
-    from tactiled.daemon.recorder import Recorder
+    from tactiled.daemon.operations.log import set_up
+    from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.service import ServiceParams, run_service
 
     def load() -> Setup:

@@ -26,8 +26,8 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     need_board(config, port)
     need_toml(config)
     from tactiled.config import default_config, load_config
-    from tactiled.daemon.log import set_up
-    from tactiled.daemon.recorder import Recorder
+    from tactiled.daemon.operations.log import set_up
+    from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.service import run_service
 
     set_up(20)

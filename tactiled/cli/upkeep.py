@@ -93,7 +93,7 @@ def keys_make(name: str, folder: Path, out: Path | None) -> None:
 
     Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
     """
-    from tactiled.daemon.security import KeyFolder
+    from tactiled.daemon.zmq.security import KeyFolder
 
     carry = out or Path(f"{name}.toml")
     KeyFolder(folder).make(name, carry)
@@ -107,7 +107,7 @@ def keys_list(folder: Path) -> None:
 
     Example: tactiled keys list --folder /etc/tactiled/keys
     """
-    from tactiled.daemon.security import KeyFolder
+    from tactiled.daemon.zmq.security import KeyFolder
 
     folder_keys = KeyFolder(folder)
     click.echo(f"{folder}: the daemon is {folder_keys.pair()[0].decode()}", err=True)

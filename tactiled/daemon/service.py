@@ -13,23 +13,23 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 from tactiled.array import Array
-from tactiled.daemon.commands import Commands, Done
-from tactiled.daemon.connection import Connection
-from tactiled.daemon.datapath import DataPath
-from tactiled.daemon.diagnosis import LineWatch, other_layouts
-from tactiled.daemon.exporter import Exporter, MetricsParams
-from tactiled.daemon.link import Link
-from tactiled.daemon.metrics import Metrics
-from tactiled.daemon.network import Network
-from tactiled.daemon.outlets import Outlets
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.recorder import Recorder
-from tactiled.daemon.report import Report
-from tactiled.daemon.requests import Command as Request
-from tactiled.daemon.requests import Requester
-from tactiled.daemon.session import Session
-from tactiled.daemon.source import PortParams, check_url
-from tactiled.daemon.terms import SessionParams, Terms
+from tactiled.daemon.board.datapath import DataPath
+from tactiled.daemon.board.diagnosis import LineWatch, other_layouts
+from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.report import Report
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.operations.exporter import Exporter, MetricsParams
+from tactiled.daemon.operations.metrics import Metrics
+from tactiled.daemon.operations.outlets import Outlets
+from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.serial.connection import Connection
+from tactiled.daemon.serial.port import PortParams, check_url
+from tactiled.daemon.zmq.commands import Commands, Done
+from tactiled.daemon.zmq.network import Network
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.requests import Command as Request
+from tactiled.daemon.zmq.requests import Requester
 from tactiled.errors import TactiledError
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline, check_hello

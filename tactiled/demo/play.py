@@ -21,16 +21,16 @@ import click
 import numpy as np
 
 from tactiled.array import load_array
-from tactiled.bench.pictures import Truth as Shown
-from tactiled.bench.pictures import draw_log
-from tactiled.bench.report import table
 from tactiled.demo.verdict import HEAD, Host, compare, finds_end_s, true_slides
 from tactiled.detect.suite import DetectParams
-from tactiled.emulator.phases import Grooves
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.truth import TruePhase, TrueSlip, Truth
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.plain_table import table
+from tactiled.plots.log import Truth as Shown
+from tactiled.plots.log import draw_log
 from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell

@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from tactiled.emulator.phases import Grooves
-from tactiled.emulator.truth import TrueSlip, Truth
+from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.truth import TrueSlip, Truth
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 
 # About a tenth of the published errors at their largest (Wang 2019, table 2: period 9.2 %, angle 7.4 %).

@@ -10,11 +10,11 @@ from pydantic import Field, model_validator
 
 from tactiled.array import Array
 from tactiled.detect.base import Detector
-from tactiled.detect.bridge import Bridge
-from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
-from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip
-from tactiled.detect.texture_joint import JointParams, JointTexture
-from tactiled.detect.texture_paper import PaperTexture, TextureParams
+from tactiled.detect.grooves.estimator import JointParams, JointTexture
+from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
+from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params

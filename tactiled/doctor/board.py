@@ -6,12 +6,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from tactiled.config import Setup
-from tactiled.daemon.device import is_url
-from tactiled.daemon.diagnosis import LineWatch, frames_of, other_layouts
-from tactiled.daemon.link import Link
-from tactiled.daemon.session import Session
-from tactiled.daemon.source import Port, open_port_in_thread
-from tactiled.daemon.terms import Terms
+from tactiled.daemon.board.diagnosis import LineWatch, frames_of, other_layouts
+from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import Terms
+from tactiled.daemon.serial.device import is_url
+from tactiled.daemon.serial.port import Port, open_port_in_thread
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import ScanEvent, StatusEvent

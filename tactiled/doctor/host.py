@@ -12,10 +12,10 @@ import zmq
 
 from tactiled import resources
 from tactiled.client import Message, Subscription
-from tactiled.daemon import device
-from tactiled.daemon.endpoints import RUNTIME, bind, runtime_directory
-from tactiled.daemon.publisher import PublishParams, is_guarded
-from tactiled.daemon.security import KeyFolder
+from tactiled.daemon.serial import device
+from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
+from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
+from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding, Verdict, split
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.recording.rotation import RecordParams

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-from tactiled.daemon import device
-from tactiled.daemon.source import check_url
+from tactiled.daemon.serial import device
+from tactiled.daemon.serial.port import check_url
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import ConfigError
 

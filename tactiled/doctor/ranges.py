@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.texture_joint import JointParams
+from tactiled.detect.grooves.estimator import JointParams
 from tactiled.doctor.rivals import Rivals, rivals
 
 ALIASED = 0.45  # of the scan rate: the joint fit takes no faster ripple for what it seems

@@ -15,8 +15,8 @@ Ripples must also be sampled: ``v / D`` below half the rate (Nyquist) and below 
 import numpy as np
 
 from tactiled.array import Array
-from tactiled.detect.grooves import GrooveParams
-from tactiled.detect.texture_joint import JointParams
+from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.wang2019.grooves import GrooveParams
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.waves import check_waves
 

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 from tactiled.config import Setup
-from tactiled.daemon.publisher import PublishParams, is_guarded
-from tactiled.daemon.security import KeyFolder
+from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
+from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.host import check_disk
 from tactiled.doctor.resolving import check_array

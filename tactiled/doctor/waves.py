@@ -5,9 +5,9 @@ from dataclasses import asdict, replace
 from itertools import groupby
 
 from tactiled.array import Array
-from tactiled.detect.texture_joint import JointParams
-from tactiled.detect.wave_model import WaveMotion, layout_of
-from tactiled.detect.wave_weigh import has_lever
+from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.model import WaveMotion, layout_of
+from tactiled.detect.grooves.weigh import has_lever
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.ranges import ALIASED, TILTS_DEG, Range, has_direction, ranges
 from tactiled.events.types import UNKNOWN_SD_DEG

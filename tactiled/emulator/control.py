@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.emulator.contact import ContactModel
-from tactiled.emulator.links import Link, TcpLink, make_link
-from tactiled.emulator.physical import PhysicalContact
+from tactiled.emulator.line.links import Link, TcpLink, make_link
+from tactiled.emulator.scene.contact import ContactModel
+from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
 _LONGEST_LINE = 4096  # what is longer is no command; forgetting it bounds memory

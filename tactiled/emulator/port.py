@@ -5,13 +5,13 @@
 
 from collections.abc import Callable
 
-from tactiled.emulator.faults import FaultCounts, FaultKind, FaultParams, FaultPlan
-from tactiled.emulator.firmware import Board
-from tactiled.emulator.identity import BoardParams, identity, worn_array
-from tactiled.emulator.line import Arrival, Line
-from tactiled.emulator.scanning import ScanTruth
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.board.firmware import Board
+from tactiled.emulator.board.identity import BoardParams, identity, worn_array
+from tactiled.emulator.board.scanning import ScanTruth
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.line.adapter import Arrival, Line
+from tactiled.emulator.line.faults import FaultCounts, FaultKind, FaultParams, FaultPlan
+from tactiled.emulator.scene.description import Scene
 from tactiled.wire.layout import Layout
 
 

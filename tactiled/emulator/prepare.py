@@ -7,13 +7,13 @@ import sys
 from collections.abc import Callable
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import choose_rung, explain
 from tactiled.emulator.mechanics.base import FloatArray, Rung, Surface
 from tactiled.emulator.mechanics.periodic import STEP_S, Foresight
 from tactiled.emulator.mechanics.tables import SHIPPED, is_solved, solved_tables, write_tables
-from tactiled.emulator.motion import Motion
-from tactiled.emulator.physical import PhysicalContact
-from tactiled.emulator.scene import Scene, load_scene, paper_scenes
+from tactiled.emulator.scene.contact import choose_rung, explain
+from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
 Progress = Callable[[int, int], None]

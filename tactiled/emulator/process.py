@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from tactiled.emulator.board.identity import BoardParams
 from tactiled.emulator.control import control_link
-from tactiled.emulator.faults import FaultParams
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.links import make_link
-from tactiled.emulator.scene import Scene
+from tactiled.emulator.line.faults import FaultParams
+from tactiled.emulator.line.links import make_link
+from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.shell import Emulator, Report
 from tactiled.wire.layout import Layout
 

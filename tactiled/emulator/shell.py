@@ -16,18 +16,18 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report
-from tactiled.emulator.faults import FaultKind, FaultParams
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.links import Link
+from tactiled.emulator.line.faults import FaultKind, FaultParams
+from tactiled.emulator.line.links import Link
 from tactiled.emulator.pace import Pace, SceneClock
-from tactiled.emulator.physical import PhysicalContact
 from tactiled.emulator.port import Port
 from tactiled.emulator.prepare import check_real_time, prepare
-from tactiled.emulator.scanning import ScanTruth
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.slipnews import SlipNews
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.physical import PhysicalContact
+from tactiled.emulator.scene.slip_news import SlipNews
+from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import Layout
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import move_grip
-from tactiled.emulator.faults import FaultCounts, FaultParams
-from tactiled.emulator.identity import BoardParams
+from tactiled.emulator.line.faults import FaultCounts, FaultParams
 from tactiled.emulator.port import Port
-from tactiled.emulator.scanning import ScanTruth
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ContractError
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact import ContactParams, ContactTracker
-from tactiled.detect.quantise import Quantiser
+from tactiled.detect.signal.contact import ContactParams, ContactTracker
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock

@@ -11,7 +11,7 @@ from tactiled.array import Array, load_array
 from tactiled.client.commander import Commander
 from tactiled.client.items import Fresh, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
-from tactiled.detect.contact import ContactParams
+from tactiled.detect.signal.contact import ContactParams
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
 from tactiled.tune.hold import LOADING_S, Collector, Recording

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.bridge import Bridge
-from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 from tactiled.tune.onset import Onset, latencies

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactiled.bench.contact import LADDER, cost_ms
-from tactiled.bench.contact_findings import normal_ripple, side_ripple
-from tactiled.bench.contact_picture import draw_contact
-from tactiled.bench.contact_score import GROOVES, flat_errors, grooved_errors, reference_ripple, rung_ripple
+from bench.contact.bench import LADDER, cost_ms
+from bench.contact.findings import normal_ripple, side_ripple
+from bench.contact.picture import draw_contact
+from bench.contact.score import GROOVES, flat_errors, grooved_errors, reference_ripple, rung_ripple
 from tactiled.emulator.mechanics import compliance, periodic
 from tactiled.emulator.mechanics.fem.reference import reference_names
 

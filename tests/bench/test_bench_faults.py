@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.bench.fault_cases import CASES, Case
-from tactiled.bench.faults import Time, lost_scans, once
-from tactiled.bench.stage import RATE_HZ, Heard, Stage
+from bench.daemon.fault_cases import CASES, Case
+from bench.daemon.faults import Time, lost_scans, once
+from bench.daemon.stage import RATE_HZ, Heard, Stage
 
 PERIOD_S = 1 / RATE_HZ
 

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactiled.bench.off_protocol import CASES, HEAD, Case, score
-from tactiled.bench.play import Run, play
-from tactiled.emulator.truth import Truth
+from bench.paper.off_protocol import CASES, HEAD, Case, score
+from bench.paper.play import Run, play
+from tactiled.emulator.scene.truth import Truth
 from tactiled.events.types import SlipEvent
 
 CASE = Case(1.0)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactiled.array import load_array
-from tactiled.bench.slip_faults import FAULTS
-from tactiled.bench.slip_latency import measure
-from tactiled.bench.slip_noise import Tail, fit_tail, maxima, oracle_tail, rule_maxima, rule_tails
-from tactiled.bench.slip_oracle import Oracle
-from tactiled.bench.slip_quiet import run
-from tactiled.bench.slip_rivals import Knobs, rivals, sweep
-from tactiled.bench.slip_rules import (
+from bench.slip.faults import FAULTS
+from bench.slip.latency import measure
+from bench.slip.noise import Tail, fit_tail, maxima, oracle_tail, rule_maxima, rule_tails
+from bench.slip.oracle import Oracle
+from bench.slip.quiet import run
+from bench.slip.rivals import Knobs, rivals, sweep
+from bench.slip.rules import (
     COHERENT,
     LEVELS,
     RULES,
@@ -23,11 +22,12 @@ from tactiled.bench.slip_rules import (
     window_coefficients,
     window_rule,
 )
-from tactiled.bench.slip_scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
+from bench.slip.scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
+from tactiled.array import load_array
 from tactiled.detect.base import Detector
-from tactiled.detect.wavelet import BankParams, SwtBank
-from tactiled.emulator.families import QUIET
-from tactiled.emulator.imposed import Imposed
+from tactiled.detect.signal.wavelet import BankParams, SwtBank
+from tactiled.emulator.scene.families import QUIET
+from tactiled.emulator.scene.imposed import Imposed
 from tactiled.errors import ContractError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock

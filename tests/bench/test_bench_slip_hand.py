@@ -4,10 +4,10 @@ import itertools
 
 import pytest
 
-from tactiled.bench.slip_hand import SHEARS, curve, one_scene
-from tactiled.detect.slip_coherent import SETTINGS, CoherentParams
-from tactiled.detect.slip_rate import PER_HOUR, SHEAR, rate_at, shear_at
-from tactiled.emulator.families import QUIET
+from bench.slip.hand import SHEARS, curve, one_scene
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams
+from tactiled.detect.slip.rate import PER_HOUR, SHEAR, rate_at, shear_at
+from tactiled.emulator.scene.families import QUIET
 
 
 def test_every_family_counts_alike_and_more_shear_is_never_more_alarms() -> None:

@@ -11,21 +11,21 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from tactiled.array import load_array
-from tactiled.bench import slip_alarms, slip_tables
-from tactiled.bench.slip import Each
-from tactiled.bench.slip_aims import aims_table, limit_table
-from tactiled.bench.slip_cost import Cost
-from tactiled.bench.slip_latency import CURVE_PER_HOUR, Case, fastest_level
-from tactiled.bench.slip_limit import GROWTHS, LATENCIES_S, Exceeded, exceeded, growth_by, per_hour
-from tactiled.bench.slip_noise import Tail
-from tactiled.bench.slip_picture import draw_slip
-from tactiled.bench.slip_quiet import HELD, QUIET_NOISES_V, Alarms, Counted, Quiet, count
-from tactiled.bench.slip_report import Measured, numbers_of, text_of
-from tactiled.bench.slip_rest import BANDS, Rest, rest_table, rests
-from tactiled.bench.slip_rivals import Knobs, rivals
-from tactiled.bench.slip_rules import COHERENT, LEVELS, RULES
-from tactiled.bench.slip_scenes import (
+from bench.slip import alarms as slip_alarms
+from bench.slip import tables as slip_tables
+from bench.slip.aims import aims_table, limit_table
+from bench.slip.bench import Each
+from bench.slip.cost import Cost
+from bench.slip.latency import CURVE_PER_HOUR, Case, fastest_level
+from bench.slip.limit import GROWTHS, LATENCIES_S, Exceeded, exceeded, growth_by, per_hour
+from bench.slip.noise import Tail
+from bench.slip.picture import draw_slip
+from bench.slip.quiet import HELD, QUIET_NOISES_V, Alarms, Counted, Quiet, count
+from bench.slip.report import Measured, numbers_of, text_of
+from bench.slip.rest import BANDS, Rest, rest_table, rests
+from bench.slip.rivals import Knobs, rivals
+from bench.slip.rules import COHERENT, LEVELS, RULES
+from bench.slip.scenes import (
     NOISES_V,
     SPEEDS_MM_S,
     Announcement,
@@ -34,10 +34,11 @@ from tactiled.bench.slip_scenes import (
     play,
     speed_name,
 )
-from tactiled.bench.slip_score import Found
+from bench.slip.score import Found
+from tactiled.array import load_array
 from tactiled.cli import cli
-from tactiled.detect.slip_coherent import SETTINGS as DETECTOR_SETTINGS
-from tactiled.emulator.families import QUIET
+from tactiled.detect.slip.coherent import SETTINGS as DETECTOR_SETTINGS
+from tactiled.emulator.scene.families import QUIET
 from tactiled.progress import ProgressBar
 
 TAIL = Tail(5.0, 0.5, 1.0)

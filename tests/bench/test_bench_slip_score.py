@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.bench.slip_scenes import SCAN_SPAN_S, Played
-from tactiled.bench.slip_score import (
+from bench.slip.scenes import SCAN_SPAN_S, Played
+from bench.slip.score import (
     GRACE_S,
     SETTLE_S,
     coverage,
@@ -17,9 +17,9 @@ from tactiled.bench.slip_score import (
     score_slip,
     tally,
 )
-from tactiled.bench.slip_truth import GRID_S, Course, TrueInstants
-from tactiled.emulator.phases import Flat
-from tactiled.emulator.truth import TrueSlip
+from bench.slip.truth import GRID_S, Course, TrueInstants
+from tactiled.emulator.scene.phases import Flat
+from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 SLIP = TrueInstants(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direction_deg=170.0)

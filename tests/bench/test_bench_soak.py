@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from tactiled.bench.ledger import Ledger
-from tactiled.bench.soak import BUNCHED, soak
-from tactiled.bench.soak_outcome import Outcome, Stretch
-from tactiled.emulator.scanning import ScanTruth
+from bench.daemon.ledger import Ledger
+from bench.daemon.soak import BUNCHED, soak
+from bench.daemon.soak_outcome import Outcome, Stretch
+from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.events.types import ScanEvent
 from tactiled.progress import ProgressBar
 

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.texture.aims import aims_table
+from bench.texture.count import FIRST_SEED, Counted, count_table, counted
+from bench.texture.drawn import ANGLES_DEG, PERIODS_MM, Drawn, drawn_table, plate
+from bench.texture.grid import Trial, turns_off
+from bench.texture.misfit import Spoiled
+from bench.texture.paper import Answered, First
+from bench.texture.plates import MISFITS
+from bench.texture.signal import draw_case, readings
+from bench.texture.two import TWO, Twofold, two_table, twofold
+from bench.texture.window import perfect
 from tactiled.array import load_array
-from tactiled.bench.texture_aims import aims_table
-from tactiled.bench.texture_count import FIRST_SEED, Counted, count_table, counted
-from tactiled.bench.texture_drawn import ANGLES_DEG, PERIODS_MM, Drawn, drawn_table, plate
-from tactiled.bench.texture_grid import Trial, turns_off
-from tactiled.bench.texture_misfit import Spoiled
-from tactiled.bench.texture_paper import Answered, First
-from tactiled.bench.texture_plates import MISFITS
-from tactiled.bench.texture_signal import draw_case, readings
-from tactiled.bench.texture_two import TWO, Twofold, two_table, twofold
-from tactiled.bench.texture_window import perfect
 
 ARRAY = load_array("wang2019-3x3")
 RIGHT = Trial(2.0, 20.0, True, 0, 5.0, 1.2, 30.0, "ok", 1.0, -1.0, 1.0, 1.0)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.texture.bound import Bound, FloatArray, Sensed, Wave, bound, kinds_of, turns
+from bench.texture.signal import LEVEL_VOLTS, Case, readings, sensed_by, wave_volts
 from tactiled.array import load_array
-from tactiled.bench.texture_bound import Bound, FloatArray, Sensed, Wave, bound, kinds_of, turns
-from tactiled.bench.texture_signal import LEVEL_VOLTS, Case, readings, sensed_by, wave_volts
 
 ARRAY = load_array("wang2019-3x3")
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from bench.texture.answers import joint_fit
+from bench.texture.cost import STRAY_RAD, Cost, OnlineCost, case_of, cost_table, online_table
+from bench.texture.online import DIRECTION_SD_DEG
+from bench.texture.signal import RATE_HZ, readings
 from tactiled.array import load_array
-from tactiled.bench.texture_answers import joint_fit
-from tactiled.bench.texture_cost import STRAY_RAD, Cost, OnlineCost, case_of, cost_table, online_table
-from tactiled.bench.texture_online import DIRECTION_SD_DEG
-from tactiled.bench.texture_signal import RATE_HZ, readings
-from tactiled.detect.grooves import Motion
-from tactiled.detect.wave_model import WaveFit
+from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.wang2019.grooves import Motion
 
 ARRAY = load_array("wang2019-3x3")
 

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.texture.answers import Answer, faithful
+from bench.texture.bench import _plain
+from bench.texture.bound import Wave, bound
+from bench.texture.grid import Trial, scored, summary, trial, turns_off
+from bench.texture.paper import Answered, errors2, table2
+from bench.texture.signal import ANGLES_DEG, PERIODS_MM, Case, draw_case, draw_wave, readings
+from bench.texture.tables import by_band, over_bound, refusals, threshold, wrong_rate
 from tactiled.array import load_array
-from tactiled.bench.texture import _plain
-from tactiled.bench.texture_answers import Answer, faithful
-from tactiled.bench.texture_bound import Wave, bound
-from tactiled.bench.texture_grid import Trial, scored, summary, trial, turns_off
-from tactiled.bench.texture_paper import Answered, errors2, table2
-from tactiled.bench.texture_signal import ANGLES_DEG, PERIODS_MM, Case, draw_case, draw_wave, readings
-from tactiled.bench.texture_tables import by_band, over_bound, refusals, threshold, wrong_rate
 
 ARRAY = load_array("wang2019-3x3")
 

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from bench.pool import workers
+from bench.texture.bound import Wave, turns
+from bench.texture.curve import TIMES_S, Slide, curve_table, points, slide
+from bench.texture.grid import Trial
+from bench.texture.misfit import Spoiled, misfit_table, spoiled
+from bench.texture.online import answers, slip_at
+from bench.texture.paper import Answered
+from bench.texture.picture import draw_texture
+from bench.texture.plates import GROOVELESS, LSB_VOLTS, MISFITS
+from bench.texture.signal import sensed_by, wave_volts
+from bench.texture.window import Window, perfect
 from tactiled.array import load_array
-from tactiled.bench.pool import workers
-from tactiled.bench.texture_bound import Wave, turns
-from tactiled.bench.texture_curve import TIMES_S, Slide, curve_table, points, slide
-from tactiled.bench.texture_grid import Trial
-from tactiled.bench.texture_log import answer_in_words, draw_answers, draw_folded, draw_map, in_words
-from tactiled.bench.texture_misfit import Spoiled, misfit_table, spoiled
-from tactiled.bench.texture_online import answers, slip_at
-from tactiled.bench.texture_paper import Answered
-from tactiled.bench.texture_picture import draw_texture
-from tactiled.bench.texture_plates import GROOVELESS, LSB_VOLTS, MISFITS
-from tactiled.bench.texture_signal import sensed_by, wave_volts
-from tactiled.bench.texture_window import Window, perfect
-from tactiled.detect.texture_joint import JointParams
+from tactiled.detect.grooves.estimator import JointParams
 from tactiled.events.types import Candidate, TextureEvent
+from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, in_words
 
 ARRAY = load_array("wang2019-3x3")
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from bench.texture.answers import joint
+from bench.texture.bound import FloatArray, Wave, bound
+from bench.texture.signal import Case, draw_case, readings
 from tactiled.array import load_array
-from tactiled.bench.texture_answers import joint
-from tactiled.bench.texture_bound import FloatArray, Wave, bound
-from tactiled.bench.texture_signal import Case, draw_case, readings
 
 _FINEST = 2.0  # turns a millimetre: a period of 0.5 mm
 _TILT = float(np.tan(np.radians(80)))  # between groove normal and motion

@@ -12,11 +12,11 @@ import zmq.asyncio
 from boards import LAYOUT, descriptors
 
 from tactiled.array import load_array
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.recorder import Recorder
+from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, ServiceParams
-from tactiled.daemon.source import PortParams
-from tactiled.daemon.terms import SessionParams
+from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.pipeline import Pipeline
 
 ARRAY = load_array("wang2019-3x3")

@@ -4,13 +4,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from bench.daemon.ledger import Ledger
+from bench.daemon.rig import Rig
+from bench.daemon.soak import grasps
 from tactiled.array import load_array
-from tactiled.bench.ledger import Ledger
-from tactiled.bench.rig import Rig
-from tactiled.bench.soak import grasps
-from tactiled.daemon.terms import SessionParams
-from tactiled.emulator.faults import FaultKind, FaultParams
-from tactiled.emulator.identity import BoardParams
+from tactiled.daemon.board.terms import SessionParams
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.events.types import Event, StatusEvent
 from tactiled.wire.layout import load_layout
 

@@ -12,14 +12,14 @@ from boards import LAYOUT, PtyBoard, SimBoard, descriptors
 
 from tactiled.array import load_array
 from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
-from tactiled.daemon.commands import RATE_S, Commands
-from tactiled.daemon.diagnosis import LineWatch
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.requests import Rate
+from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, ServiceParams
-from tactiled.daemon.session import Session
-from tactiled.daemon.source import PortParams
-from tactiled.daemon.terms import SessionParams, Terms
+from tactiled.daemon.zmq.commands import RATE_S, Commands
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.requests import Rate
 from tactiled.events.types import EVENT_TYPES, Sent
 from tactiled.pipeline import Pipeline
 

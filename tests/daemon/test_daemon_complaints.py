@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from tactiled.daemon.complaints import PERIOD_S, Complaints
+from tactiled.daemon.operations.complaints import PERIOD_S, Complaints
 
 
 def test_a_condition_is_logged_once_then_counted(caplog: pytest.LogCaptureFixture) -> None:

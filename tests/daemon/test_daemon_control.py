@@ -23,12 +23,12 @@ from said import anything
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
-from tactiled.daemon import network as network_module
-from tactiled.daemon.complaints import PERIOD_S
-from tactiled.daemon.control import REPLY_BYTES, Control
-from tactiled.daemon.network import Network
-from tactiled.daemon.publisher import Publisher, PublishParams
-from tactiled.daemon.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, Requester, parse
+from tactiled.daemon.operations.complaints import PERIOD_S
+from tactiled.daemon.zmq import network as network_module
+from tactiled.daemon.zmq.control import REPLY_BYTES, Control
+from tactiled.daemon.zmq.network import Network
+from tactiled.daemon.zmq.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, Requester, parse
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tactiled import resources
-from tactiled.daemon.network import Network
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.requests import Command, Requester
+from tactiled.daemon.zmq.network import Network
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.requests import Command, Requester
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)

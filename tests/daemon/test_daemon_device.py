@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.daemon import device
+from tactiled.daemon.serial import device
 
 _TIOCGEXCL = 0x80045440  # asm-generic/ioctls.h
 

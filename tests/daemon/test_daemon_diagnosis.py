@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from boards import LAYOUT, SimBoard
 
-from tactiled.bench.uart import heard
-from tactiled.daemon.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
+from bench.daemon.uart import heard
+from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout, load_layout

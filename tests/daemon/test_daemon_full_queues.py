@@ -36,7 +36,7 @@ with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
 """
 SLOW_SERVER = """
 import asyncio, sys
-from tactiled.daemon import network
+from tactiled.daemon.zmq import network
 network.REQUESTS_PER_S = 25.0
 network._BURST = 1
 server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), lambda *_: None, lambda _: {})

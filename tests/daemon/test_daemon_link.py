@@ -15,17 +15,17 @@ import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
 
-from tactiled.daemon import device
-from tactiled.daemon.diagnosis import LineWatch
-from tactiled.daemon.link import SILENT_S, Link
-from tactiled.daemon.recorder import Recorder
+from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.link import SILENT_S, Link
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.serial import device
+from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
-from tactiled.daemon.session import Session
-from tactiled.daemon.source import PortParams
-from tactiled.daemon.terms import SessionParams, Terms
-from tactiled.emulator.faults import FaultAt, FaultParams
-from tactiled.emulator.links import PtyLink
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.line.faults import FaultAt, FaultParams
+from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.daemon import log
+from tactiled.daemon.operations import log
 
 
 @pytest.fixture(autouse=True)

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
-from tactiled.daemon import exporter as exporter_module
-from tactiled.daemon.device import LineErrors
-from tactiled.daemon.exporter import Exporter, MetricsParams
-from tactiled.daemon.metrics import Histogram, Metrics
+from tactiled.daemon.operations import exporter as exporter_module
+from tactiled.daemon.operations.exporter import Exporter, MetricsParams
+from tactiled.daemon.operations.metrics import Histogram, Metrics
+from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.service import Service
 from tactiled.events.types import RecordingEvent, SlipEvent
 from tactiled.pipeline import Pipeline

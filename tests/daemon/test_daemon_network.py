@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from tactiled.client import AsyncCommander
-from tactiled.daemon.network import Network, uid_of
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.requests import Command, Requester
+from tactiled.daemon.zmq.network import Network, uid_of
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.requests import Command, Requester
 
 
 class Server:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.daemon.notify import Notifier
+from tactiled.daemon.operations.notify import Notifier
 
 
 def drain(manager: socket.socket) -> list[str]:

@@ -14,8 +14,8 @@ import pytest
 import zmq
 
 from tactiled import tomlfile
-from tactiled.daemon.endpoints import runtime_directory
-from tactiled.daemon.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.endpoints import runtime_directory
+from tactiled.daemon.zmq.publisher import Publisher, PublishParams
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
 from tactiled.events.types import ContactEvent, ScanEvent
 from tactiled.tomlfile import Params

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.daemon import recorder as recorder_module
-from tactiled.daemon.recorder import Recorder
+from tactiled.daemon.operations import recorder as recorder_module
+from tactiled.daemon.operations.recorder import Recorder
 from tactiled.errors import DataError
 from tactiled.events.types import RecordingEvent
 from tactiled.recording import rotation

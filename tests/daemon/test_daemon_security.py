@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
-from tactiled.daemon import complaints as complaints_module
-from tactiled.daemon import network as network_module
-from tactiled.daemon import publisher as publisher_module
-from tactiled.daemon.network import Network
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.requests import Command, Requester
-from tactiled.daemon.security import Gate, KeyFolder
+from tactiled.daemon.operations import complaints as complaints_module
+from tactiled.daemon.zmq import network as network_module
+from tactiled.daemon.zmq import publisher as publisher_module
+from tactiled.daemon.zmq.network import Network
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.requests import Command, Requester
+from tactiled.daemon.zmq.security import Gate, KeyFolder
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.events.types import ContactEvent
 

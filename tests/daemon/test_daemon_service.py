@@ -17,13 +17,13 @@ from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
 from mcap.reader import make_reader
 
-from tactiled.daemon import outlets as outlets_module
-from tactiled.daemon.datapath import DataPath
-from tactiled.daemon.publisher import PublishParams
-from tactiled.daemon.recorder import Recorder
+from tactiled.daemon.board.datapath import DataPath
+from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.operations import outlets as outlets_module
+from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, ServiceParams, serve
-from tactiled.daemon.source import PortParams
-from tactiled.daemon.terms import SessionParams
+from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
 from tactiled.recording.contents import Header, load_source
 from tactiled.recording.rotation import RecordParams

@@ -8,10 +8,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from tactiled.daemon.asking import MAX_TRIES
-from tactiled.daemon.diagnosis import LineWatch, Tally
-from tactiled.daemon.session import FOREIGN_S, Session
-from tactiled.daemon.terms import SessionParams, Terms
+from tactiled.daemon.board.asking import MAX_TRIES
+from tactiled.daemon.board.diagnosis import LineWatch, Tally
+from tactiled.daemon.board.session import FOREIGN_S, Session
+from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
 from tactiled.wire.layout import load_layout

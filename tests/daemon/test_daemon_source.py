@@ -15,8 +15,8 @@ import pytest
 import serial
 from boards import descriptors
 
-from tactiled.daemon import source
-from tactiled.daemon.source import check_url, open_port, open_port_in_thread
+from tactiled.daemon.serial import port as source
+from tactiled.daemon.serial.port import check_url, open_port, open_port_in_thread
 from tactiled.errors import ConfigError, PortError
 
 

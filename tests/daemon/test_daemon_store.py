@@ -5,7 +5,7 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.store import KEPT_BOARDS, Store
+from tactiled.daemon.zmq.store import KEPT_BOARDS, Store
 
 
 def payload(seq: int, size: int = 20) -> bytes:

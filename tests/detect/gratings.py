@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.wave_fit import fit_wave
-from tactiled.detect.wave_model import WaveFit, WaveMotion, WaveParams, layout_of
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, layout_of
 
 ARRAY = load_array("wang2019-3x3")
 SIDES = [TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.detect.bridge import Bridge
+from tactiled.detect.signal.bridge import Bridge
 from tactiled.detect.suite import DetectParams, build_suite
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.description import load_scene
 from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

@@ -12,11 +12,11 @@ from touches import Touch, pieces, published, run, splits
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
-from tactiled.detect.contact import ContactGate
-from tactiled.detect.slip_coherent import CoherentSlip
-from tactiled.detect.slip_wavelet import WaveletSlip
+from tactiled.detect.signal.contact import ContactGate
+from tactiled.detect.slip.coherent import CoherentSlip
 from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.texture_paper import TextureParams
+from tactiled.detect.wang2019.slip import WaveletSlip
+from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.signal import detrend, periodogram
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves import GrooveParams, Grooves, Motion, estimate
-from tactiled.detect.spectrum import spectrum
+from tactiled.detect.wang2019.grooves import GrooveParams, Grooves, Motion, estimate
+from tactiled.detect.wang2019.spectrum import spectrum
 
 STEP = 8.0 / 2**23
 COLUMN_MM = np.array([0.0, 3.5, 7.3])

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from touches import contact_states, onsets, pieces, published, run, slips, splits, textures
 
 from tactiled.array import Array, load_array
-from tactiled.detect.slip_wavelet import WaveletSlip
 from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.texture_paper import TextureParams
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.detect.wang2019.slip import WaveletSlip
+from tactiled.detect.wang2019.texture import TextureParams
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.description import Scene
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 from tactiled.tomlfile import parse

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from touches import Touch, slips
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.detect.kink import KinkFit
-from tactiled.detect.slide import Look, MotionResponse
 from tactiled.detect.suite import DetectParams, Setting, build_suite
+from tactiled.detect.wang2019.kink import KinkFit
+from tactiled.detect.wang2019.slide import Look, MotionResponse
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

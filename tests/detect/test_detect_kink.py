@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tactiled.detect.kink import KinkFit
-from tactiled.detect.wavelet import taps
+from tactiled.detect.signal.wavelet import taps
+from tactiled.detect.wang2019.kink import KinkFit
 
 THRESHOLD = 0.002
 

@@ -7,8 +7,8 @@ import pytest
 from touches import LSB, Touch, contact_states, onsets, run, slips
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.detect.slip_wavelet import SlipParams, WaveletSlip, level_at
-from tactiled.detect.wavelet import border_scans
+from tactiled.detect.signal.wavelet import border_scans
+from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip, level_at
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

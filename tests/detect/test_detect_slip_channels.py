@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from touches import LSB, Touch, onsets, pieces, run, slips, splits
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.quantise import Quantiser
-from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
-from tactiled.detect.slip_filters import lasting
-from tactiled.detect.slip_stuck import Stuck
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip.filters import lasting
+from tactiled.detect.slip.stuck import Stuck
 from tactiled.events.types import Event
 from tactiled.samples.block import ScanBlock, regular_block
 

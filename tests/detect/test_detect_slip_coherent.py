@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from touches import LSB, Touch
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.slip_coherent import SETTINGS, CoherentParams, CoherentSlip
-from tactiled.emulator.families import FAMILIES, parts
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.sensor import Sensor
-from tactiled.emulator.truth import Truth
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families import FAMILIES, parts
+from tactiled.emulator.scene.truth import Truth
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

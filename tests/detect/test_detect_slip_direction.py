@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.slip_direction import direction
-from tactiled.detect.slip_evidence import Evidence
-from tactiled.detect.slip_response import Response
+from tactiled.detect.slip.direction import direction
+from tactiled.detect.slip.evidence import Evidence
+from tactiled.detect.slip.response import Response
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 ARRAY = load_array("wang2019-3x3")

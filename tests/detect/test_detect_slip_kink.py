@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip_kink import Kink, find_kink
+from tactiled.detect.slip.kink import Kink, find_kink
 
 
 def kink_of(course: FloatArray, longest: float, noise: float, least: float = 0.0) -> Kink:

@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.quantise import Held
-from tactiled.detect.slip_course import Course
-from tactiled.detect.slip_evidence import Evidence
-from tactiled.detect.slip_filters import LEVELS, N_BASELINE, Filters
-from tactiled.detect.slip_floor import GROUP_SCANS, NoiseFloor
-from tactiled.detect.slip_kink import Kink
-from tactiled.detect.slip_limit import Limit
-from tactiled.detect.slip_response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
-from tactiled.detect.slip_rest import Rest
+from tactiled.detect.signal.quantise import Held
+from tactiled.detect.slip.course import Course
+from tactiled.detect.slip.evidence import Evidence
+from tactiled.detect.slip.filters import LEVELS, N_BASELINE, Filters
+from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.kink import Kink
+from tactiled.detect.slip.limit import Limit
+from tactiled.detect.slip.response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
+from tactiled.detect.slip.rest import Rest
 
 ARRAY = load_array("wang2019-3x3")
 ALL = np.ones(ARRAY.n_taxels, dtype=np.bool_)

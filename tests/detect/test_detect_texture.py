@@ -8,7 +8,7 @@ from touches import Touch, pieces, published, run, slips, textures
 
 from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
 from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.texture_paper import PaperTexture, TextureParams, window_spectrum
+from tactiled.detect.wang2019.texture import PaperTexture, TextureParams, window_spectrum
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 

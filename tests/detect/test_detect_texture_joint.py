@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.detect.slip_wavelet import WaveletSlip
-from tactiled.detect.texture_joint import PRESETS, JointParams, JointTexture
+from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
+from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

@@ -22,9 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.wave_basis import make_window, tabulate
-from tactiled.detect.wave_fit import fit_wave
-from tactiled.detect.wave_model import WaveMotion, WaveParams, layout_of
+from tactiled.detect.grooves.basis import make_window, tabulate
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, layout_of
 
 LSB = 3.0 / 4096
 OFFSETS_S = np.linspace(0, 0.007, 36)

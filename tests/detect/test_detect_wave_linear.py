@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.wave_basis import Tables, Window, tabulate, trend_basis
-from tactiled.detect.wave_linear import Geometry, Linear, Waves, expected, linearise, swept
+from tactiled.detect.grooves.basis import Tables, Window, tabulate, trend_basis
+from tactiled.detect.grooves.linear import Geometry, Linear, Waves, expected, linearise, swept
 
 N_CHANNELS, N = 6, 200
 

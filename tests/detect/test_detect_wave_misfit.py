@@ -19,9 +19,9 @@ from gratings import (
 )
 from scipy import signal
 
-from tactiled.detect.wave_fit import fit_wave
-from tactiled.detect.wave_model import WaveMotion, WaveParams, layout_of
-from tactiled.detect.wave_noise import design_effect
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, layout_of
+from tactiled.detect.grooves.noise import design_effect
 
 
 @motions

@@ -8,7 +8,7 @@ from gratings import ARRAY, Grating, MotionOf, Slide, assert_right, fit, motions
 from scipy import signal
 
 from tactiled.array import FloatArray
-from tactiled.detect.wave_model import WaveFit
+from tactiled.detect.grooves.model import WaveFit
 
 _OFFSETS_S = np.linspace(0, 0.007, 36)
 

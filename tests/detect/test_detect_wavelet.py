@@ -10,7 +10,7 @@ from touches import pieces, splits
 
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.detect.wavelet import (
+from tactiled.detect.signal.wavelet import (
     BankParams,
     Coefficients,
     SwtBank,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactiled.emulator.mechanics.base import PRESSED_REFERENCE_N, SHEARED_REFERENCE_N
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.truth import Truth
 from tactiled.resources import shipped
 
 HOLD = {"kind": "hold", "duration_s": 0.5}

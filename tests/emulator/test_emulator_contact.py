@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.motion import Motion
-from tactiled.emulator.prescribed import SignalContact
-from tactiled.emulator.scene import Scene
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.prescribed import SignalContact
 
 WANG = load_array("wang2019-3x3")
 PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 18.0}

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
-from tactiled.emulator import electronics
-from tactiled.emulator.electronics import ElectronicsParams
-from tactiled.emulator.noise import ScanNoise
-from tactiled.emulator.scene import Scene, load_scene, paper_scenes
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.board import electronics
+from tactiled.emulator.board.electronics import ElectronicsParams
+from tactiled.emulator.board.noise import ScanNoise
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
 from tactiled.errors import ConfigError
 
 PARAMS = ElectronicsParams()

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
-from tactiled.emulator import electronics
-from tactiled.emulator.electronics import PUBLISHED_SENSITIVITY, ElectronicsParams, calibrate
+from tactiled.emulator.board import electronics
+from tactiled.emulator.board.electronics import PUBLISHED_SENSITIVITY, ElectronicsParams, calibrate
+from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.lumped import Lumped
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]

@@ -3,9 +3,9 @@
 import pytest
 
 from tactiled.array import load_array
-from tactiled.emulator.contact import explain
 from tactiled.emulator.prepare import explain_in_real_time
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.contact import explain
+from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tactiled.emulator.contact import choose_rung
-from tactiled.emulator.families import FAMILIES, HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET, SLIPPING
-from tactiled.emulator.physical import PhysicalContact
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.contact import choose_rung
+from tactiled.emulator.scene.families import FAMILIES, HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET, SLIPPING
+from tactiled.emulator.scene.physical import PhysicalContact
+from tactiled.emulator.scene.truth import Truth
 
 SEEDS = (1,)  # more cost a held object's 0.08 s a second each
 

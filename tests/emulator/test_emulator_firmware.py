@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactiled.array import load_array
-from tactiled.emulator.firmware import BOOT_S, Board
-from tactiled.emulator.identity import BoardParams, identity
-from tactiled.emulator.scanning import ScanTruth
+from tactiled.emulator.board.firmware import BOOT_S, Board
+from tactiled.emulator.board.identity import BoardParams, identity
+from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan

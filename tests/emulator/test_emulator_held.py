@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.emulator.contact import make_contact
 from tactiled.emulator.control import ControlLines, control_link
-from tactiled.emulator.links import PtyLink
-from tactiled.emulator.motion import Motion
-from tactiled.emulator.physical import PhysicalContact
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.scene.contact import make_contact
+from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.physical import PhysicalContact
+from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.shell import Emulator
 from tactiled.emulator.simulate import Simulation
-from tactiled.emulator.truth import Truth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command

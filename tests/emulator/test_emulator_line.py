@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.faults import FaultCounts, FaultParams, FaultPlan
-from tactiled.emulator.line import Arrival, Line
+from tactiled.emulator.line.adapter import Arrival, Line
+from tactiled.emulator.line.faults import FaultCounts, FaultParams, FaultPlan
 
 FRAME = bytes(range(1, 86))
 BYTE_S = 10 / 115200

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.emulator.loading import LoadMemory
-from tactiled.emulator.physical import PhysicalContact
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.loading import LoadMemory
+from tactiled.emulator.scene.physical import PhysicalContact
 
 WANG = load_array("wang2019-3x3")
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}

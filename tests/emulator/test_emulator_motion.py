@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.motion import Motion
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.segments import PRESLIDING_MM
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.segments import PRESLIDING_MM
+from tactiled.emulator.scene.truth import Truth
 
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}
 HOLD = {"kind": "hold", "duration_s": 0.4}

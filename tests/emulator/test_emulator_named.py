@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.emulator.families import FAMILIES
-from tactiled.emulator.named import named_scene, scene_names
+from tactiled.emulator.scene.families import FAMILIES
+from tactiled.emulator.scene.named import named_scene, scene_names
 from tactiled.errors import ConfigError
 
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.pace import BEHIND_S, HICCUP_S, RECOVERED_S, REPORT_PERIOD_S, Pace, SceneClock
 from tactiled.emulator.port import Port
-from tactiled.emulator.scanning import ScanTruth
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Command, Hello, Scan
 from tactiled.wire.layout import load_layout

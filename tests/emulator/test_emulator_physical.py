@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.contact import choose_rung, explain, make_contact
-from tactiled.emulator.motion import Motion
-from tactiled.emulator.physical import PhysicalContact
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.scene.contact import choose_rung, explain, make_contact
+from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.physical import PhysicalContact
+from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
-from tactiled.emulator.truth import Truth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Scan

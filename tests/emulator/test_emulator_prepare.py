@@ -10,8 +10,8 @@ from tactiled.emulator.mechanics import period
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.tables import shipped_tables, solved_tables, table_rows
 from tactiled.emulator.prepare import prepare
-from tactiled.emulator.scene import Scene, load_scene, paper_scenes
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
+from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ConfigError
 
 DEMO_PLATES = {"flat": Surface(0.6), "grooves": Surface(0.6, 1.2, 30.0, 0.1)}

@@ -7,8 +7,8 @@ import pytest
 
 from tactiled import resources
 from tactiled.array import load_array
-from tactiled.emulator.scene import Flat, Grooves, Scene, Slide, load_scene, paper_scenes
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Flat, Grooves, Scene, Slide, load_scene, paper_scenes
+from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ConfigError
 
 PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 10.0}

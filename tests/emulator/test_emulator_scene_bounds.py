@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.emulator import phases
-from tactiled.emulator.electronics import ElectronicsParams
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.sensor import Sensor
+from tactiled.emulator.board.electronics import ElectronicsParams
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene import phases
+from tactiled.emulator.scene.description import Scene
 from tactiled.tomlfile import Params
 
 WANG = load_array("wang2019-3x3")

@@ -17,10 +17,10 @@ from typing import Any
 
 import pytest
 
-from tactiled.emulator.faults import FaultParams
-from tactiled.emulator.links import PtyLink, TcpLink, make_link
+from tactiled.emulator.line.faults import FaultParams
+from tactiled.emulator.line.links import PtyLink, TcpLink, make_link
 from tactiled.emulator.process import run_emulator
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
@@ -205,7 +205,7 @@ def test_a_signal_ends_it_cleanly(tmp_path: Path, number: signal.Signals) -> Non
     link = tmp_path / "board"
     program = (
         "import json, sys; from pathlib import Path\n"
-        "from tactiled.emulator.scene import load_scene\n"
+        "from tactiled.emulator.scene.description import load_scene\n"
         "from tactiled.emulator.process import run_emulator\n"
         "from tactiled.wire.layout import Layout, compile_layout, load_layout\n"
         "run_emulator(load_scene('rest'), load_layout('board-v1'), link=Path(sys.argv[1]),\n"

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.faults import FaultParams
-from tactiled.emulator.identity import BoardParams
-from tactiled.emulator.line import Arrival
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.line.adapter import Arrival
+from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.port import Port
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, ContractError
 from tactiled.wire.codec import Decoder, Encoder

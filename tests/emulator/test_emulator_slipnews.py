@@ -1,9 +1,9 @@
 """What is said of slips while a scene is played: each when it is gross, and when it has ended."""
 
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.slipnews import SlipNews
-from tactiled.emulator.slipwatch import Episode, SlipWatch
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.slip_instants import Episode, SlipWatch
+from tactiled.emulator.scene.slip_news import SlipNews
+from tactiled.emulator.scene.truth import Truth
 
 
 def test_each_slip_is_news_when_gross_and_when_ended_and_never_again() -> None:

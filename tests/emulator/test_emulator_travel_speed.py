@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactiled.emulator.scene import Scene
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.truth import Truth
 
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 15.0}
 SLIDE = {"kind": "slide", "duration_s": 1.5, "speed_mm_s": 3.0, "direction_deg": 40.0, "ramp_s": 0.3}

@@ -14,8 +14,8 @@ from tactiled.emulator.mechanics.base import BOTTOMED, FloatArray, Held, Surface
 from tactiled.emulator.mechanics.bristle import Bristle
 from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm, load_n
 from tactiled.emulator.mechanics.stepper import play
-from tactiled.emulator.scene import load_scene
-from tactiled.emulator.truth import Truth
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ConfigError
 from tactiled.resources import shipped
 

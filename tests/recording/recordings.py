@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tactiled.emulator.scene import load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactiled.bench.clock import Line, timing
-from tactiled.emulator.faults import FaultParams
+from bench.daemon.clock import Line, timing
+from tactiled.emulator.line.faults import FaultParams
 from tactiled.samples.clock import ClockFit, ClockParams
 from tactiled.samples.envelope import Band, line_through
 

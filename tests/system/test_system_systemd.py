@@ -279,7 +279,7 @@ def test_a_storm_of_subscriptions_ends_the_daemon_and_others_get_on(
         assert subscription.lost == 0
         assert container.shown(unit(), "MainPID") != [pid]
     with capsys.disabled():
-        print(f"\nsystemd: fresh scans {took_s:.1f} s after {limit} ended the daemon in a storm of subscriptions")
+        print(f"\nsystemd: fresh scans {took_s:.1f} s after {limit} ended the daemon in a subscription storm")
 
 
 def test_stop_ends_well_and_the_board_is_told(container: Container) -> None:

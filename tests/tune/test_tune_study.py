@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from bench.slip.scenes import play, read_sd_v
 from tactiled.array import Array, load_array
-from tactiled.bench.slip_scenes import play, read_sd_v
-from tactiled.detect.quantise import Quantiser
-from tactiled.detect.slip_coherent import SETTINGS
-from tactiled.detect.slip_response import PRESSURE, Response, motion, responses
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.slip.coherent import SETTINGS
+from tactiled.detect.slip.response import PRESSURE, Response, motion, responses
 from tactiled.detect.suite import DetectParams
-from tactiled.emulator.families import QUIET
-from tactiled.emulator.scene import Scene, load_scene
+from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.families import QUIET
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent

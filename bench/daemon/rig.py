@@ -1,0 +1,143 @@
+"""The daemon's link on an emulated port, in simulated time: days in minutes.
+
+`Rig` plays what the service does around a link: it opens and reopens the port, hands over bytes, writes
+commands, ticks.
+"""
+
+from collections.abc import Callable
+
+from tactiled.array import Array
+from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.scanning import ScanTruth
+from tactiled.emulator.line.faults import FaultKind, FaultParams
+from tactiled.emulator.port import Port
+from tactiled.emulator.scene.description import Scene
+from tactiled.events.types import Event, StatusEvent
+from tactiled.pipeline import Pipeline, check_hello
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command
+from tactiled.wire.layout import Layout
+
+TICK_S = 0.1  # the service's status period
+REOPEN_S = 0.05  # the connection's quick tries
+
+
+class Rig:
+    """Link, session, pipeline and emulated port on one clock that jumps.
+
+    Parameters
+    ----------
+    scene, layout, array
+    board : BoardParams, optional
+    faults : FaultParams, optional
+    seed : int
+    session : SessionParams, optional
+    publish : callable
+        Gets every event, status at 10 Hz among them.
+    on_scan : callable
+        Gets the truth of every scan instant.
+    origin_s : float
+        What the clock reads at the beginning.
+    tick_s : float
+        Period of looking at the line and of the status; the service's is the default.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        layout: Layout,
+        array: Array,
+        *,
+        board: BoardParams | None = None,
+        faults: FaultParams | None = None,
+        seed: int = 0,
+        session: SessionParams | None = None,
+        publish: Callable[[Event], None],
+        on_scan: Callable[[ScanTruth], None],
+        origin_s: float = 1000.0,
+        tick_s: float = TICK_S,
+    ) -> None:
+        self.now_s = self._began_s = origin_s
+        self.port = Port(
+            scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=on_scan
+        )
+        self.pipeline = Pipeline(layout, array)
+        line = LineWatch(layout.name, layout.file.baud)
+        terms = Terms(session or SessionParams(), layout, lambda hello: check_hello(hello, layout, array))
+        self.session = Session(terms, line)
+        self.link = Link(self.pipeline, self.session, line)
+        self.connects = 0
+        self.bytes_read = 0
+        self.bytes_unread = 0
+        """Bytes that arrived while nobody had the port open."""
+        self._publish = publish
+        self._encoder = Encoder(layout)
+        self._is_open = False
+        self._tick_period_s = tick_s
+        self._open_s = self._tick_s = origin_s
+
+    def run_until(self, end_s: float) -> None:
+        """Let time pass."""
+        while (due_s := self._next_s()) <= end_s:
+            self._step(max(due_s, self.now_s))
+        self._step(end_s)
+
+    def inflict(self, kind: FaultKind) -> None:
+        """Do this to the line or the board, now."""
+        self.port.inflict(kind, self.now_s)
+        self._look_at_plug()
+
+    def status(self) -> StatusEvent:
+        """How things are said to be, now."""
+        return self.link.status(self.now_s, started_s=self._began_s, connects=self.connects)
+
+    def _next_s(self) -> float:
+        deadline_s = self.session.deadline_s if self._is_open else self._open_s
+        return min(self.port.next_deadline_s(), deadline_s, self._tick_s)
+
+    def _step(self, now_s: float) -> None:
+        self.now_s = now_s
+        for arrival in self.port.advance(now_s):
+            if self._is_open:
+                self.bytes_read += len(arrival.data)
+                self._say(self.link.received(arrival.data, now_s, self._publish))
+            else:
+                self.bytes_unread += len(arrival.data)
+        self._look_at_plug()
+        if not self._is_open and now_s >= self._open_s:
+            self._open()
+        if self._is_open and now_s >= self.session.deadline_s:
+            self._say(self.session.tick(now_s))
+        if now_s >= self._tick_s:
+            self._tick_s = now_s + self._tick_period_s
+            self._say(self.link.watch(now_s))
+            if self._is_open and self.session.state != "running" and (why := self.link.dead_because(now_s)):
+                self._lose(why)
+            self._publish(self.status())
+
+    def _open(self) -> None:
+        self._open_s = self.now_s + REOPEN_S
+        if self.port.plugged:
+            self._is_open = True
+            self.connects += 1
+            self._say(self.link.opened(self.now_s))
+        else:
+            self.link.lost("no such port")
+
+    def _look_at_plug(self) -> None:
+        if self._is_open and not self.port.plugged:
+            self._lose("unplugged")
+
+    def _lose(self, reason: str) -> None:
+        self._is_open = False
+        self._open_s = self.now_s + REOPEN_S
+        self.link.lost(reason)
+        self._publish(self.status())
+
+    def _say(self, commands: list[Command]) -> None:
+        for command in commands:
+            self.port.receive(self._encoder.encode(command), self.now_s)

@@ -1,0 +1,181 @@
+"""The whole daemon against emulated boards on a real pty, in real time, with a subscriber that takes notes.
+
+`Stage` is the service, its port, its socket and a client of it in one event loop; boards live in threads,
+as they would in a cable. `TamperedLink` is that cable where the emulator's own faults do not reach: what a
+board says can be changed on its way.
+"""
+
+import asyncio
+import threading
+import time
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from tactiled.array import load_array
+from tactiled.client import Client, Message
+from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.serial.port import PortParams
+from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.line.faults import FaultParams
+from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.shell import Emulator
+from tactiled.errors import TactiledError
+from tactiled.pipeline import Pipeline
+from tactiled.wire.layout import load_layout
+
+SERIAL = "TS0001"
+RATE_HZ = 90.0  # not the board's own 100: it has to be set again after each reboot
+STALL_S = 0.5  # as users of CDC adapters saw them
+UNPLUG_S = 0.8  # long enough for another board in between, also where ports are tried each 0.5 s only
+_PATIENCE_S = 10.0
+LAYOUT = load_layout("board-v1")
+
+Damage = Callable[[bytes], bytes]
+
+
+class TamperedLink(PtyLink):
+    """A pty whose bytes from the board go through `damage`, while it is set."""
+
+    damage: Damage | None = None
+
+    def write(self, data: bytes) -> int:
+        if self.damage is None:
+            return super().write(data)
+        super().write(self.damage(data))
+        return len(data)
+
+
+class BoardInThread:
+    """An emulated board that touches nothing, on a pty under `path`; what it really did is kept."""
+
+    def __init__(self, path: Path, serial: str) -> None:
+        self.link = TamperedLink(path)
+        self.taken_s: list[float] = []
+        """When each scan began, those among them that the board missed."""
+        self.plugged_s: list[float] = []
+        self.overruns_of_host = 0
+        """Scan instants missed because this host was too slow, and not because a fault was played."""
+        self._ready = threading.Event()
+        self.emulator = Emulator(
+            load_scene("rest"),
+            LAYOUT,
+            self.link,
+            board=BoardParams(board_serial=serial),
+            faults=FaultParams(stall_s=STALL_S, unplug_s=UNPLUG_S),
+            report=self._told,
+            with_scans=True,
+        )
+        self._thread = threading.Thread(target=self.emulator.run, name=f"board {serial}")
+
+    def __enter__(self) -> Self:
+        """Powered up, and plugged in under the name."""
+        self._thread.start()
+        self._ready.wait(_PATIENCE_S)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.emulator.stop()
+        self._thread.join()
+
+    def _told(self, what: dict[str, Any]) -> None:
+        if what["what"] == "scan":
+            self.taken_s.append(what["began_s"])
+        elif what["what"] == "plugged":
+            self.plugged_s.append(what["time_s"])
+        elif what["what"] == "end":
+            self.overruns_of_host = what["counts"]["overruns_of_host"]
+        elif what["what"] == "ready":
+            self._ready.set()
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A scan or a status as the subscriber got it."""
+
+    time_s: float
+    """Instant of the scan, or of the status."""
+    received_s: float
+    data: dict[str, Any]
+
+
+class Stage:
+    """Daemon, board and subscriber; an async context manager.
+
+    Parameters
+    ----------
+    folder : Path
+        For the port's name and the sockets.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "board"
+        self.board = BoardInThread(self.path, SERIAL)
+        self._endpoint = f"ipc://{folder}/events.ipc"
+        self.scans: list[Heard] = []
+        self.statuses: list[Heard] = []
+        self._changed = asyncio.Event()
+
+    async def __aenter__(self) -> Self:
+        self.board.__enter__()
+        self._offset_s = time.time() - time.monotonic()
+        array = load_array("wang2019-3x3")
+        params = ServiceParams(
+            port=PortParams(url=str(self.path)),
+            session=SessionParams(rate_hz=RATE_HZ, board_serial=SERIAL),
+            publish=PublishParams(endpoints=(self._endpoint,)),
+        )
+        self._service = Service(params, Pipeline(LAYOUT, array), LAYOUT, array)
+        self._serving = asyncio.create_task(self._service.run())
+        self._listening = asyncio.create_task(self._listen())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._service.stop()
+        self._listening.cancel()
+        await asyncio.gather(self._serving, self._listening, return_exceptions=True)
+        await asyncio.to_thread(self.board.__exit__)
+
+    async def until(self, reached: Callable[[], bool], what: str) -> None:
+        """Wait for something that the subscriber hears, or raise TactiledError with its name."""
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                while not reached():
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            last = [status.data["state"] for status in self.statuses[-1:]]
+            raise TactiledError(f"not within {_PATIENCE_S:g} s: {what}; state {last}") from None
+
+    async def until_said(self, state: str, reason: str = "") -> None:
+        """Wait for a status that comes from now on, in this state and with these words in its reason."""
+        n = len(self.statuses)
+        await self.until(
+            lambda: any(s.data["state"] == state and reason in s.data["reason"] for s in self.statuses[n:]),
+            f"{state} {reason}",
+        )
+
+    async def until_fresh_scan(self, from_s: float) -> Heard:
+        """The first scan that was taken at `from_s` or later, and is not late."""
+        await self.until(lambda: self._fresh_from(from_s) is not None, "a fresh scan")
+        found = self._fresh_from(from_s)
+        assert found is not None
+        return found
+
+    def _fresh_from(self, from_s: float) -> Heard | None:
+        first = bisect_left(self.scans, from_s, key=lambda scan: scan.received_s)
+        return next((s for s in self.scans[first:] if s.time_s >= from_s and not s.data["late"]), None)
+
+    async def _listen(self) -> None:
+        async with Client(self._endpoint, topics=("scan", "status")) as client:
+            async for item in client:
+                if not isinstance(item, Message):
+                    continue
+                heard = Heard(item.timestamp - self._offset_s, item.received_s, item.data)
+                (self.scans if item.topic == "scan" else self.statuses).append(heard)
+                self._changed.set()

@@ -1,0 +1,107 @@
+"""What ``tactiled bench slip`` compares: a detector is a name and how to build it for a noise.
+
+To add one, add a line to `rivals`. A detector that takes its threshold from a rate of false alarms is set to
+its own; one with a bare threshold gets the threshold that white noise crosses `PER_HOUR`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.slip.noise import Tail
+from bench.slip.rules import COHERENT, coefficient_sd_v, coherent_rule, window_rule
+from tactiled.array import Array
+from tactiled.detect.base import Detector
+from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
+
+PER_HOUR = 1.0  # false alarms in a hold: the rate at which latencies are compared
+SWEEP_PER_HOUR = (10.0, 30.0, 70.0, 130.0, 200.0, 270.0)  # the range of `detect.slip_rate`
+SWEEP_NOISE_V = 0.3e-3  # the board's own
+PAPER_LEVEL = 3  # at 100 Hz: `detect.slip_wavelet.level_at`
+
+
+def _compared(noise_v: float) -> float:
+    del noise_v
+    return PER_HOUR
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A detector of the comparison.
+
+    Attributes
+    ----------
+    build : callable
+        Array and noise (volts) to a new detector.
+    per_hour : callable
+        Noise (volts) to the false alarms an hour in a hold at which it is set.
+    is_setting : bool
+        Users choose among these: their false alarms are counted over more hours than the others'.
+    """
+
+    build: Callable[[Array, float], Detector]
+    per_hour: Callable[[float], float] = _compared
+    is_setting: bool = False
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """What was tuned, on other scenes and seeds than are reported.
+
+    Attributes
+    ----------
+    tails : mapping of (rule, level) to Tail
+    window_level : mapping of noise (volts) to the level of the plain window that was fastest
+    """
+
+    tails: Mapping[tuple[str, int], Tail]
+    window_level: Mapping[float, int]
+
+
+def rivals(knobs: Knobs) -> dict[str, Rival]:
+    """Name to detector."""
+
+    def volts(rule: str, level: int, noise_v: float) -> float:
+        return knobs.tails[rule, level].threshold(PER_HOUR) * coefficient_sd_v(level, noise_v)
+
+    def retuned(array: Array, noise_v: float) -> Detector:
+        threshold_volts = volts("opposed channel", PAPER_LEVEL, noise_v)
+        return WaveletSlip(array, SlipParams(threshold_volts=threshold_volts))
+
+    def window(array: Array, noise_v: float) -> Detector:
+        level = knobs.window_level[noise_v]
+        return window_rule(array, level, volts("any channel", level, noise_v))
+
+    def levels(array: Array, noise_v: float) -> Detector:
+        return coherent_rule(array, noise_v, knobs.tails[COHERENT].threshold(PER_HOUR))
+
+    def published_per_hour(noise_v: float) -> float:
+        threshold = SlipParams().threshold_volts / coefficient_sd_v(PAPER_LEVEL, noise_v)
+        return float(knobs.tails["opposed channel", PAPER_LEVEL].per_hour(np.array(threshold)))
+
+    return {
+        "paper, 0.002 V": Rival(lambda array, _: WaveletSlip(array), published_per_hour),
+        "paper, threshold tuned": Rival(retuned),
+        "pywt.swt window": Rival(window),
+        "coherent, coif1 levels": Rival(levels),
+        **{f"coherent, {name}": _coherent(params, is_setting=True) for name, params in SETTINGS.items()},
+    }
+
+
+def sweep() -> dict[str, Rival]:
+    """The coherent detector at every rate of `SWEEP_PER_HOUR`: the curve on which the settings lie."""
+    return {
+        f"coherent, {per_hour:g} an hour": _coherent(CoherentParams(false_alarms_per_hour=per_hour))
+        for per_hour in SWEEP_PER_HOUR
+    }
+
+
+def at_noise(knobs: Knobs, noise_v: float) -> dict[str, Rival]:
+    """`rivals`, and `sweep` where it is drawn."""
+    return rivals(knobs) | (sweep() if noise_v == SWEEP_NOISE_V else {})
+
+
+def _coherent(params: CoherentParams, *, is_setting: bool = False) -> Rival:
+    return Rival(lambda array, _: CoherentSlip(array, params), lambda _: params.noise_per_hour, is_setting)

@@ -1,0 +1,97 @@
+"""What the daemon says of itself: its state at once when it changes, status and info regularly."""
+
+import logging
+import time
+from dataclasses import replace
+
+from tactiled.array import Array
+from tactiled.daemon.board.health import info_event
+from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.outlets import Outlets
+from tactiled.daemon.serial.connection import Connection
+from tactiled.wire.layout import Layout
+
+logger = logging.getLogger(__name__)
+
+INFO_PERIOD_S = 1.0
+
+
+class Report:
+    """Says how things are.
+
+    Parameters
+    ----------
+    session : Session
+    link : Link
+    connection : Connection
+    layout : Layout
+    array : Array
+    outlets : Outlets
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        link: Link,
+        connection: Connection,
+        layout: Layout,
+        array: Array,
+        outlets: Outlets,
+    ) -> None:
+        self._session = session
+        self._link = link
+        self._connection = connection
+        self._layout = layout
+        self._array = array
+        self._outlets = outlets
+        self._said = (session.state, session.reason(0.0))
+        self._warned = ""
+        self._log = Complaints(logger)
+        self._started_s = time.monotonic()
+        self._next_info_s = self._started_s
+        self._described = session.hello
+
+    def changed(self, now_s: float, *, leaving: bool) -> None:
+        """Something may have changed: tell the log, the service manager and, of a new state, everybody.
+
+        `leaving`: the daemon is ending, so that whatever happens is as wanted.
+        """
+        state, reason = said = (self._session.state, self._session.reason(now_s))
+        if said == self._said:
+            return
+        new_state = state != self._said[0]
+        self._said = said
+        hello = self._session.hello
+        board = f"board {hello.board_serial}" if hello is not None else "board"
+        text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
+        expected = state in ("running", "syncing") or leaving
+        self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
+        self._outlets.notifier.status(text)
+        if new_state:
+            self._say_status(now_s)  # a controller learns of a stall now, not at the next tick
+
+    def regular(self, now_s: float) -> None:
+        """Status whatever happens, info each second, and at once for a new board, when there is one."""
+        self._say_status(now_s)
+        self._log.tell(now_s)
+        self._connection.log.tell(now_s)
+        hello = self._session.hello
+        if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
+            self._described = hello
+            self._next_info_s = now_s + INFO_PERIOD_S
+            self._outlets.say(info_event(hello, self._layout, self._array, now_s))
+        self._outlets.look(now_s)
+
+    def _say_status(self, now_s: float) -> None:
+        event = self._link.status(
+            now_s,
+            started_s=self._started_s,
+            connects=self._connection.connects,
+            warning=self._connection.warning,
+        )
+        if event.warning and not self._warned:
+            self._log.add(event.warning, now_s, kind=event.warning.lstrip("0123456789 %"))
+        self._warned = event.warning
+        self._outlets.say(replace(event, sent=self._outlets.sent))

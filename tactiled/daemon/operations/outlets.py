@@ -1,0 +1,103 @@
+"""Where everything goes: to subscribers, into the recording, into the metrics and to the service manager.
+
+All instants become epoch seconds by the one clock that is kept here.
+"""
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.metrics import Metrics
+from tactiled.daemon.operations.notify import Notifier
+from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.zmq.publisher import Publisher
+from tactiled.events.types import Event, Sent
+from tactiled.pipeline import Output, Pipeline
+from tactiled.recording.contents import Read
+
+logger = logging.getLogger(__name__)
+
+CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
+
+
+class Outlets:
+    """Tells all who are to be told.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Knows the board whose bytes are recorded.
+    session : Session
+        Names the board in whose name events go out.
+    publisher : Publisher
+    metrics : Metrics
+    recorder : Recorder, optional
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        session: Session,
+        publisher: Publisher,
+        metrics: Metrics,
+        recorder: Recorder | None = None,
+    ) -> None:
+        self.metrics = metrics
+        self.notifier = Notifier()
+        self._pipeline = pipeline
+        self._session = session
+        self._publisher = publisher
+        self._recorder = recorder
+        self._clock = EpochClock()
+        self._log = Complaints(logger)
+        self._next_look_s = time.monotonic()
+
+    @property
+    def sent(self) -> Sent:
+        """Messages that went out in the name of this board."""
+        return self._publisher.sent(self._session.board_serial)
+
+    def found(self, event: Event) -> None:
+        """Publish what the pipeline found; the recorder has it with the bytes that it was found in."""
+        self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
+        self.metrics.said(event, self._publisher.dropped)
+
+    def say(self, event: Event) -> None:
+        """Publish, and record, what the daemon says itself."""
+        self.found(event)
+        if self._recorder is not None:
+            self._recorder.said(event, self._session.board_serial, self._clock.offset_s)
+
+    def received(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
+        """Record a read of the port and what came of it."""
+        if self._recorder is not None:
+            read = Read(now_s, self._clock.offset_s, data)
+            self._recorder.received(read, outputs, self._pipeline.hello)
+
+    def disconnected(self, now_s: float) -> None:
+        """Record that the port was lost."""
+        if self._recorder is not None:
+            self._recorder.disconnected(now_s, self._clock.offset_s, self._pipeline.hello)
+
+    def tuned(self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float) -> None:
+        """A command changed what the pipeline goes by, and brought events: record it, publish them."""
+        if self._recorder is not None:
+            hello, offset_s = self._pipeline.hello, self._clock.offset_s
+            self._recorder.commanded(name, arguments, events, hello, now_s, offset_s)
+        for event in events:
+            self.found(event)
+
+    def look(self, now_s: float) -> None:
+        """Say how the recording is when it is due, and follow the wall clock; call it ten times a second."""
+        if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
+            self.say(recording)
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + CLOCK_PERIOD_S
+            if step_s := self._clock.follow():
+                words = f"the wall clock was set by {step_s:+.3f} s; timestamps follow it"
+                self._log.add(words, now_s, kind="wall clock")
+            self._log.tell(now_s)

@@ -1,0 +1,149 @@
+"""What commands do: settings of the detectors, the rate, the recording. No I/O; time is an argument."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, is_same_rate
+from tactiled.daemon.zmq.requests import Command, Mark, Rate, Record, Requester
+from tactiled.errors import ConfigError, TactiledError
+from tactiled.events.types import CommandEvent, Event
+from tactiled.pipeline import Pipeline
+
+RATE_S = 3.0  # a change of rate is stop, set, ask, start: some 0.1 s; three lost answers take 0.6 s more
+
+Done = Callable[[str], None]
+"""Told the reason why not, empty when it is done."""
+
+
+@dataclass(frozen=True)
+class _RateChange:
+    rate_hz: float
+    before_hz: float | None
+    until_s: float
+    done: Done
+
+
+class Commands:
+    """Does what commands say.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+    session : Session
+    tuned : callable
+        Takes the events that a change of the detectors brought: (name, arguments, events, now_s).
+    record : callable, optional
+        Starts (True) or stops (False) the recording; gives the reason why not, or raises a TactiledError.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        session: Session,
+        tuned: Callable[[str, dict[str, Any], Sequence[Event], float], None],
+        record: Callable[[bool], str] | None = None,
+    ) -> None:
+        self._pipeline = pipeline
+        self._session = session
+        self._tuned = tuned
+        self._record = record
+        self._rate: _RateChange | None = None
+        self._commanded_hz: float | None = None
+
+    def do(self, command: Command, now_s: float, done: Done) -> None:
+        """Do it; `done` is called now, or from `look` when the board has answered."""
+        if isinstance(command, Mark):
+            done("")
+        elif isinstance(command, Record):
+            done(self._set_recording(command.on))
+        elif isinstance(command, Rate):
+            self._set_rate(command.rate_hz, now_s, done)
+        else:
+            reason, events = self._pipeline.command(command.do, command.arguments, now_s)
+            if not reason:
+                self._tuned(command.do, command.arguments, events, now_s)
+            done(reason)
+
+    def look(self, now_s: float) -> None:
+        """See whether the board has taken a rate; call it when something may have changed."""
+        change, session = self._rate, self._session
+        if change is None:
+            return
+        if session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz):
+            self._rate, self._commanded_hz = None, change.rate_hz
+            change.done("")
+        elif session.state == "no-device":
+            self._rate, self._commanded_hz = None, change.rate_hz
+            change.done("")  # it is set when the board is back, as every setting
+        elif session.state == "fault" or now_s >= change.until_s:
+            self._rate = None
+            reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
+            params = session.terms.params
+            if params.rate_hz == change.rate_hz:  # a configuration that was reloaded meanwhile has its own
+                session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
+            change.done(f"{reason}; the old rate stays")
+
+    def configure(self, params: SessionParams) -> None:
+        """A configuration that was read again: it settles what it names; else a commanded rate holds.
+
+        Raises
+        ------
+        ConfigError
+            A rate is asked that the protocol cannot set.
+        """
+        if params.rate_hz is None:
+            rate_hz = self._commanded_hz if self._rate is None else self._rate.rate_hz
+            self._session.configure(params.model_copy(update={"rate_hz": rate_hz}))
+        else:
+            self._session.configure(params)
+            self._commanded_hz = None
+
+    def settings(self, now_s: float) -> dict[str, Any]:
+        """What is set now, as requests name it."""
+        tuning = self._pipeline.tuning
+        return {
+            "speed_mm_s": tuning.speed_mm_s or 0.0,
+            "inhibited_s": tuning.inhibited_s(now_s),
+            "tared": tuning.baseline_volts is not None,
+            "rate_hz": self._session.rate_hz,
+            "detect": tuning.params.model_dump(mode="json", exclude_none=True),
+        }
+
+    def event(self, command: Command, requester: Requester, reason: str, now_s: float) -> CommandEvent:
+        """For the record: who asked for what, and what came of it."""
+        return CommandEvent(
+            time_s=now_s,
+            request_id=command.id,
+            command=command.do,
+            arguments=json.dumps(command.arguments),
+            who=command.who,
+            key=requester.key,
+            uid=requester.uid,
+            ok=not reason,
+            reason=reason,
+            scan_index=self._pipeline.tuning.next_index,
+        )
+
+    def _set_rate(self, rate_hz: float, now_s: float, done: Done) -> None:
+        if self._rate is not None:
+            done(f"{self._rate.rate_hz:g} Hz is being set: wait for it")
+            return
+        before = self._session.terms.params
+        try:
+            self._session.configure(before.model_copy(update={"rate_hz": rate_hz}))
+        except ConfigError as error:
+            done("; ".join(error.faults))
+            return
+        self._rate = _RateChange(rate_hz, before.rate_hz, now_s + RATE_S, done)
+        self.look(now_s)
+
+    def _set_recording(self, on: bool) -> str:
+        if self._record is None:
+            return "this daemon has no recorder: give record.directory in its configuration"
+        try:
+            return self._record(on)
+        except TactiledError as error:
+            return str(error)

@@ -1,0 +1,152 @@
+"""Requests and replies: the newest of each topic, what someone missed, and commands (protocols/control.md).
+
+`Control` answers bytes with bytes and has no I/O; `network` has the sockets.
+"""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgpack
+
+from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.zmq.publisher import Publisher
+from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, Command, Events, Requester, parse
+from tactiled.events.types import EVENT_TYPES
+
+logger = logging.getLogger(__name__)
+
+REPLY_BYTES = 128 * 1024  # of messages in a reply: 200 scans; a minute of them is 30 round trips
+_REMEMBERED = 1000  # commands whose replies are kept for those who ask again; some 2 MB at worst
+_MOST_WAITING = 8  # repetitions of one command that are answered when it is done
+
+Respond = Callable[[bytes], None]
+Do = Callable[[Command, Requester, float, Callable[[str], None]], None]
+"""Does a command: (command, requester, now_s, done); `done` takes the reason why not."""
+_NO_COMMANDS = (
+    "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
+    "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
+)
+
+
+@dataclass
+class _Asked:
+    """A command that was taken, and its reply when there is one."""
+
+    command: Command
+    reply: bytes = b""
+    waiting: list[Respond] = field(default_factory=list)
+
+
+class Control:
+    """Requests to replies.
+
+    Parameters
+    ----------
+    publisher : Publisher
+        Whose store and run it tells of.
+    do : callable
+        Does a command, as `Do` says.
+    settings : callable
+        Settings at an instant, as a plain map.
+    """
+
+    def __init__(
+        self,
+        publisher: Publisher,
+        do: Do,
+        settings: Callable[[float], Mapping[str, Any]],
+    ) -> None:
+        self.answered = 0
+        self.bad = Complaints(logger, "request refused")
+        self.commanded = Complaints(logger, "command")
+        self._publisher = publisher
+        self._do = do
+        self._settings = settings
+        self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
+
+    def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
+        """Answer a request; never raises for what it holds.
+
+        Parameters
+        ----------
+        payload : bytes
+            Anything.
+        requester : Requester
+        respond : callable
+            Takes the reply, now or when a command is done.
+        """
+        request = parse(payload)
+        if isinstance(request, Bad):
+            self.bad.add(request.reason, now_s)
+            respond(self._reply(request.id, request.do, request.reason))
+            return
+        self.answered += 1
+        if isinstance(request, Command):
+            self._command(request, requester, now_s, respond)
+        elif isinstance(request, Events):
+            respond(self._events(request))
+        else:
+            state = _pack_map(self._publisher.store.latest())
+            settings = msgpack.packb(self._settings(now_s))
+            respond(self._reply(request.id, request.do, "", messages=state, settings=settings))
+
+    def _events(self, request: Events) -> bytes:
+        if request.topic not in EVENT_TYPES:
+            return self._reply(request.id, request.do, f"topic: none of {', '.join(EVENT_TYPES)}")
+        store = self._publisher.store
+        end_seq = store.end_seq(request.board, request.topic) if request.end_seq is None else request.end_seq
+        span = store.span(request.board, request.topic, request.first_seq, end_seq, REPLY_BYTES)
+        return self._reply(
+            request.id,
+            request.do,
+            "",
+            messages=msgpack.Packer().pack_array_header(len(span.payloads)) + b"".join(span.payloads),
+            next_seq=msgpack.packb(span.next_seq),
+            more=msgpack.packb(span.more),
+        )
+
+    def _command(self, command: Command, requester: Requester, now_s: float, respond: Respond) -> None:
+        """Do a command once for an id of its session, however often it is sent."""
+        if not requester.may_command:
+            self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
+            respond(self._reply(command.id, command.do, _NO_COMMANDS))
+            return
+        session = ("session", command.session) if command.session else ("connection", requester.connection)
+        name = (requester.key, *session, command.id)
+        asked = self._asked.get(name)
+        if asked is not None and asked.command != command:
+            respond(self._reply(command.id, command.do, "id: was used for another request"))
+        elif asked is not None and asked.reply:
+            respond(asked.reply)
+        elif asked is not None:
+            if len(asked.waiting) < _MOST_WAITING:
+                asked.waiting.append(respond)
+        else:
+            asked = self._asked[name] = _Asked(command, waiting=[respond])
+            if len(self._asked) > _REMEMBERED:
+                self._asked.popitem(last=False)
+            self._do(command, requester, now_s, lambda reason: self._finish(asked, requester, now_s, reason))
+
+    def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:
+        outcome = "refused" if reason else "done"  # the event has the reason: lines must not be many
+        self.commanded.add(f"{asked.command.do} by {requester}: {outcome}", now_s, logging.INFO)
+        asked.reply = self._reply(asked.command.id, asked.command.do, reason)
+        for respond in asked.waiting:
+            respond(asked.reply)
+        asked.waiting.clear()
+
+    def _reply(self, id_: str, do: str, reason: str, **packed: bytes) -> bytes:
+        head = {"v": CONTROL_VERSION, "id": id_, "do": do, "ok": not reason, "reason": reason}
+        known = {name: msgpack.packb(value) for name, value in head.items()}
+        return _pack_map({**known, "run": msgpack.packb(self._publisher.run), **packed})
+
+
+def _pack_map(packed: Mapping[str, bytes]) -> bytes:
+    """A msgpack map of values that are packed already: messages go out as they were published."""
+    parts = [msgpack.Packer().pack_map_header(len(packed))]
+    for name, value in packed.items():
+        parts += (msgpack.packb(name), value)
+    return b"".join(parts)

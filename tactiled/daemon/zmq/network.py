@@ -1,0 +1,243 @@
+"""All sockets of the daemon: events go out, requests come in, and a gate where other hosts can reach them.
+
+A request costs at most some 0.3 ms and the server takes at most `REQUESTS_PER_S`, so whoever floods it fills
+a queue of his own and no more: ROUTER takes from its clients in turn. Nothing here is on the path from board
+to subscriber, and what a stalled client can make us keep is bounded by the queues below.
+
+libzmq does not bound the subscriptions of a peer, nor the frames of a message until the last one is there: a
+process of this host, or one that owns a key, can fill our memory so. ``MemoryMax=`` in the unit and a restart
+are the answer (protocols/control.md has the numbers).
+"""
+
+import asyncio
+import os
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import zmq
+import zmq.asyncio
+
+from tactiled.daemon.zmq.control import Control, Do
+from tactiled.daemon.zmq.endpoints import bind, is_wide
+from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
+from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
+from tactiled.daemon.zmq.security import Gate, KeyFolder
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS
+
+REQUESTS_PER_S = 500.0
+_BURST = 50  # requests at once before the pace holds: a client that catches up on every topic
+_TELL_S = 1.0  # how late a complaint that waits to be logged may be
+# Queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
+_HIGH_WATER = 16
+# Of a request: identity, the number of a REQ that correlates, the empty one of REQ, payload; one too many.
+_MOST_FRAMES = 5
+# How libzmq names an ipc peer: uid, gid and process, as the kernel tells them (SO_PEERCRED).
+# It names a TCP peer by its IP address, which never looks so.
+_LOCAL_PEER = re.compile(r"localhost:([0-9]{1,10}):[0-9]{1,10}:[0-9]{1,10}")
+
+
+class Network:
+    """Publisher and control server with what they share.
+
+    Parameters
+    ----------
+    params : PublishParams
+    do, settings : callable
+        See `Control`.
+
+    Raises
+    ------
+    ConfigError, OperatorError
+        An endpoint cannot be bound, or keys cannot be had; says what to do.
+    """
+
+    def __init__(
+        self,
+        params: PublishParams,
+        do: Do,
+        settings: Callable[[float], Mapping[str, Any]],
+        environ: Mapping[str, str] = os.environ,
+    ) -> None:
+        self._context: zmq.Context[Any] = zmq.Context()
+        self._gate: Gate | None = None
+        self._server: ControlServer | None = None
+        try:
+            if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
+                self._gate = Gate(self._context, KeyFolder(Path(params.keys or "")))
+            self.publisher = Publisher(params, environ, self._context, self._gate)
+            self.control = Control(self.publisher, do, settings)
+            self._server = ControlServer(params, self.control, self._context, self._gate, environ)
+        except BaseException:
+            self.close()
+            raise
+
+    async def run(self) -> None:
+        """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            if self._gate is not None:
+                group.create_task(self._gate.run())
+            if self._server is not None:
+                group.create_task(self._server.run())
+            loop = asyncio.get_running_loop()
+            while True:  # also where there is nothing to serve
+                self.control.bad.tell(loop.time())
+                self.control.commanded.tell(loop.time())
+                if self._gate is not None:
+                    self._gate.denied.tell(loop.time())
+                    self._gate.accepted.tell(loop.time())
+                await asyncio.sleep(_TELL_S)
+
+    def close(self) -> None:
+        """Let queued events leave, then close."""
+        if self._server is not None:
+            self._server.close()
+        if hasattr(self, "publisher"):
+            self.publisher.close()
+        if self._gate is not None:
+            self._gate.close()
+        self._context.term()
+
+
+class ControlServer:
+    """ROUTER sockets, bound, around a `Control`.
+
+    Parameters
+    ----------
+    params : PublishParams
+    control : Control
+    context : zmq.Context
+    gate : Gate, optional
+        Needed where endpoints are guarded.
+
+    Raises
+    ------
+    OperatorError
+        An endpoint cannot be bound; says what to do.
+    """
+
+    def __init__(
+        self,
+        params: PublishParams,
+        control: Control,
+        context: zmq.Context[Any],
+        gate: Gate | None = None,
+        environ: Mapping[str, str] = os.environ,
+    ) -> None:
+        self.unsent = 0
+        """Replies to clients that had left, or did not read."""
+        self._control = control
+        # Whoever may use a plain endpoint on the network may command; at loopback he then could there anyway.
+        self._commands_over_tcp = params.allow_commands_over_tcp or any(
+            is_wide(endpoint) and not is_guarded(params, endpoint) for endpoint in params.control
+        )
+        self._sockets: dict[bool, zmq.asyncio.Socket] = {}
+        try:
+            for endpoint in params.control:
+                guarded = is_guarded(params, endpoint)
+                if guarded not in self._sockets:
+                    self._sockets[guarded] = _make(context, gate if guarded else None)
+                bind(self._sockets[guarded], endpoint, environ)
+        except BaseException:
+            self.close()
+            raise
+
+    async def run(self) -> None:
+        """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            for sock in self._sockets.values():
+                group.create_task(self._serve(sock))
+
+    def close(self) -> None:
+        for sock in self._sockets.values():
+            sock.close(0)
+
+    async def _serve(self, sock: zmq.asyncio.Socket) -> None:
+        loop = asyncio.get_running_loop()
+        plain: zmq.Socket[bytes] = zmq.Socket.shadow(sock.underlying)
+        ready_s = loop.time()
+        while True:
+            await sock.poll()
+            frames = await _receive(plain)
+            if frames:
+                try:
+                    self._take(plain, frames, loop.time())
+                except Exception as error:  # a bug here must not cost anyone his sense of touch
+                    self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", loop.time())
+            # Never two requests without the loop in between, and no more of them than the pace allows.
+            ready_s = max(ready_s, loop.time() - _BURST / REQUESTS_PER_S) + 1 / REQUESTS_PER_S
+            await asyncio.sleep(max(0.0, ready_s - loop.time()))
+
+    def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
+        *envelope, payload = (frame.bytes for frame in frames)
+        if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or (len(frames) > 2 and envelope[-1]):
+            self._control.bad.add(f"{len(frames) - 1} frames: send one", now_s)
+            return
+
+        def respond(reply: bytes) -> None:
+            try:
+                sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
+            except zmq.ZMQError:  # it has left, or does not read what it asked for
+                self.unsent += 1
+
+        self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
+
+    def _requester(self, routing_id: bytes, frame: zmq.Frame) -> Requester:
+        key, peer = _property(frame, "User-Id"), _property(frame, "Peer-Address")
+        uid = uid_of(peer)
+        return Requester(
+            connection=f"{routing_id.hex()} {peer}",
+            key=key,
+            uid=uid,
+            address=peer.removeprefix("::ffff:") if uid < 0 else "",  # IPv4 as IPv6 writes it
+            may_command=bool(key) or uid >= 0 or self._commands_over_tcp,
+        )
+
+
+def uid_of(peer: str) -> int:
+    """User of an ipc peer, of what libzmq says of it; -1 where it says none."""
+    local = _LOCAL_PEER.fullmatch(peer)
+    return -1 if local is None else int(local[1])
+
+
+async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
+    """One message, of which frames beyond `_MOST_FRAMES` are let fall; empty when there is none."""
+    frames: list[zmq.Frame] = []
+    dropped = 0
+    try:
+        while not frames or frames[-1].more:
+            frame = sock.recv(zmq.NOBLOCK, copy=False)
+            if len(frames) == _MOST_FRAMES:
+                frames.pop()
+                dropped += 1
+                if dropped % 100 == 0:
+                    await asyncio.sleep(0)  # a million frames must not stop the loop
+            frames.append(frame)
+    except zmq.Again:
+        pass
+    return frames
+
+
+def _property(frame: zmq.Frame, name: str) -> str:
+    """What libzmq knows of the sender, empty for nothing: User-Id is the key's name that the gate gave."""
+    try:
+        return str(frame.get(name))
+    except zmq.ZMQError:
+        return ""
+
+
+def _make(context: zmq.Context[Any], gate: Gate | None) -> zmq.asyncio.Socket:
+    sock = zmq.asyncio.Socket(context, zmq.ROUTER)
+    sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
+    sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
+    sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
+    sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot leave is counted
+    sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
+    for name, value in DEAD_PEER_OPTIONS.items():
+        sock.setsockopt(getattr(zmq, name), value)
+    sock.setsockopt(zmq.LINGER, 0)
+    sock.setsockopt(zmq.IPV6, 1)
+    if gate is not None:
+        gate.guard(sock)
+    return sock

@@ -1,0 +1,192 @@
+"""Events to ZeroMQ: exactly two frames each, never blocking, never in the way of the data.
+
+A PUB socket drops for a subscriber that does not keep up, silently: so every message carries the number
+of its topic, the subscriber sees what it lost, and the store has it for whoever asks (`control`).
+``CONFLATE`` is never set: it breaks two-frame messages.
+"""
+
+import os
+import secrets
+from collections import defaultdict
+from collections.abc import Mapping
+from typing import Any, Self
+
+import zmq
+from pydantic import Field, model_validator
+
+from tactiled.daemon.zmq.endpoints import RUNTIME, bind, fault_of, is_wide
+from tactiled.daemon.zmq.security import Gate
+from tactiled.daemon.zmq.store import Store
+from tactiled.events import codec
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, control_endpoint
+from tactiled.events.types import Event, Sent
+from tactiled.tomlfile import Params
+
+# A stalled subscriber may sleep for 2000 / (100 scans + 10 status per second) = 18 s before it loses
+# anything, and costs us at most about 2 MB.
+_SEND_HIGH_WATER = 2000
+_LINGER_MS = 300  # enough for queued events to leave over loopback; a dead subscriber delays our end no more
+# All that a subscriber may send us: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
+_LONGEST_SUBSCRIPTION = 1024
+
+
+class PublishParams(Params):
+    """Where events are offered and requests taken, and to whom."""
+
+    endpoints: tuple[str, ...] = Field(
+        default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
+        description="ZeroMQ endpoints to bind; none publishes nowhere. 9872 is where PlotJuggler looks by "
+        "itself; a second daemon on the host needs another port. {runtime} is /run/tactiled/NAME under "
+        "systemd, else $XDG_RUNTIME_DIR/tactiled.",
+    )
+    control_endpoints: tuple[str, ...] | None = Field(
+        default=None,
+        description="Where requests and commands are taken. Left out: beside each of the endpoints, at the "
+        "next TCP port, or at control.ipc in the same folder. Clients look there by themselves.",
+    )
+    keys: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Folder of CURVE keys (`tactiled keys make`). Endpoints that other hosts can reach are "
+        "encrypted with them, and let in only clients of that folder.",
+    )
+    allow_plaintext_on_network: bool = Field(
+        default=False,
+        description="Allow endpoints that other hosts can reach without keys. Anyone there can read the "
+        "events then, command the daemon, and forge either: only for a network that is yours alone.",
+    )
+    history_mb: float = Field(
+        default=4.0,
+        ge=0.01,
+        le=1000,
+        description="Kept of each topic for subscribers that were away, 10^6 bytes: 4 is a minute of 100 Hz "
+        "scans, and hours of all else.",
+    )
+    allow_commands_over_tcp: bool = Field(
+        default=False,
+        description="Take commands at loopback TCP endpoints too, where any user of this host may connect. "
+        "Without it commands come over ipc, from the daemon's user and group, or from clients with keys; "
+        "loopback TCP answers questions only (state and events).",
+    )
+
+    @model_validator(mode="after")
+    def _reachable_only_if_meant(self) -> Self:
+        for name, endpoint in self._named:
+            if fault := fault_of(endpoint):
+                raise ValueError(f"{name}: {fault}")
+        endpoints = [endpoint for _, endpoint in self._named]
+        for endpoint in endpoints:
+            if endpoints.count(endpoint) > 1:
+                raise ValueError(
+                    f"{endpoint!r} is named twice; each endpoint serves events or requests, once"
+                )
+            if is_wide(endpoint) and self.keys is None and not self.allow_plaintext_on_network:
+                raise ValueError(
+                    f"{endpoint} can be reached from other hosts, unencrypted; use 127.0.0.1, give a folder "
+                    "of keys (tactiled keys make), or set allow_plaintext_on_network = true"
+                )
+        return self
+
+    @property
+    def _named(self) -> list[tuple[str, str]]:
+        """Endpoints, and where they come from."""
+        events = [("publish.endpoints", endpoint) for endpoint in self.endpoints]
+        name = "publish.control_endpoints"
+        if self.control_endpoints is None:
+            name += " (left out: the port after that of publish.endpoints)"
+        return events + [(name, endpoint) for endpoint in self.control]
+
+    @property
+    def control(self) -> tuple[str, ...]:
+        """Where requests are taken."""
+        if self.control_endpoints is not None:
+            return self.control_endpoints
+        return tuple(control for endpoint in self.endpoints if (control := control_endpoint(endpoint)))
+
+
+def is_guarded(params: PublishParams, endpoint: str) -> bool:
+    """Whether an endpoint is for clients with keys only."""
+    return params.keys is not None and is_wide(endpoint)
+
+
+class Publisher:
+    """PUB sockets, bound, the running number of each topic, and the store of what was said.
+
+    Parameters
+    ----------
+    params : PublishParams
+    environ : mapping
+    context : zmq.Context, optional
+        Its maker closes it; the publisher has one of its own without.
+    gate : Gate, optional
+        Needed where endpoints are guarded.
+
+    Raises
+    ------
+    OperatorError
+        An endpoint cannot be bound; says what to do.
+    """
+
+    def __init__(
+        self,
+        params: PublishParams,
+        environ: Mapping[str, str] = os.environ,
+        context: zmq.Context[Any] | None = None,
+        gate: Gate | None = None,
+    ) -> None:
+        self.run = secrets.randbits(53)
+        """Tells this run of the daemon from all others; a float64 holds it exactly, as viewers need."""
+        self.store = Store(round(params.history_mb * 1e6))
+        self.dropped = 0
+        """Messages that the sockets themselves refused; subscribers see them as lost."""
+        self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
+        self._context = zmq.Context() if context is None and params.endpoints else None
+        self._sockets: dict[bool, zmq.Socket[Any]] = {}
+        try:
+            for endpoint in params.endpoints:
+                guarded = is_guarded(params, endpoint)
+                if guarded not in self._sockets:
+                    self._sockets[guarded] = self._make(context or self._context, gate if guarded else None)
+                bind(self._sockets[guarded], endpoint, environ)
+        except BaseException:
+            self.close()
+            raise
+
+    def send(self, event: Event, *, board: str, unix_offset_s: float) -> None:
+        """Publish one event now, or drop it; never waits."""
+        key = (board, event.topic)
+        seq = self._next_seq[key]
+        self._next_seq[key] = seq + 1
+        frames = codec.encode(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=self.run)
+        self.store.add(board, event.topic, seq, frames[1])
+        for sock in self._sockets.values():
+            try:
+                sock.send_multipart(frames, zmq.NOBLOCK)
+            except zmq.Again:
+                self.dropped += 1
+
+    def sent(self, board: str) -> Sent:
+        """How many messages of each topic there were."""
+        topics = Sent.__dataclass_fields__
+        return Sent(**{topic: self._next_seq.get((board, topic), 0) for topic in topics})
+
+    def close(self) -> None:
+        """Let queued events leave, then close."""
+        for sock in self._sockets.values():
+            sock.close()
+        if self._context is not None:
+            self._context.term()
+
+    @staticmethod
+    def _make(context: zmq.Context[Any] | None, gate: Gate | None) -> zmq.Socket[Any]:
+        assert context is not None
+        sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
+        sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
+        sock.setsockopt(zmq.LINGER, _LINGER_MS)
+        sock.setsockopt(zmq.IPV6, 1)
+        sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
+        for name, value in DEAD_PEER_OPTIONS.items():
+            sock.setsockopt(getattr(zmq, name), value)
+        if gate is not None:
+            gate.guard(sock)
+        return sock

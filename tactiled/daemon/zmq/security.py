@@ -1,0 +1,215 @@
+"""Who may connect from other hosts: a folder of CURVE keys, and the answers to libzmq's question (ZAP).
+
+::
+
+    keys/daemon.toml          the daemon's own pair; its secret half stays here (mode 0600)
+    keys/clients/NAME.toml    public half of each client that may connect; remove the file to shut it out
+
+A client carries one file of its own (`tactiled keys make NAME` writes it once): its pair, and the daemon's
+public key, so that it cannot be led to a forged daemon either.
+
+CURVE (CurveZMQ, rfc.zeromq.org/spec/26) protects what other hosts can reach. What only this host can reach
+stays plain: PlotJuggler speaks no CURVE, and there the kernel says who may connect.
+
+libzmq asks a REP socket at ``inproc://zeromq.zap.01`` about each client (ZAP, rfc.zeromq.org/spec/27), and
+lets everyone in when nobody is bound there: so the answerer is bound before any endpoint. A refused client
+hears nothing, ever: the log is the only place where anyone learns of it.
+"""
+
+import asyncio
+import logging
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import zmq
+import zmq.asyncio
+from pydantic import Field
+from zmq.utils import z85
+
+from tactiled import tomlfile
+from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.zmq.handshakes import Handshakes
+from tactiled.errors import ConfigError, OperatorError
+from tactiled.tomlfile import Params
+
+logger = logging.getLogger(__name__)
+
+_ZAP = "inproc://zeromq.zap.01"
+_ZAP_DOMAIN = b"tactiled"  # not empty: without a domain libzmq would not ask
+_KEY = r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}"  # Z85, rfc.zeromq.org/spec/32: 32 bytes
+_NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}"
+
+
+class _Pair(Params):
+    public_key: str = Field(pattern=f"^{_KEY}$")
+    secret_key: str = Field(pattern=f"^{_KEY}$")
+
+
+class _Client(Params):
+    public_key: str = Field(pattern=f"^{_KEY}$")
+
+
+class KeyFolder:
+    """The folder of keys of one daemon.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._seen: tuple[tuple[str, int], ...] = ()
+        self._names: dict[bytes, str] = {}
+
+    def pair(self, environ: Mapping[str, str] = os.environ) -> tuple[bytes, bytes]:
+        """Public and secret key of the daemon; from systemd's credentials where the unit loads them.
+
+        Raises
+        ------
+        ConfigError
+            There is none, it is none, or others can read it.
+        """
+        path = self.path / "daemon.toml"
+        # A daemon that is not root cannot read what root keeps: LoadCredential= hands it over.
+        loaded = Path(environ.get("CREDENTIALS_DIRECTORY", "/nonexistent")) / "daemon.toml"
+        if loaded.exists():
+            path = loaded
+        try:
+            mode = path.stat().st_mode
+        except OSError:
+            raise ConfigError(str(path), ["cannot be read; make it with `tactiled keys make`"]) from None
+        if mode & 0o077 and path != loaded:  # systemd shows its access list as permissions of a group
+            raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
+        pair = tomlfile.load(path, _Pair)
+        return pair.public_key.encode(), pair.secret_key.encode()
+
+    def clients(self) -> dict[bytes, str]:
+        """Names of the clients that may connect, by public key; files that hold none are said in the log."""
+        try:
+            files = sorted((self.path / "clients").glob("*.toml"))
+            seen = tuple((path.name, path.stat().st_mtime_ns) for path in files)
+        except OSError as error:
+            logger.error("%s: no client is let in: %s", self.path / "clients", error.strerror)
+            return {}
+        if seen != self._seen:
+            self._seen, self._names = seen, {}
+            for path in files:
+                try:
+                    self._names[tomlfile.load(path, _Client).public_key.encode()] = path.stem
+                except (ConfigError, OSError, UnicodeDecodeError) as error:
+                    logger.error("client not let in: %s", error)
+        return self._names
+
+    def make(self, name: str, carry_to: Path) -> None:
+        """Make the pair of a client (and the daemon's, if there is none); write what the client carries.
+
+        Raises
+        ------
+        OperatorError
+            The name is none, exists already, or a file cannot be written.
+        """
+        if not re.fullmatch(_NAME, name) or name == "daemon":
+            raise OperatorError(f"{name!r}: name a client with letters, digits, '_', '.' and '-'")
+        try:
+            self.path.mkdir(mode=0o755, parents=True, exist_ok=True)
+            (self.path / "clients").mkdir(mode=0o755, exist_ok=True)
+            if not (self.path / "daemon.toml").exists():
+                public, secret = zmq.curve_keypair()
+                _write(self.path / "daemon.toml", 0o600, public_key=public, secret_key=secret)
+            public, secret = zmq.curve_keypair()
+            daemon_key, _ = self.pair()
+            _write(carry_to, 0o600, public_key=public, secret_key=secret, daemon_key=daemon_key)
+            try:
+                _write(self.path / "clients" / f"{name}.toml", 0o644, public_key=public)
+            except OSError:
+                carry_to.unlink()  # nobody would let it in
+                raise
+        except FileExistsError as error:
+            raise OperatorError(f"{error.filename}: exists; remove it to make {name} anew") from None
+        except OSError as error:
+            raise OperatorError(f"{error.filename}: cannot be written: {error.strerror}") from None
+
+
+def _write(path: Path, mode: int, **keys: bytes) -> None:
+    """A new file that never existed with a wider mode."""
+    text = "".join(f'{name} = "{key.decode()}"\n' for name, key in keys.items())
+    path.touch(0o600, exist_ok=False)
+    path.write_text(text, encoding="ascii")
+    path.chmod(mode)  # whatever the umask says
+
+
+class Gate:
+    """Answers libzmq's question whether a client may connect. Make it before any socket is bound.
+
+    Parameters
+    ----------
+    context : zmq.Context
+        Whose sockets ask.
+    keys : KeyFolder
+
+    Raises
+    ------
+    ConfigError
+        The daemon's pair cannot be had.
+    """
+
+    def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
+        self._context = context
+        self._handshakes: list[Handshakes] = []
+        self._keys = keys
+        self._public, self._secret = keys.pair()
+        self.denied = Complaints(logger, "client denied")
+        self.accepted = Complaints(logger, "client connected")
+        self._socket = zmq.asyncio.Socket(context, zmq.REP)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.bind(_ZAP)
+
+    def guard(self, sock: zmq.Socket[Any]) -> None:
+        """Make a socket that is not bound yet a CURVE server of ours."""
+        sock.setsockopt(zmq.CURVE_SERVER, 1)
+        sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
+        sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
+        sock.setsockopt(zmq.ZAP_DOMAIN, _ZAP_DOMAIN)
+        self._handshakes.append(Handshakes(self._context, sock, self.denied))
+
+    async def run(self) -> None:
+        """Never returns; cancel it to end."""
+        async with asyncio.TaskGroup() as group:
+            for handshakes in self._handshakes:
+                group.create_task(handshakes.run())
+            group.create_task(self._answer_all())
+
+    async def _answer_all(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            request = await self._socket.recv_multipart()
+            await self._socket.send_multipart(self.answer(request, loop.time()))
+
+    def answer(self, request: list[bytes], now_s: float) -> list[bytes]:
+        """ZAP reply to a ZAP request; never raises."""
+        version, number, *rest = [*request, b"", b""][: max(2, len(request))]
+        name = None
+        address, key = "?", b""
+        if version == b"1.0" and len(rest) == 5:
+            domain, address_raw, _, mechanism, credentials = rest
+            address = address_raw.decode(errors="replace").removeprefix("::ffff:")  # IPv4 on an IPv6 socket
+            if domain == _ZAP_DOMAIN and mechanism == b"CURVE" and len(credentials) == 32:
+                key = z85.encode(credentials)
+                name = self._keys.clients().get(key)
+        if name is None:
+            shown = key.decode() or "none"
+            self.denied.add(
+                f"{address} with the key {shown}: no such key in {self._keys.path}/clients", now_s
+            )
+            return [b"1.0", number, b"400", b"Unknown key", b"", b""]
+        self.accepted.add(f"{name} from {address}", now_s, logging.INFO)
+        return [b"1.0", number, b"200", b"OK", name.encode(), b""]
+
+    def close(self) -> None:
+        for handshakes in self._handshakes:
+            handshakes.close()
+        self._socket.close()

@@ -1,0 +1,179 @@
+"""How likely waves make the phasors of one line, whose channels are not quite alike.
+
+Gains and phases of channels stray around one complex amplitude for each kind of channel, by as much as suits
+the kind. Or they stray together: how a channel feels a ripple depends on how its taxel is pressed, and all
+channels of a taxel are pressed alike.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from tactiled.array import FloatArray
+from tactiled.detect.grooves.model import Layout
+
+MOST_ALIKE = 0.9  # overlap (squared) of two waves on a kind's channels: beyond, they are one
+_NEARBY_RAD = (0.2, 0.08, 0.03)  # of phase at the rim of the array, two steps either way
+_FACTOR_STEPS = 6  # of expectation and maximisation
+_FALSE_PAIR = 1e-2  # one wave, channels alike, is looked at for another so often
+# Of the ripple, all kinds together: no skin's channels are more alike. Where a kind feels little because its
+# parts cancel, what they stray by does not cancel.
+_LEAST_STRAY = 0.03
+# Variances of strays that are tried: (strays of gain * strays of phase, 1, 1).
+_STRAYS = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
+_GAIN, _PHASE = (each.reshape(-1, 1, 1) for each in np.meshgrid(_STRAYS, _STRAYS))
+
+
+class Phasors:
+    """The phasors of one line.
+
+    Parameters
+    ----------
+    z : (channels,) complex128
+    variance : (channels,) float64
+        Of noise in either part of each.
+    layout : Layout
+    """
+
+    def __init__(self, z: FloatArray, variance: FloatArray, layout: Layout) -> None:
+        self.z = z
+        self._noise = variance
+        self.variance = variance + _LEAST_STRAY**2 * float((np.abs(z) ** 2).mean())
+        self.place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+        self.is_kind = (layout.kind[:, np.newaxis] == np.unique(layout.kind)).astype(np.float64)
+
+        together: dict[bytes, list[NDArray[np.bool_]]] = {}
+        for mine in self.is_kind.T.astype(bool):
+            together.setdefault(self.place[mine].tobytes(), []).append(mine)
+        # Places, and the phasors there of all kinds whose channels are at just these.
+        self.groups = [
+            (self.place[kinds[0]], np.stack([z[mine] for mine in kinds], axis=1))
+            for kinds in together.values()
+        ]
+        self._together = list(together.values())
+
+    def fit(self, k: FloatArray) -> NDArray[np.complex128]:
+        """What each wave adds to each channel, by least squares: (pairs, channels, waves).
+
+        Parameters
+        ----------
+        k : (pairs, waves, 2) float64
+        """
+        wave = np.exp(1j * (k @ self.place.T)).swapaxes(1, 2)  # (pairs, channels, waves)
+        by_kind = wave[:, :, np.newaxis] * self.is_kind[:, :, np.newaxis]  # (pairs, channels, kinds, waves)
+        gram = np.einsum("pcga,pcgb->pgab", by_kind.conj(), by_kind)
+        gram = gram + 1e-9 * np.eye(k.shape[1])
+        seen = np.einsum("pcga,c->pga", by_kind.conj(), self.z)
+        amplitude = np.linalg.solve(gram, seen[..., np.newaxis])[..., 0]
+        return np.asarray(np.einsum("pcga,pga->pca", by_kind, amplitude))
+
+    def likelihood(self, k: FloatArray) -> FloatArray:
+        """Logarithm, at the likeliest strays: (pairs,), for (pairs, waves, 2)."""
+        each = self.fit(k)
+        model = each.sum(axis=-1)
+        left = self.z - model
+        beside = left * np.exp(-1j * np.angle(model))  # strays of gain are along a phasor, of phase across it
+        total = self._by_one(np.abs(model) ** 2, beside)
+        if each.shape[-1] > 1:
+            total = np.maximum(total, self._by_each(each, left))
+        return np.maximum(total, self._by_taxel(beside))
+
+    def nearby(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The likeliest near single waves (waves, 2), and the logarithms of their likelihoods (waves,)."""
+        rim_mm = max(float(np.hypot(*self.place.T).max()), 0.5)
+        moves = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+        likelihood = np.zeros(len(k))
+        for step_rad in _NEARBY_RAD:
+            near = k[:, np.newaxis] + moves * step_rad / rim_mm
+            each = self.likelihood(near.reshape(-1, 1, 2)).reshape(len(k), -1)
+            k = near[np.arange(len(k)), each.argmax(axis=1)]
+            likelihood = each.max(axis=1)
+        return k, likelihood
+
+    def _by_one(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
+        """The same where a gain is the channel's, for all waves: (pairs,).
+
+        Parameters
+        ----------
+        size : (pairs, channels) float64
+            Squares of what waves explain.
+        left : (pairs, channels) complex128
+            What they leave, along it and across it.
+        """
+        variance = _STRAYS[:, np.newaxis, np.newaxis] * size + self.variance
+        log = np.log(variance)
+        total = np.zeros(len(size))
+        for part in (left.real, left.imag):
+            by_kind = (log + part**2 / variance) @ self.is_kind  # (strays, pairs, kinds)
+            total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
+        return total
+
+    def _by_each(self, waves: NDArray[np.complex128], left: NDArray[np.complex128]) -> FloatArray:
+        """The same where a gain is each wave's own: (pairs,).
+
+        Parameters
+        ----------
+        waves : (pairs, channels, waves) complex128
+        left : (pairs, channels) complex128
+        """
+        size = np.abs(waves) ** 2
+        square = waves**2
+        along = (size + square.real).sum(axis=-1) / 2  # of the real part; 2 x 2 matrices of variance
+        across = (size - square.real).sum(axis=-1) / 2
+        mixed = square.imag.sum(axis=-1) / 2
+        one = _GAIN * along + _PHASE * across + self.variance
+        other = _GAIN * across + _PHASE * along + self.variance
+        both = (_GAIN - _PHASE) * mixed
+        volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
+        square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
+        by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (strays, pairs, kinds)
+        return np.asarray(-0.5 * by_kind.min(axis=0).sum(axis=-1))
+
+    def _by_taxel(self, left: NDArray[np.complex128]) -> FloatArray:
+        """The same where one thing about a taxel, its load, moves all its channels: (pairs,).
+
+        Factor analysis with one factor (Rubin, Thayer 1982): each kind follows it by its own complex amount,
+        and strays by the rest; an unknown more for each kind than by strays alone (Schwarz 1978).
+
+        Parameters
+        ----------
+        left : (pairs, channels) complex128
+            What the waves leave, along them and across them.
+        """
+        total = np.full(len(left), -self.is_kind.shape[1] / 2 * np.log(2 * len(self.z)))
+        for mine in self._together:
+            z = np.stack([left[:, kind] for kind in mine], axis=-1)  # (pairs, taxels, kinds)
+            n_kinds = z.shape[-1]
+            u = np.concatenate([z.real, z.imag], axis=-1)
+            least = np.tile([self.variance[kind].mean() for kind in mine], 2)
+            white = u / np.sqrt(least)
+            value, vector = np.linalg.eigh(white.swapaxes(1, 2) @ white / z.shape[1])
+            load = vector[..., -1] * np.sqrt(np.maximum(value[:, -1:] - 1, 0) * least)  # (pairs, parts)
+            rest = np.broadcast_to(least, load.shape)
+            for _ in range(_FACTOR_STEPS):
+                weighed = load / rest
+                spread = 1 / (1 + (weighed * load).sum(axis=-1))
+                factor = spread[:, np.newaxis] * (u @ weighed[..., np.newaxis])[..., 0]  # (pairs, taxels)
+                size = (factor**2).sum(axis=-1) + z.shape[1] * spread
+                both = (u * factor[..., np.newaxis]).sum(axis=1)
+                load = both / size[:, np.newaxis]
+                rest = ((u**2).sum(axis=1) - load * both) / z.shape[1]
+                rest = np.tile((rest[:, :n_kinds] + rest[:, n_kinds:]) / 2, 2)
+                rest = np.maximum(rest, least)
+            weighed = load / rest
+            more = 1 + (weighed * load).sum(axis=-1)
+            seen = (u @ weighed[..., np.newaxis])[..., 0]
+            square = (u**2 / rest[:, np.newaxis]).sum(axis=(1, 2)) - (seen**2).sum(axis=1) / more
+            total -= 0.5 * (z.shape[1] * (np.log(rest).sum(axis=-1) + np.log(more)) + square)
+        return total
+
+    def expect_no_more_strays(self, k: FloatArray) -> None:
+        """Channels may be more alike than most where a pair (2, 2) shows that they are."""
+        left = np.abs(self.z - self.fit(k[np.newaxis])[0].sum(axis=-1)) ** 2
+        self.variance = np.minimum(self.variance, self._noise + float(left.mean()) / 2)
+
+    def is_one(self, k: FloatArray) -> bool:
+        """Whether one wave, alike in all channels of a kind, leaves no more than noise."""
+        left = np.abs(self.z - self.fit(k[np.newaxis, np.newaxis])[0, :, 0]) ** 2
+        dof = 2 * (len(self.z) - self.is_kind.shape[1] - 1)
+        return bool((left / self.variance).sum() < special.chdtri(max(dof, 1), _FALSE_PAIR))

@@ -1,0 +1,285 @@
+"""A slip from its onset on: does it become gross, does it end, does it turn back?
+
+Shear that grows is answered by Mindlin's curve (Mindlin, J. Appl. Mech. 16, 1949: the tangential force on a
+ball rises as ``1 - (1 - x)^(3/2)`` with the travel x): steep at first, flat when everything slips. A pull on
+a held object rises as it likes and then stays at what friction bears. Either way gross slip is where the
+response stops following the motion: its slope falls to `_FLAT` of the steepest. At x = 0.9, where nine tenths
+slip, Mindlin's slope is 0.32 of that at the start.
+
+A load that stops growing below the friction limit has the same shape. What tells it apart: little shear over
+pressure is no gross slip on any likely surface; pressure that came with the shear and stops with it is a
+load; and the taxels' shares of the shear tell (`slip_limit`). A response that falls back at
+once is a load that goes again; one that falls much faster than it rose has broken away (stick-slip). What
+comes after is `slip_after`'s.
+"""
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import FloatArray
+from tactiled.detect.slip.after import (
+    FELL_PART,
+    GROWS_PART,
+    NEAR_PART,
+    NEAR_SDS,
+    NOISE_SDS,
+    TURNED_S,
+    Extreme,
+    Gross,
+    Recoil,
+    Verdict,
+)
+from tactiled.detect.slip.kink import Kink
+from tactiled.detect.slip.limit import Limit
+from tactiled.detect.slip.response import PRESSURE, motion, rising_half
+from tactiled.detect.slip.rest import Rest
+
+_FLAT = 0.3
+_LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
+# A line must be flat for half its length, for less where shear is so many times the least of gross slip. On
+# seeds 1001 to 1006 of the physical families gross slip is then said 42 ms after it began and not 50, and no
+# load that stops is called gross; at 1.3 times one in a dozen cable tugs is, at 1.0 arm motion too. A load
+# that goes again at a third of the speed it came with is falling by so much of the steepest by then.
+_CLEARLY, _GOES = 1.6, 0.05
+# By Mindlin's curve nine tenths slip when friction has reached 1 - 0.1^(3/2) of its limit.
+_NINE_TENTHS = 0.968
+_INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
+# Of the time since the onset: what real curves differ from Mindlin's, one way and either way, on seeds 1001
+# to 1012 of the physical families.
+_LATE_PART, _SHAPE_SD_PART = 0.03, 0.03
+# The line is longer where noise would make its slope uncertain by more than this part of the steepest.
+_SLOPE_SD_PART = 0.15
+# Flat for so long, scans that noise bends taken off twice, below what is gross: the load stays, nothing slips
+# any more.
+_STALLED_S, _BENT_SCANS = 0.3, 2
+_BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
+# Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
+_COMMON = 4.0
+# Pressure that grew with the shear by more than this of it is a load that came at a slant: slip itself moves
+# the pressure by an eighth, jolts by up to 0.65, slanted loads on the physical families by 1.1 to 1.7.
+_PRESSED = 0.8
+# Friction bears what it bore: the less the shear has grown since it began, the less likely it met the limit.
+_LITTLE = 0.2
+_SETTLE_S = 0.05  # after a break-away, before the new level is one
+_ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
+
+
+class Course:
+    """Follows one slip.
+
+    Parameters
+    ----------
+    along : (3,) float64
+        Unit vector of the response's growth.
+    start : (7,) float64
+        Response where it began.
+    even : (7,) float64
+        Response of an even pressure of 1.
+    index : int
+        Newest scan.
+    began : Kink
+        How many scans ago.
+    slope : float
+        Of the growth so far, steps a scan.
+    rate_hz : float
+    least, gross : float
+        Shear over pressure of a change that counts, and of gross slip.
+    limit : Limit
+    """
+
+    def __init__(
+        self,
+        along: FloatArray,
+        start: FloatArray,
+        even: FloatArray,
+        index: int,
+        began: Kink,
+        slope: float,
+        rate_hz: float,
+        least: float,
+        gross: float,
+        limit: Limit,
+    ) -> None:
+        self.along = along
+        self._along: list[float] = along.tolist()
+        # Twice the side that rises stands for both: what it may miss is that the other bottoms out.
+        self._sides = 2 * rising_half(along)
+        self._start = self._risen(start)
+        self._even = self._risen(even)
+        self._begun, self._began = index - began.delay_scans, began
+        self._steepest = slope
+        self._rate_hz = rate_hz
+        self._least, self._gross = least, gross
+        self._limit = limit
+        self._start_shear, self._start_pressure = float(along @ motion(start)), float(start[PRESSURE])
+        self._least_line = max(4, round(_LINE_S * rate_hz))
+        self._top = Extreme(-math.inf, index)
+        self._top_pressure = 0.0
+        self._top_shear = 0.0
+        self._n_flat = self._n_still = self._n_turned = 0
+        self._rest = Rest(rate_hz)
+        self._flat_at = index
+        self._after: Gross | Recoil | None = None
+
+    def shift(self, by: FloatArray, read: NDArray[np.bool_]) -> None:
+        """These taxels (taxels,) make the response from now on, which jumps by (7,); zeros where all stay."""
+        if not by.any():
+            return
+        jump, shear, pressure = self._risen(by), float(self.along @ motion(by)), float(by[PRESSURE])
+        self._start += jump
+        self._top.value += jump
+        self._start_shear += shear
+        self._top_shear += shear
+        self._start_pressure += pressure
+        self._top_pressure += pressure
+        self._limit.keep(read)
+        self._rest.shift(shear)
+
+    def excursion(self, row: FloatArray) -> float:
+        """How far shear went, over the pressure of the newest response (7,)."""
+        return (self._top.value - self._start) / float(row[PRESSURE])
+
+    def swing(self, row: FloatArray) -> float:
+        """How far shear fell from its top to the newest response (7,), over the pressure of that."""
+        return (self._top_shear - float(self.along @ motion(row))) / float(row[PRESSURE])
+
+    def look_back(self, steps: FloatArray) -> None:
+        """Take the taxels' shares from before the slip was known, of what `step` is given."""
+        ago = min(int(self._began.delay_scans), len(steps) - 1)
+        for row in range(len(steps) - 1 - ago, len(steps)):
+            self._limit.take(self._began.delay_scans - (len(steps) - 1 - row), steps[row])
+
+    def _risen(self, row: FloatArray) -> float:
+        sides = row[:PRESSURE].tolist()
+        return float(sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True)))
+
+    def step(self, index: int, seen: FloatArray, steps: FloatArray, noise: float) -> Verdict | None:
+        """Take in a scan.
+
+        Parameters
+        ----------
+        index : int
+        seen : (window, 7) float64
+            Responses, newest last; the newest pressure is positive.
+        steps : (window, channels) float64
+            The readings that they are of.
+        noise : float
+            Standard deviation of the response along the slip.
+        """
+        pressure = float(seen[-1, PRESSURE])
+        x, y, turn = motion(seen[-1]).tolist()
+        shear = self._along[0] * x + self._along[1] * y + self._along[2] * turn
+        if self._after is None:
+            return self._step_incipient(index, seen, steps, shear, pressure, noise)
+        level, noise = self._risen(seen[-1]) / pressure - self._even, noise / pressure
+        if isinstance(self._after, Recoil):
+            return self._after.step(index, shear / pressure, level, noise)
+        slope = self._risen(self._trend(seen, self._least_line))
+        verdict = self._after.step(index, (x, y, turn), level, slope, noise)
+        if verdict is not None and verdict.fate == "back":
+            self._after = self._after.recoil(index, level)
+        return verdict
+
+    def _step_incipient(
+        self, index: int, seen: FloatArray, steps: FloatArray, shear: float, pressure: float, noise: float
+    ) -> Verdict | None:
+        noise *= math.sqrt(2)  # one side of two, twice
+        n = self._line_scans(noise, len(seen))
+        trend = self._trend(seen, n)
+        slope = self._risen(trend)
+        speed = max(abs(slope), float(np.sqrt((motion(trend) ** 2).sum())))
+        response = self._risen(seen[-1])
+        if response > self._top.value:
+            self._top.value, self._top_pressure, self._top_shear = response, pressure, shear
+        fall = self._top.value - response
+        if fall <= max(NEAR_PART * (self._top.value - self._start), NEAR_SDS * noise):
+            self._top.index = index
+        if fall > max(
+            self._least * pressure,
+            FELL_PART * (self._top.value - self._start),
+            NOISE_SDS * noise,
+            _COMMON * abs(pressure - self._top_pressure),
+        ):
+            since = max(index - self._top.index, 1)
+            broke = fall / since > _BROKE_AWAY * self._steepest
+            if broke and self._top_shear >= self._gross * pressure:
+                return self._go_gross(index, self._top.index, _INSTANT_SD, round(_SETTLE_S * self._rate_hz))
+            level = response / pressure - self._even
+            low, high = Extreme(level, index), Extreme(level, self._top.index)
+            reversed_below = -max(self._gross, self._least)
+            self._after = Recoil(low, high, self._rate_hz, self._least, reversed_below, may_grow=False)
+            return Verdict("back", self._top.index, since / 2)
+        # The largest that is sure, not the largest that noise made.
+        self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)
+        is_flat = speed < _FLAT * self._steepest
+        self._n_flat = self._n_flat + 1 if is_flat else 0
+        self._n_still = max(self._n_still + (1 if is_flat else -_BENT_SCANS), 0)
+        aside = speed > _ASIDE * self._steepest and abs(slope) < _ASIDE * speed
+        self._n_turned = self._n_turned + 1 if aside else 0
+        still_there = self._top.index == index  # a load that goes again, if slowly, does not stay at its top
+        is_clear = 0 < _CLEARLY * self._gross * pressure < shear and slope > -_GOES * self._steepest
+        is_over = self._n_flat > (1 if is_clear else n // 2) and still_there
+        if self._n_flat:
+            self._flat_at = index
+        else:
+            self._limit.take(index - self._begun, steps[-1])
+            self._rest.goes_on()
+        if is_over and shear >= self._gross * pressure:
+            odds = functools.partial(self._odds, shear, pressure, steps)
+            if self._rest.is_gross(self._n_flat, shear, noise, odds):
+                return self._go_gross(index, *self._reached(index, seen), 0)
+        beyond = shear - self._rest.doubtful_at
+        if beyond > max(GROWS_PART * self._rest.doubtful_at, NOISE_SDS * noise):
+            return Verdict("again", self._flat_at, (index - self._flat_at) / 2)
+        may_slip = math.isfinite(self._rest.doubtful_at)
+        if not may_slip and self._n_still > max(n, _STALLED_S * self._rate_hz):
+            return Verdict("stalled", index - self._n_still - 0.35 * n, n / 4)
+        if self._n_turned > max(n, TURNED_S * self._rate_hz):
+            return Verdict("turned", index - self._n_turned, n / 2)
+        return None
+
+    def _odds(self, shear: float, pressure: float, steps: FloatArray) -> float:
+        """Logarithm of the odds that friction is at its limit where shear has stopped."""
+        grown = shear - self._start_shear
+        if pressure - self._start_pressure > _PRESSED * grown:
+            return -math.inf  # a load came to rest, and shear with it
+        odds = self._limit.odds(steps[-self._n_flat :])
+        if odds is None:
+            return math.inf
+        if grown <= 0:
+            return -math.inf
+        # Shear may be zero: arrays without shear channels have no least shear of gross slip.
+        return odds if grown >= _LITTLE * shear else odds + math.log(grown / (_LITTLE * shear))
+
+    def _trend(self, seen: FloatArray, n: int) -> FloatArray:
+        """Slopes (7,) of a line through the newest n scans, or all that are kept.
+
+        Sums of whole numbers: exact in any order.
+        """
+        n = min(n, len(seen))
+        line = 2.0 * np.arange(n) - (n - 1)
+        return np.asarray((line @ seen[-n:]) * 6 / (n * (n * n - 1.0)))
+
+    def _reached(self, index: int, seen: FloatArray) -> tuple[float, float]:
+        """Scan at which nine tenths slipped, with its sigma, now that the response stands at its limit."""
+        courses = seen[:, :PRESSURE] @ self._sides
+        limit = float(courses[-max(self._n_flat, 1) :].mean())
+        below = np.flatnonzero(courses < self._start + _NINE_TENTHS * (limit - self._start))
+        at = index - (len(seen) - 1.5 - (float(below[-1]) if len(below) else 0.0))
+        if at <= self._begun:  # it was over when it could be seen
+            return self._begun, self._began.sd_scans
+        at = min(at + _LATE_PART * (at - self._begun), float(index))
+        return at, math.hypot(_INSTANT_SD, _SHAPE_SD_PART * (at - self._begun))
+
+    def _line_scans(self, noise: float, most: int) -> int:
+        """The variance of a slope is 12 noise^2 / n^3."""
+        wanted = (noise * math.sqrt(12) / (_SLOPE_SD_PART * max(self._steepest, 1e-9))) ** (2 / 3)
+        return int(min(max(self._least_line, math.ceil(wanted)), most))
+
+    def _go_gross(self, index: int, at: float, sd_scans: float, settle_scans: int) -> Verdict:
+        settled = index + 1 + settle_scans
+        self._after = Gross(self._along, self._steepest, self._rate_hz, self._least, settled)
+        return Verdict("gross", at, sd_scans)

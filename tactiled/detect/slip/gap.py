@@ -1,0 +1,111 @@
+"""A slip that lies wholly in a gap: readings before and after are all there is of it.
+
+While a contact holds, its shear stays what it was, or goes with the pressure where that changed. Shear that
+differs by more, after a gap in mid-contact, has come while nobody looked: by a slip, or by a load that did
+not slip, which no reading tells apart any more. Who controls a grip would rather have a hint too many than a
+slip too few: it is told, with an instant as uncertain as the gap is long, and half the confidence.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.slip.evidence import Evidence
+from tactiled.detect.slip.response import PRESSURE, motion
+
+LOOK_SCANS = 8  # averaged on either side
+# Of shear over pressure: a tenth of the contact slips at a friction of 0.4, creep of a held load is far less.
+_LEAST = 0.1
+# Twice what `slip_evidence` asks of a rise: in a gap pressure and shear may have changed one after the other.
+_COMMON = 0.5
+_NOISE_SDS = 6.0
+_LONGEST_S = 2.0  # longer, and what is held is held anew
+
+
+class BeforeGap(NamedTuple):
+    """What was before a gap.
+
+    Attributes
+    ----------
+    time_s : float
+        Of the last scan.
+    steps : (LOOK_SCANS, channels) float64
+        The last readings.
+    evidence : Evidence
+        As it was then.
+    """
+
+    time_s: float
+    steps: FloatArray
+    evidence: Evidence
+
+    @property
+    def readings(self) -> FloatArray:
+        """Their mean (channels,)."""
+        return np.asarray(self.steps.mean(axis=0))
+
+
+class Moved(NamedTuple):
+    """What came in a gap.
+
+    Attributes
+    ----------
+    gap_s : float
+    change : (channels,) float64
+        Of the readings.
+    along : (3,) float64
+        Unit vector of the change of shear.
+    size : float
+        Of that.
+    statistic : float
+        Its square over its variance, as `slip_evidence` has it.
+    """
+
+    gap_s: float
+    change: FloatArray
+    along: FloatArray
+    size: float
+    statistic: float
+
+
+def moved_in_gap(
+    before: BeforeGap, steps: FloatArray, first_s: float, evidence: Evidence, least: float
+) -> Moved | None:
+    """What a gap hid, if anything did.
+
+    Parameters
+    ----------
+    before : BeforeGap
+    steps : (LOOK_SCANS, channels) float64
+        The first readings after it.
+    first_s : float
+        Instant of the first of them.
+    evidence : Evidence
+        As it is now.
+    least : float
+        Shear over pressure of a change that counts.
+    """
+    gap_s = first_s - before.time_s
+    if not 0 < gap_s <= _LONGEST_S:  # 0 or less: the nominal rate, which places the first scan, is wrong
+        return None
+    if not evidence.taxels.any() or (evidence.taxels & ~before.evidence.taxels).any():
+        return None  # a taxel that was not read before has nothing to be compared with
+    readings, after = before.readings, steps.mean(axis=0)
+    then, now = evidence.weights @ readings, evidence.weights @ after
+    if then[PRESSURE] <= 0 or now[PRESSURE] <= 0:
+        return None
+    pressed = now[PRESSURE] / then[PRESSURE]
+    news = motion(now) - motion(then) * pressed
+    size = float(np.sqrt((news**2).sum()))
+    if size <= 0:
+        return None
+    along = news / size
+    noise = before.evidence.noise(along) * np.sqrt(2 / LOOK_SCANS)
+    enough = max(least, _LEAST) * now[PRESSURE]
+    if size < max(enough, _NOISE_SDS * noise, _COMMON * abs(now[PRESSURE] - then[PRESSURE])):
+        return None
+    change = after - readings * pressed
+    if not evidence.is_shared(news, change, after):
+        return None
+    return Moved(gap_s, change, along, size, float((size / noise) ** 2))

@@ -1,0 +1,32 @@
+"""What a rate of false alarms means: how much growth of shear is said, and how much of it noise may raise.
+
+A hand that moves loads the skin, and friction is not known beforehand, so the first part of a load that
+would have held looks like the first part of a slip. How often that is said depends on how much growth is
+waited for: `SHEAR` over `PER_HOUR` is the measured curve. It is of the families without slip
+(`emulator.families.QUIET`, each as long as every other, nothing announced, at 0.3 and 3 mV of noise, seeds
+1001 to 1024, which no bench reports); ``python -m bench.slip.hand`` remakes it. A hand that does
+less raises fewer: `tactiled tune` measures one's own.
+
+Above the highest rate nothing is gained: shear that grows at all is then said, and noise is what limits.
+Below the lowest nothing is either: a skin of friction 0.3 slips as a whole where shear has grown to 0.57 of
+the pressure.
+"""
+
+import numpy as np
+
+# Rates an hour, and the growth of shear over pressure that raises them.
+PER_HOUR = (2.52, 8.11, 19.6, 36.4, 68.2, 115.0, 161.0, 206.0, 228.0, 252.0)
+SHEAR = (0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.05, 0.02, 0.005)
+# Motion can be announced, noise cannot: of a rate that stands for both noise gets so much, which at the rate
+# of `fast` leaves less than one an hour to a hand that announces all that it does.
+NOISE_PART = 0.003
+
+
+def shear_at(per_hour: float) -> float:
+    """Growth of shear over pressure to wait for; a straight line in logarithms between what was measured."""
+    return float(np.exp(np.interp(np.log(per_hour), np.log(PER_HOUR), np.log(SHEAR))))
+
+
+def rate_at(shear: float) -> float:
+    """False alarms an hour of a hand that moves unannounced, where growth of shear over pressure is said."""
+    return float(np.exp(np.interp(-np.log(shear), -np.log(SHEAR), np.log(PER_HOUR))))

@@ -1,0 +1,288 @@
+"""The slips of a contact, one after the other: what each scan brings, told as events.
+
+Idle, evidence of growing shear begins a slip. While it goes on its course is followed; a gross slip that
+fell back is followed until it has turned round or rests. What was told is not told again: evidence counts
+from the scan where the last slip ended, and shear that came and went of late must be outgrown (`slip_again`).
+Two slips in quick succession are two where the skin springs back in between; else nothing shows the stop.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.slip import words as slip_words
+from tactiled.detect.slip.after import Verdict
+from tactiled.detect.slip.again import OUTGROWS_S, Shake, Swings, extent
+from tactiled.detect.slip.course import Course
+from tactiled.detect.slip.evidence import Evidence, Growth
+from tactiled.detect.slip.gap import LOOK_SCANS, BeforeGap, moved_in_gap
+from tactiled.detect.slip.kink import Kink
+from tactiled.detect.slip.limit import Limit
+from tactiled.detect.slip.past import Past
+from tactiled.detect.slip.response import PRESSURE, motion, unit
+from tactiled.detect.slip.stretch import Stretch
+from tactiled.detect.slip.witness import Testimony, Witness
+from tactiled.events.types import SlipEvent
+
+_SWING_S = 2.0  # a whole swing of 0.5 Hz
+
+
+class _Slip(NamedTuple):
+    """A slip: its newest onset event, its course, and the evidence that raised it."""
+
+    event: SlipEvent
+    course: Course
+    statistic: float
+
+
+class Story:
+    """Of a contact.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    rate_hz : float
+    least_shear, gross_shear : float
+        Shear over pressure of what counts, and of gross slip.
+    before : BeforeGap or None
+        The contact goes on from before a gap.
+    """
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        rate_hz: float,
+        least_shear: float,
+        gross_shear: float,
+        before: BeforeGap | None = None,
+    ) -> None:
+        self._evidence = evidence
+        self._rate_hz = rate_hz
+        self._least_shear, self._gross_shear = least_shear, gross_shear
+        self._before = before
+        self._slip: _Slip | None = None
+        self._recoil: _Slip | None = None  # one that has ended and may be turning back
+        self._told = 0  # what was until this scan is told, or was no contact
+        self._swings = Swings(rate_hz)
+        self._shake: Shake | None = None  # what the slip goes on as
+        self._beneath: Shake | None = None  # swings that are no news
+        self._past = Past(rate_hz, evidence.longest)
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether all of the contact slips now."""
+        return self._slip is not None and self._slip.event.kind == "gross"
+
+    def shift(self, jump: FloatArray) -> None:
+        """Other taxels make the response from now on, which jumps by (7,)."""
+        for slip in (self._slip, self._recoil):
+            if slip is not None:
+                slip.course.shift(jump, self._evidence.taxels)
+        self._past.shift(jump)
+
+    def cut_off(self, time_s: float) -> list[SlipEvent]:
+        """The end of a slip that nobody saw end."""
+        if self._slip is None:
+            return []
+        return [slip_words.ended(self._slip.event, time_s, time_s, valid=False)]
+
+    def lift(self, now: Witness) -> list[SlipEvent]:
+        """A scan without contact."""
+        self._told = now.index
+        self._recoil = self._shake = self._beneath = None
+        self._past.forget()
+        return [] if self._slip is None else [self._end(now, now.time_s)]
+
+    def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
+        """Take in a scan in contact; `is_sure` where the contact's beginning was seen.
+
+        A mean pressure that is not positive is no load: the scan is kept, and nothing is concluded from it.
+        """
+        self._past.take(now.seen[-1])
+        if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
+            return self._look_back(self._before, now)
+        if now.seen[-1, PRESSURE] <= 0:
+            return []  # no load, or no taxel to read it from: shear over pressure means nothing in this scan
+        if self._shake is not None:
+            return self._go_on(self._shake, now)
+        if (slip := self._slip or self._recoil) is not None:
+            noise = self._evidence.noise(slip.course.along)
+            verdict = slip.course.step(now.index, now.seen, now.steps, noise)
+            if verdict is None:
+                return []
+            return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
+        if self._is_outgrown(now):
+            return self._outgrow(now, self._evidence.threshold)
+        since, pressure = now.index - self._told, float(now.seen[-1, PRESSURE])
+        growth = self._evidence.growth(stretch, row, since, 0.0)
+        if growth is None:
+            return []
+        least = self._swings.least(now.index)
+        if least > 0 and self._evidence.growth(stretch, row, since, least * pressure) is None:
+            self._swings.go_on(now.index)
+            if self._beneath is None:
+                self._beneath = self._swinging(now, least)
+            return []
+        return [self._onset(growth, now, is_sure)]
+
+    def _swinging(self, now: Witness, least: float) -> Shake:
+        """What goes on as swings that are no news: as large as shear was before the newest of them."""
+        # A swing goes from one end to the other: half of it about its middle.
+        before = now.seen[: len(now.seen) - (now.index - self._told)]
+        of_late = before[-round(_SWING_S * self._rate_hz) :]
+        sizes = [extent(motion(row)) / max(float(row[PRESSURE]), 1.0) for row in of_late]
+        largest = max([least / 2, *sizes])
+        return Shake(now.index, now.shear, largest, self._rate_hz, self._least_shear, is_known=bool(sizes))
+
+    def _is_outgrown(self, now: Witness) -> bool:
+        """Whether shear is beyond swings that are no news: what they are worth as noise would hide it."""
+        if self._beneath is None:
+            return False
+        noise = self._evidence.noise(unit(now.shear)) / float(now.seen[-1, PRESSURE])
+        if self._beneath.rests(now.index, now.shear, noise):
+            self._beneath = None
+            return False
+        return self._beneath.is_outgrown(now.index, now.shear)
+
+    def _look_back(self, before: BeforeGap, now: Witness) -> list[SlipEvent]:
+        """What a gap hid, known some scans after it."""
+        first_s = now.time_s - (LOOK_SCANS - 1) / self._rate_hz
+        moved = moved_in_gap(before, now.steps[-LOOK_SCANS:], first_s, self._evidence, self._least_shear)
+        if moved is None:
+            return []
+        half = moved.gap_s * self._rate_hz / 2
+        kink, said = Kink(LOOK_SCANS - 1 + half, half), now.testify(moved.along, moved.change).doubted()
+        return [self._begin(now, moved.along, kink, said, moved.size / (2 * half), moved.statistic, before)]
+
+    @property
+    def happens(self) -> bool:
+        """Whether what is seen now is no noise."""
+        return self._slip is not None or self._recoil is not None
+
+    def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
+        size = float(np.sqrt((growth.rise**2).sum()))
+        along = growth.rise / size
+        known, noise = now.index - self._told, self._evidence.noise(along)
+        kink = self._past.began(now.seen, growth.scans, known, along, noise)
+        growth = now.at_once(growth, kink.delay_scans)
+        along = unit(growth.rise)
+        said = now.testify(along, growth.change)
+        said = said if is_sure else said.doubted()
+        return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
+
+    def _begin(
+        self,
+        now: Witness,
+        along: FloatArray,
+        kink: Kink,
+        said: Testimony,
+        slope: float,
+        statistic: float,
+        before: BeforeGap | None = None,
+    ) -> SlipEvent:
+        """Onset of a slip; `before` is what was before it where a gap hid it."""
+        onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
+        event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
+        start = self._past.at(now.seen, kink.delay_scans)
+        limit = now.limit(kink.delay_scans)
+        if before is not None:
+            start, limit = self._evidence.weights @ before.readings, Limit.of_nothing(len(before.readings))
+        course = Course(
+            along,
+            start,
+            self._evidence.even,
+            now.index,
+            kink,
+            slope,
+            self._rate_hz,
+            least=self._least_shear,
+            gross=self._gross_shear,
+            limit=limit,
+        )
+        course.look_back(now.steps)
+        self._slip = _Slip(event, course, statistic)
+        self._beneath = None
+        self._swings.begin(now.index)
+        return event
+
+    def _conclude(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+        """Events of what became of the slip."""
+        assert self._slip is not None
+        along = self._slip.course.along
+        since = now.index - verdict.at_index
+        at_s = now.time_s + now.skew_s(along) - since / self._rate_hz
+        if verdict.fate == "gross":
+            return [self._deepen(verdict, now, at_s)]
+        slip, was_gross = self._slip, self._slip.event.kind == "gross"
+        excursion = slip.course.excursion(now.seen[-1])
+        if self._swings.are_many:
+            self._shake = Shake(now.index, now.shear, excursion, self._rate_hz, self._least_shear)
+            return []
+        if verdict.fate == "back":
+            self._recoil = slip
+        if verdict.fate == "back" and not was_gross:
+            self._swings.came_and_went(excursion, now.index)
+        events = [self._end(now, at_s)]
+        self._told = int(verdict.at_index)
+        if verdict.fate in ("again", "turned"):
+            # Friction points along the motion: in a gross slip that goes on, all of the response does.
+            goes_on = was_gross and verdict.fate == "turned"
+            towards = unit(now.shear) if goes_on else now.along(since)
+            events += self._resume(verdict, now, towards, slip.statistic)
+        return events
+
+    def _go_on(self, shake: Shake, now: Witness) -> list[SlipEvent]:
+        """A scan of a slip that goes back and forth."""
+        assert self._slip is not None
+        shear, slip = now.shear, self._slip
+        noise = self._evidence.noise(slip.course.along) / float(now.seen[-1, PRESSURE])
+        is_outgrown = shake.is_outgrown(now.index, shear)
+        if not is_outgrown and not shake.rests(now.index, shear, noise):
+            return []
+        since = OUTGROWS_S * self._rate_hz if is_outgrown else now.index - shake.rests_since
+        self._shake = None
+        self._told = int(now.index - since)
+        self._swings.came_and_went(shake.largest, now.index)
+        events = [self._end(now, now.time_s - since / self._rate_hz)]
+        return events + self._outgrow(now, slip.statistic) if is_outgrown else events
+
+    def _outgrow(self, now: Witness, statistic: float) -> list[SlipEvent]:
+        """Onset of a slip beyond swings that went on."""
+        since = OUTGROWS_S * self._rate_hz
+        verdict = Verdict("again", now.index - since, since / 2)
+        return self._resume(verdict, now, now.along(since), statistic)
+
+    def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+        """What became of a slip that fell back."""
+        assert self._recoil is not None
+        recoil, self._recoil = self._recoil, None
+        was_gross = recoil.event.kind == "gross"
+        self._told = int(verdict.at_index)
+        if verdict.fate == "rests":
+            if not was_gross:  # a swing goes from one end to the other
+                self._swings.came_and_went(recoil.course.swing(now.seen[-1]), now.index)
+            return []
+        return self._resume(verdict, now, now.along(now.index - verdict.at_index), recoil.statistic)
+
+    def _resume(self, verdict: Verdict, now: Witness, along: FloatArray, statistic: float) -> list[SlipEvent]:
+        """Onset of a slip that follows on another."""
+        since = now.index - verdict.at_index
+        size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
+        if not along.any() or size == 0:
+            return []
+        said = now.testify(along, now.changed(since))
+        kink = Kink(since, max(verdict.sd_scans, 1.0))
+        return [self._begin(now, along, kink, said, size / max(since, 1.0), statistic)]
+
+    def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:
+        assert self._slip is not None
+        event = slip_words.gross(self._slip.event, now, gross_s, verdict.sd_scans)
+        self._slip = self._slip._replace(event=event)
+        return event
+
+    def _end(self, now: Witness, ended_s: float) -> SlipEvent:
+        assert self._slip is not None
+        event = self._slip.event
+        self._slip = None
+        return slip_words.ended(event, ended_s, now.time_s, valid=not now.is_late)

@@ -1,0 +1,198 @@
+"""Scans cut where the set of taxels changes that the response is made of, and their filtered responses.
+
+A taxel counts while all its channels are good, and were for as long as the filters see: a reading that is
+missing or stuck (`slip_stuck`) takes its taxel along. So does noise: of white noise of their own the mean
+over n taxels has ``sum sd^2 / n^2``, and one with five times the noise of the others alone doubles that of
+nine. Weights by noise would gain little more and bend the response, of which each taxel is an equal part.
+
+Each channel has its own noise floor, from the coif1 levels of all channels; so has each axis, from its own.
+Channels' floors alone would take noise that they share (a reference, a cable, a hum) for independent and
+call it slip; axes' floors alone cannot tell which channel is noisy, nor what noise is left without it, nor
+noise that grew at once from motion. Motion and pressure add up along an axis, noise of each channel's own
+does not: where channels say that it grew and axes have no more than that makes, all floors grow at once.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.quantise import READING_BITS, Held, Quantiser
+from tactiled.detect.signal.wavelet import BankParams, SwtBank
+from tactiled.detect.slip.filters import LEVELS, Filters
+from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.response import AXES, PRESSURE, Response, motion, responses
+
+Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
+
+_COMMON = AXES + 1  # axes of motion, and pressure
+BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip_evidence`)
+# Taxels are chosen anew so often: noise is known after some groups, and each choice cuts a stretch.
+_CHOOSE_SCANS = 4 * GROUP_SCANS
+_NOISY, _QUIET_AGAIN = 5.0, 3.0
+# Less is followed soon enough; and times what noise of channels makes of four axes: in groups of white noise
+# they have 0.8 to 1.3 of it, three and more when a slip or a tap moves all taxels.
+_GREW, _INCOHERENT = 2.0, 1.6
+# Steps of noise that never matter: a 13th bit of full scale. The last bit of a 12-bit ADC comes and goes.
+_NO_NOISE = 2.0 ** (READING_BITS - 13)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Scans between which no taxel comes or goes.
+
+    Attributes
+    ----------
+    scans : slice
+        Of the block.
+    jump : (7,) float64
+        By which the response at one and the same scan differs from that of the stretch before.
+    steps : (window - 1 + n, channels) float64
+    seen : (window - 1 + n, 7) float64
+        Their responses.
+    ramps : (n, 3, ramps) float64
+    rises : (n, 4, ramps) float64
+        What rose along each ramp; the last is the pressure.
+    fits : (n, ramps) bool
+        What may count as evidence.
+    details : (history + n, 4, levels) float64
+        Of the axes and of pressure, with those of the scans before.
+    channels : (n, channels, levels) float64
+        Details of each channel.
+    """
+
+    scans: slice
+    jump: FloatArray
+    steps: FloatArray
+    seen: FloatArray
+    ramps: FloatArray
+    rises: FloatArray
+    fits: NDArray[np.bool_]
+    details: FloatArray
+    channels: FloatArray
+
+
+class Stretches:
+    """The response of the newest scans, of the taxels that can be trusted.
+
+    Parameters
+    ----------
+    array : Array
+    rate_hz : float
+    fits : callable
+        Rises (n, 4, ramps) and responses (n, 4) to what may count as evidence.
+
+    Attributes
+    ----------
+    filters : Filters
+    taxels : (taxels,) bool
+        Those that make the response now.
+    weights : (7, channels) float64
+    even : (7,) float64
+        Response of an even pressure of 1.
+    axes_sd : (levels, 3) float64
+        Noise of the response along each axis.
+    """
+
+    def __init__(self, array: Array, rate_hz: float, fits: Fits) -> None:
+        self._response = Response(array)
+        self._fits = fits
+        self.filters = Filters(rate_hz)
+        self._bank = SwtBank(array, BankParams(levels=LEVELS))
+        self._steps_per_volt = 1 / Quantiser(array).volts_per_step
+        self._floor = NoiseFloor(len(LEVELS), _COMMON + array.n_channels, rate_hz)
+        self._steps = np.zeros((0, array.n_channels))
+        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _COMMON, len(LEVELS)))
+        self._newest_bad = np.full(array.n_taxels, -self.filters.window - 1)
+        self._n_seen = 0
+        self._noisy = np.zeros(array.n_taxels, dtype=np.bool_)
+        self._choose(np.zeros(array.n_taxels, dtype=np.bool_))
+
+    @property
+    def axes_sd(self) -> FloatArray:
+        return np.asarray(self._floor.sd[:, :AXES])
+
+    def _choose(self, taxels: NDArray[np.bool_]) -> None:
+        self.taxels = taxels
+        self.weights = self._response.weights(taxels)
+        self.even = self.weights @ self._response.pressed
+
+    def cut(self, held: Held) -> Iterator[Stretch]:
+        """Take in the scans of a block; noise must be learnt of each stretch before the next is asked for."""
+        if not len(self._steps):
+            self._steps = np.repeat(held.steps[:1], self.filters.window - 1, axis=0)
+        first = self._n_seen
+        clean = self._clean(held.ok)
+        changes = np.flatnonzero((clean[1:] != clean[:-1]).any(axis=1)) + 1
+        choices = range(-first % _CHOOSE_SCANS, len(clean), _CHOOSE_SCANS)
+        bounds = sorted({0, *changes.tolist(), *choices, len(clean)})
+        channels = self._bank.filter(held).volts.swapaxes(1, 2) * self._steps_per_volt
+        for a, b in itertools.pairwise(bounds):
+            if (first + a) % _CHOOSE_SCANS == 0:
+                self._find_noisy(clean[a])
+            yield self._stretch(slice(a, b), held.steps[a:b], clean[a] & ~self._noisy, channels[a:b])
+
+    def _clean(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Taxels (n, taxels) whose channels are good, and were for as long as the filters see."""
+        whole = self._response.whole_taxels(ok)
+        scans = np.arange(self._n_seen, self._n_seen + len(ok))[:, np.newaxis]
+        self._n_seen += len(ok)
+        newest_bad = np.maximum.accumulate(np.where(whole, self._newest_bad, scans), axis=0)
+        self._newest_bad = newest_bad[-1].copy()
+        return np.asarray(scans - newest_bad > self.filters.window)
+
+    def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
+        """Taxels with far more noise than most that are read; they become quiet again when well below."""
+        noise = self._response.worst(self._floor.sd[0, _COMMON:])
+        usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
+        self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
+
+    def newest(self, n: int) -> FloatArray:
+        """The last n readings (n, channels)."""
+        return self._steps[-n:].copy()
+
+    def _stretch(
+        self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
+    ) -> Stretch:
+        jump = np.zeros(self.weights.shape[0])
+        if (taxels != self.taxels).any():
+            before, noise = responses(self.weights, self._steps[-1:]), self._made_of(self._floor.sd)
+            self._choose(taxels)
+            jump = (responses(self.weights, self._steps[-1:]) - before)[0]
+            now = self._made_of(self._floor.sd)
+            known = (noise > 0) & (now > 0)
+            self._floor.scale(
+                np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _COMMON)
+            )
+        n = len(steps)
+        steps = np.concatenate([self._steps, steps])
+        self._steps = steps[n:]
+        seen = responses(self.weights, steps)
+        axes = np.concatenate([motion(seen), seen[:, PRESSURE:]], axis=1)
+        ramps, details = self.filters.apply(axes)
+        details = np.concatenate([self._details, details])
+        self._details = details[n:]
+        rises = ramps * self.filters.rise_scale
+        fits = self._fits(rises, axes[self.filters.window - 1 :])
+        return Stretch(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
+
+    def _made_of(self, noise: FloatArray) -> FloatArray:
+        """Noise (levels, 4) of axes and pressure if channels (levels, 4 + channels) have each their own."""
+        weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
+        return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
+
+    def learn(self, stretch: Stretch, row: int, *, disturbed: bool) -> bool:
+        """Noise of a scan of a stretch, and whether something happened; True where that changed a floor."""
+        common = stretch.details[len(stretch.details) - len(stretch.channels) + row]
+        if not self._floor.take(np.concatenate([common, stretch.channels[row]]), disturbed):
+            return False
+        newest = self._floor.newest
+        grew = np.median((newest / self._floor.sd)[:, _COMMON:], axis=1)
+        if grew[0] > _GREW:
+            made = np.maximum(self._made_of(newest)[0], 1.0)
+            if np.mean((newest[0, :_COMMON] / made) ** 2) < _INCOHERENT**2:
+                self._floor.scale(np.maximum(grew, 1.0)[:, np.newaxis])
+        return True

@@ -1,0 +1,102 @@
+"""Channels that are stuck: readings that are valid and say nothing.
+
+A wire that came off, an input that is held by its neighbour, a multiplexer that does not switch: the reading
+stays where it is. Two things tell it from a quiet channel, whose converter lawfully repeats a code for as
+long as noise and load stay within it.
+
+1. It had noise. Of the `_HISTORY` scans before the code began to repeat, readings turned back from one scan
+   to the next in `_TURNED` or more. White noise of a last bit or more turns back in half of all scans and
+   repeats a code in at most 0.4 of them, so that `_LONG` repeats in a row come by chance once in 1e15 scans;
+   noise that only flips the last bit turns back in a quarter at most. Where noise stops everywhere, as
+   when a motor stops, most channels rest, and none is stuck.
+2. It stayed while a press moved the others of its taxel, all of them and one way, by `_PRESSED_VOLTS` or
+   more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side; a press leaves none.
+
+A channel works again with its first reading that differs, and not because the press is over.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.quantise import Quantiser
+
+_HISTORY, _TURNED = 128, 52  # 0.4 of all: 3.3 standard deviations above a last bit that flips
+_LONG = 40  # 0.4^40 is 1e-16
+_MOST = 1 / 3  # of the channels: where more rest, the noise has stopped
+_PRESSED_VOLTS = 0.15  # what `contact` takes for the least of a press
+_LEAST_SIDES = 3
+
+
+class Stuck:
+    """Follows all channels.
+
+    Parameters
+    ----------
+    array : Array
+    """
+
+    def __init__(self, array: Array) -> None:
+        self._pressed_steps = _PRESSED_VOLTS / Quantiser(array).volts_per_step
+        self._sign = array.sign
+        n = array.n_channels
+        self._sides = _sides(array)
+        """(channels, others): the other sides of a channel's taxel, itself where it has none."""
+        self._judged = np.array([len({*row} - {c}) >= _LEAST_SIDES - 1 for c, row in enumerate(self._sides)])
+        self._channels = np.arange(n)
+        self._run = np.zeros(n, dtype=np.int64)  # repeats so far
+        self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
+        self._last: FloatArray | None = None
+        self._way = np.zeros((1, n))  # of the newest change
+        self._turns = np.zeros((_HISTORY, n), dtype=np.bool_)
+        self._n_turns = np.zeros(n, dtype=np.int64)
+        self._noisy = np.zeros(n, dtype=np.bool_)  # before the code began to repeat
+        self._stayed = np.zeros(n, dtype=np.bool_)  # in a press since the code began
+
+    def process(self, steps: FloatArray) -> NDArray[np.bool_]:
+        """Which of the readings (n, channels) are stuck; chunking does not matter."""
+        n = len(steps)
+        if self._last is None:
+            self._last = steps[0]
+            self._began = (steps[0] * self._sign)[self._sides]
+        seen = np.concatenate([self._last[np.newaxis], steps])
+        self._last = seen[-1]
+        way = np.concatenate([self._way, np.sign(seen[1:] - seen[:-1])])
+        self._way = way[-1:]
+        rows = np.arange(n)[:, np.newaxis]
+        newest_change = np.maximum.accumulate(np.where(way[1:] != 0, rows, -1), axis=0)
+        in_block = newest_change >= 0  # else before the block
+        at = np.maximum(newest_change, 0)
+        run = np.where(in_block, rows - newest_change, self._run + rows + 1)
+        self._run = run[-1]
+
+        turns = np.concatenate([self._turns, way[1:] * way[:-1] < 0])
+        self._turns = turns[n:]
+        n_turns = self._n_turns + np.cumsum(turns[_HISTORY:].astype(np.int64) - turns[:n], axis=0)
+        self._n_turns = n_turns[-1]
+        noisy = np.where(in_block, n_turns[at, self._channels] >= _TURNED, self._noisy)
+        self._noisy = noisy[-1]
+        resting = (run >= _LONG // 2).sum(axis=1, keepdims=True)
+        stuck = noisy & (run >= _LONG) & (resting <= _MOST * run.shape[1])
+
+        others = (steps * self._sign)[:, self._sides]  # (n, channels, others)
+        began = np.where(in_block[..., np.newaxis], others[at, self._channels], self._began)
+        self._began = began[-1]
+        pressed = self._judged & self._pressed(others - began)
+        newest_press = np.maximum.accumulate(np.where(pressed, rows, -1), axis=0)
+        stayed = (newest_press >= at) | (~in_block & self._stayed)
+        self._stayed = stayed[-1]
+        return np.asarray(stuck | stayed)
+
+    def _pressed(self, moved: FloatArray) -> NDArray[np.bool_]:
+        up, down = moved >= self._pressed_steps, moved <= -self._pressed_steps
+        return np.asarray(up.all(axis=-1) | down.all(axis=-1))
+
+
+def _sides(array: Array) -> NDArray[np.int64]:
+    is_side = np.array(array.channel_kind) == "side"
+    channels = np.arange(array.n_channels)
+    same = (array.channel_taxel[:, np.newaxis] == array.channel_taxel) & is_side & is_side[:, np.newaxis]
+    others = [np.flatnonzero(same[c] & (channels != c)) for c in channels]
+    most = max(1, *(len(row) for row in others))
+    return np.array([np.resize(row if len(row) else c, most) for c, row in enumerate(others)])

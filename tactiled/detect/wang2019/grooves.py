@@ -1,0 +1,270 @@
+"""Period and angle of grooves from the voltages of one column, as Wang, Chen, Mei 2019 do it (eqs 3 to 6).
+
+A taxel at (x, y) sees the phase ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D``. With motion of
+speed v along direction theta its frequency is ``f = v |cos(theta - a)| / D``, and a taxel that is l further
+along the column sees each ridge earlier by ``t = l sin a / (v cos(theta - a))``. With ``rho = v t / l``::
+
+    tan a = rho cos(theta) / (1 - rho sin(theta))         D = v |cos(theta - a)| / f
+
+For motion along +x these are the paper's ``a = atan(v t / l)`` and ``D = v cos(a) / f``. Delays are known
+modulo the ripple's period only, and every period that may be added to one is another answer. The paper's
+``t1 - t2`` over ``l1 - l2`` has the shortest lever l, so its answers lie furthest apart; where the gaps are
+equal, ``t1`` over ``l1`` must do. An answer must be no more inclined than `max_angle_deg` and no finer than
+`min_period_mm`, and every other must miss that by three of its sigmas or more; else it is "ambiguous". The
+limits are the operator's: grooves outside them may be taken for others inside.
+
+For motion along x, answers lie ``D / (l cos a)`` apart in ``tan a``, so that there is one within +-A at any
+angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm. With A = 65 degrees that is 0.71 mm, and
+leaves the finest of the paper's plates, 0.9 mm, the sigmas; 75 would ask for 1.16 mm and more.
+
+What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
+of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage that a frequency between
+two bins brings, and of white noise, carried through the equations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from tactiled.array import FloatArray
+from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
+from tactiled.events.types import Candidate, TextureStatus
+from tactiled.tomlfile import Params
+
+_MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say little about the angle
+_MAX_CANDIDATES = 8
+_COUNTED_SIGMAS = 3.0  # an answer that may be is one more, even where it is not likely
+# A sine between two bins, d of a bin from the nearest, k, leaks its mirror image at -f into that bin: d / 2k
+# of it, at a phase that differs from taxel to taxel. Over d in +-1/2 and all phases: 0.102 / k radians rms.
+# The largest there is, all three taxels against each other, is four times the sigma that comes of it.
+_IMAGE_RAD = 0.102
+_EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
+
+
+class GrooveParams(Params):
+    """The flow chart's numbers."""
+
+    low_pass_hz: float = Field(default=20.0, gt=0, description="ripples above are not looked for")
+    agreement_mm: float = Field(
+        default=0.01,
+        gt=0,
+        description="two periods, from maximum and minimum of the correlation, may differ by",
+    )
+    max_angle_deg: float = Field(
+        default=65.0, gt=0, lt=90, description="grooves are not inclined by more than this"
+    )
+    # A third of the paper's finest plate; a skin 0.8 mm thick hardly feels anything finer.
+    min_period_mm: float = Field(default=0.3, ge=0.01, description="grooves are not finer than this")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is known of the slide: that of the skin over the surface."""
+
+    speed_mm_s: float
+    speed_sd_mm_s: float
+    direction_deg: float
+    direction_sd_deg: float
+
+
+@dataclass(frozen=True)
+class Grooves:
+    """Answer for one window; zeros where `status` is not "ok"."""
+
+    status: TextureStatus
+    frequency_hz: float = 0.0
+    snr_db: float = 0.0
+    period_mm: float = 0.0
+    period_sd_mm: float = 0.0
+    angle_deg: float = 0.0
+    angle_sd_deg: float = 0.0
+    candidates: tuple[Candidate, ...] = ()
+
+
+def estimate(
+    volts: FloatArray,
+    rate_hz: float,
+    volts_per_step: float,
+    places_mm: FloatArray,
+    offsets_s: FloatArray,
+    motion: Motion,
+    params: GrooveParams,
+) -> Grooves:
+    """The flow chart for one window.
+
+    Parameters
+    ----------
+    volts : (n, taxels) float64
+        Two or three taxels of one column, in growing y.
+    rate_hz : float
+    volts_per_step : float
+    places_mm : (taxels,) float64
+        Their y.
+    offsets_s : (taxels,) float64
+        How long after the scan began each is sampled.
+    motion : Motion
+    params : GrooveParams
+    """
+    seen = spectrum(volts, rate_hz, volts_per_step, params.low_pass_hz)
+    found = Grooves(seen.status, seen.peak_hz, seen.snr_db)
+    if seen.status != "ok":
+        return found
+    if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
+        return replace(found, status="ambiguous")  # the sense of the motion gives the angle its sign
+    period_s = 1.0 / seen.peak_hz
+    bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
+    # Sampled later by the skew, a taxel seems to lead by it.
+    skews_s = np.diff(offsets_s)
+    leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
+    gaps_mm = np.diff(places_mm)
+    phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
+    phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
+    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
+        gap_mm = float(gaps_mm[0] - gaps_mm[1])
+        delays_s = _into_half(leads_s[:, 0] - leads_s[:, 1], period_s)
+        delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
+    else:
+        gap_mm = float(gaps_mm[0])
+        delays_s = _into_half(leads_s[:, 0], period_s)
+        delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
+    readings = _readings(float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params)
+    if len(readings) != 1 or not readings[0].fits(params, 0.0):
+        return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
+    (reading,) = readings
+    delays_s = delays_s + reading.turns * period_s
+    answers = [_solve(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
+    (angle_max, period_max), (angle_min, period_min) = answers
+    if abs(period_max - period_min) > params.agreement_mm:
+        both = [
+            reading._replace(angle_deg=angle_deg, period_mm=period_mm) for angle_deg, period_mm in answers
+        ]
+        return replace(found, status="ambiguous", candidates=_candidates(both))
+    return replace(
+        found,
+        period_mm=(period_max + period_min) / 2,
+        period_sd_mm=reading.period_sd_mm,
+        angle_deg=(angle_max + angle_min) / 2,
+        angle_sd_deg=reading.angle_sd_deg,
+    )
+
+
+def _leads_scans(seen: Spectrum, n: int) -> FloatArray:
+    """By how many scans each taxel sees a ridge before its neighbour.
+
+    The band-pass leaves one bin, a pure sine of a whole number of periods, so the correlation of two of them
+    is circular. Within half a period it has one maximum and one minimum; the minimum is half a period off.
+
+    Returns
+    -------
+    (2, taxels - 1) float64
+        From the maximum, from the minimum.
+    """
+    half_period = n / seen.peak / 2
+    lags = np.arange(-int(half_period), int(half_period) + 1)
+    leads = np.empty((2, seen.phasors.shape[1] - 1))
+    for k in range(leads.shape[1]):
+        product = np.zeros(len(seen.phasors), dtype=np.complex128)
+        product[seen.peak] = seen.phasors[seen.peak, k] * np.conj(seen.phasors[seen.peak, k + 1])
+        correlation = np.fft.irfft(product, n)[lags]  # sum over i of this taxel (i + lag) times the next (i)
+        leads[0, k] = lags[np.argmax(correlation)]
+        at_minimum = lags[np.argmin(correlation)]
+        leads[1, k] = at_minimum - half_period if at_minimum > 0 else at_minimum + half_period
+    return leads
+
+
+def _into_half(delays_s: FloatArray, period_s: float) -> FloatArray:
+    """Delays modulo the period, into half a period to either side; the second next to the first."""
+    first = delays_s[0] - period_s * np.round(delays_s[0] / period_s)
+    apart = delays_s - delays_s[0]
+    return np.asarray(first + apart - period_s * np.round(apart / period_s))
+
+
+def _solve(delay_s: float, gap_mm: float, frequency_hz: float, motion: Motion) -> tuple[float, float]:
+    """Angle (degrees, within -90..90) and period (mm): the equations of the module's docstring."""
+    theta = np.radians(motion.direction_deg)
+    rho = motion.speed_mm_s * delay_s / gap_mm
+    angle = np.arctan2(rho * np.cos(theta), 1 - rho * np.sin(theta))
+    angle -= np.pi * np.round(angle / np.pi)  # a groove normal has no sense
+    period_mm = motion.speed_mm_s * abs(np.cos(theta - angle)) / frequency_hz
+    return float(np.degrees(angle)), float(period_mm)
+
+
+class _Reading(NamedTuple):
+    """An answer, and how many periods of the ripple were added to the delay for it."""
+
+    angle_deg: float
+    period_mm: float
+    angle_sd_deg: float
+    period_sd_mm: float
+    turns: int
+
+    def fits(self, params: GrooveParams, sigmas: float) -> bool:
+        """Whether it lies within the limits, or no further outside than so many of its sigmas."""
+        return (
+            abs(self.angle_deg) <= params.max_angle_deg + sigmas * self.angle_sd_deg
+            and self.period_mm >= params.min_period_mm - sigmas * self.period_sd_mm
+        )
+
+
+def _readings(
+    delay_s: float,
+    delay_sd_s: float,
+    gap_mm: float,
+    frequency_hz: float,
+    frequency_sd_hz: float,
+    motion: Motion,
+    params: GrooveParams,
+) -> list[_Reading]:
+    """Every answer that may fit, for a delay known modulo the period; smallest angle first."""
+    # |sin a| / D = |t| f / l is at most 1 / D. One more for the sigmas, one for rounding.
+    most = int(abs(gap_mm) / params.min_period_mm) + 2
+    readings = []
+    for turns in range(-most, most + 1):
+        turned_s = delay_s + turns / frequency_hz
+        answer = _solve(turned_s, gap_mm, frequency_hz, motion)
+        sigmas = _sigmas(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
+        readings.append(_Reading(*answer, *sigmas, turns))
+    return sorted((r for r in readings if r.fits(params, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg))
+
+
+def _candidates(readings: Sequence[_Reading]) -> tuple[Candidate, ...]:
+    return tuple(
+        Candidate(period_mm=r.period_mm, angle_deg=r.angle_deg, weight=1 / len(readings)) for r in readings
+    )
+
+
+def _sigmas(
+    delay_s: float,
+    delay_sd_s: float,
+    gap_mm: float,
+    frequency_hz: float,
+    frequency_sd_hz: float,
+    motion: Motion,
+) -> tuple[float, float]:
+    """Sigma of angle (degrees) and period (mm): each input moved by its own sigma to both sides."""
+
+    def spread(*ends: tuple[float, float]) -> tuple[float, float]:
+        (angle_a, period_a), (angle_b, period_b) = ends
+        turn = angle_a - angle_b
+        return (turn - 180 * round(turn / 180)) / 2, (period_a - period_b) / 2
+
+    def at(
+        *, delay: float = 0.0, frequency: float = 0.0, speed: float = 0.0, direction: float = 0.0
+    ) -> tuple[float, float]:
+        moved = replace(
+            motion,
+            speed_mm_s=max(motion.speed_mm_s + speed * motion.speed_sd_mm_s, 0.0),
+            direction_deg=motion.direction_deg + direction * motion.direction_sd_deg,
+        )
+        moved_hz = frequency_hz + frequency * frequency_sd_hz
+        # A phase makes a delay by way of the frequency, so the two go together.
+        return _solve(delay_s * frequency_hz / moved_hz + delay * delay_sd_s, gap_mm, moved_hz, moved)
+
+    parts = [
+        spread(at(**{name: 1.0}), at(**{name: -1.0})) for name in ("delay", "frequency", "speed", "direction")
+    ]
+    angle_sd_deg, period_sd_mm = np.sqrt((np.array(parts) ** 2).sum(axis=0))
+    return min(float(angle_sd_deg), 90.0), float(period_sd_mm)

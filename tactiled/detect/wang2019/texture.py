@@ -1,0 +1,188 @@
+"""The published procedure for grooved surfaces, online ("wang2019"); `grooves` has the equations.
+
+Flow chart of Wang, Chen, Mei 2019: wait for slip; sample three taxels of a column for 10 s; estimate; if the
+two periods disagree, sample again; else output their mean, and go on while slip lasts. Ours are:
+
+* Windows begin `settle_s` after the scan that detected slip, so that the onset itself is not in them, and
+  follow one another without overlap. They are counted in scans, so chunking does not matter.
+* The signal of a taxel is one resistor, as in the paper's plots: the one (R1, say, in all three taxels) with
+  the largest peak. The mean of four would do for pressure, but ripples of opposed resistors cancel in it.
+* The speed is given. Without it (0) the procedure cannot answer: "no-slip", since a skin not known to move
+  does not slide. A speed that changes within a window starts a new one.
+* The direction is that of the slip event, unless configured. Towards the column (beyond 60 degrees from x),
+  or where it is unknown, delays say nothing of the angle: "ambiguous", as for an array without a column.
+* A slip that ends before any window was full is "no-slip"; a window whose last scan came late is "stale"; no
+  resistor with all but 1 % of its readings good in all three taxels is "saturated".
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from pydantic import Field
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.slip_gate import Ended, Gate, Slid
+from tactiled.detect.wang2019 import grooves
+from tactiled.detect.wang2019.column import Column
+from tactiled.detect.wang2019.grooves import GrooveParams, Grooves, Motion
+from tactiled.detect.wang2019.spectrum import Spectrum
+from tactiled.events.types import Event, TextureEvent
+from tactiled.samples.block import Gap, ScanBlock
+
+ESTIMATOR = "wang2019"
+_MIN_WINDOW_SCANS = 8  # a spectrum of fewer has no peaks to find
+
+
+class TextureParams(GrooveParams):
+    """The published procedure; the defaults are the paper's."""
+
+    window_s: float = Field(default=10.0, gt=0, le=120, description="length of a window")
+    settle_s: float = Field(default=1.0, ge=0, le=60, description="from detected slip to the first window")
+    column: int = Field(default=0, ge=0, description="which column, counted along x within each pad")
+    speed_mm_s: float = Field(default=0.0, ge=0, le=1000, description="sliding speed; 0: not known")
+    speed_sd_mm_s: float = Field(default=0.0, ge=0, description="its standard deviation")
+    direction_deg: float | None = Field(
+        default=None,
+        ge=-180,
+        le=180,
+        description="of the skin's motion, from +x towards +y; left out: as slip says",
+    )
+
+
+class PaperTexture:
+    """Texture events by the published procedure.
+
+    Parameters
+    ----------
+    array : Array
+    params : TextureParams
+    """
+
+    def __init__(self, array: Array, params: TextureParams | None = None) -> None:
+        self._array = array
+        self._params = params or TextureParams()
+        self._column = Column(array, self._params.column, self._params.low_pass_hz)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen, and every speed set since; keep the parameters."""
+        self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
+        self._speed_mm_s = self._params.speed_mm_s
+        self._stop()
+
+    def _stop(self) -> None:
+        self._answered = False
+        self._n_gathered = 0
+
+    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
+        """Speed that holds from a scan on (or from the next scan to come, if that one is past)."""
+        self._gate.set_speed(speed_mm_s, from_index)
+
+    def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
+        """Events that the item completes.
+
+        Parameters
+        ----------
+        item : ScanBlock or Gap
+            A gap discards the window, and waits for slip anew.
+        slip : sequence of Event
+            What the slip detector said of the same item; events of other topics are passed over.
+        """
+        if isinstance(item, Gap):
+            self._gate.close()
+            self._stop()
+            return []
+        events: list[Event] = []
+        for piece in self._gate.pass_through(item, slip):
+            if isinstance(piece, Slid):
+                events += self._gather(piece.block, piece.speeds_mm_s)
+                continue
+            if isinstance(piece, Ended) and not self._answered:
+                self._speed_mm_s = self._gate.speed_mm_s
+                events.append(self._event(piece.time_s, self._n_gathered / piece.rate_hz, Grooves("no-slip")))
+            self._stop()
+        return events
+
+    def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
+        """Fill windows; where the speed changes, a new one begins."""
+        events: list[Event] = []
+        edges = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(block)]
+        for first, last in pairwise(edges):
+            if speeds[first] != self._speed_mm_s:
+                self._speed_mm_s, self._n_gathered = float(speeds[first]), 0
+            events += self._fill(block[first:last])
+        return events
+
+    def _fill(self, block: ScanBlock) -> list[Event]:
+        events: list[Event] = []
+        n_window = max(_MIN_WINDOW_SCANS, round(self._params.window_s * block.rate_hz))
+        done = 0
+        while done < len(block):
+            if self._n_gathered == 0:
+                self._volts = np.empty((n_window, self._array.n_channels))
+                self._good = np.empty((n_window, self._array.n_channels), dtype=np.bool_)
+                self._late = False
+            part = block[done : done + n_window - self._n_gathered]
+            rows = slice(self._n_gathered, self._n_gathered + len(part))
+            self._volts[rows] = part.volts
+            self._good[rows] = self._column.good(part)
+            self._late = bool(part.late[-1])  # earlier backlog is in the past by now, and its volts are good
+            self._n_gathered += len(part)
+            done += len(part)
+            if self._n_gathered == n_window:
+                found = self._estimate(block.rate_hz, block.channel_offset_s)
+                events.append(self._event(float(part.time_s[-1]), n_window / block.rate_hz, found))
+                self._answered, self._n_gathered = True, 0
+        return events
+
+    def _estimate(self, rate_hz: float, channel_offset_s: FloatArray) -> Grooves:
+        if self._late:
+            return Grooves("stale")
+        slip = self._gate.slip
+        if self._speed_mm_s <= 0 or slip is None:
+            return Grooves("no-slip")
+        if not self._column.resistors:
+            return Grooves("ambiguous")
+        strongest = self._column.strongest(self._volts, self._good, rate_hz)
+        if strongest is None:
+            return Grooves("saturated")
+        channels, volts, _ = strongest
+        direction_deg, direction_sd_deg = slip.direction_deg, slip.direction_sd_deg
+        if self._params.direction_deg is not None:
+            direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
+        return grooves.estimate(
+            volts,
+            rate_hz,
+            self._column.volts_per_step,
+            self._column.y_mm,
+            channel_offset_s[channels],
+            Motion(self._speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg),
+            self._params,
+        )
+
+    def _event(self, time_s: float, window_s: float, found: Grooves) -> TextureEvent:
+        return TextureEvent(
+            time_s=time_s,
+            status=found.status,
+            period_mm=found.period_mm,
+            period_sd_mm=found.period_sd_mm,
+            angle_deg=found.angle_deg,
+            angle_sd_deg=found.angle_sd_deg,
+            speed_mm_s=self._speed_mm_s,
+            speed_sd_mm_s=self._params.speed_sd_mm_s if self._speed_mm_s > 0 else 0.0,
+            speed_source="given" if self._speed_mm_s > 0 else "none",
+            frequency_hz=found.frequency_hz,
+            window_s=window_s,
+            snr_db=found.snr_db,
+            candidates=found.candidates,
+            estimator=ESTIMATOR,
+        )
+
+
+def window_spectrum(array: Array, block: ScanBlock, params: TextureParams | None = None) -> Spectrum | None:
+    """Spectrum of a whole block as the procedure sees it, for pictures; None where it says "saturated"."""
+    params = params or TextureParams()
+    column = Column(array, params.column, params.low_pass_hz)
+    strongest = column.strongest(block.volts, column.good(block), block.rate_hz)
+    return None if strongest is None else strongest[2]

@@ -1,0 +1,294 @@
+"""The board's firmware, sans-I/O: bytes and instants in, frames with the instant they are ready out.
+
+What ``protocols/board.md`` asks of a board:
+
+::
+
+    off --power_up--> boot --50 ms--> idle (hello at once, then each second)
+                                      idle --start--> running --stop--> idle
+
+A layout without commands runs from the end of boot. Rules:
+
+1. A command is answered in any state after boot, also when it changes nothing: start while running and
+   stop while idle are ``ok``. A type that the layout does not know is ``unknown_command``.
+2. A command repeated with its token (the answer was lost) is answered the same and not done again; only
+   the hello that `identify` asks for is said again.
+3. ``set_rate`` holds at once, running or idle; a rate whose frames do not fit the line, or that leaves no
+   time to sample all channels, is a ``bad_argument``.
+4. The sequence counts every scan instant since power-up, missed ones included; a scan that ``stop``,
+   ``set_rate`` or a reset interrupts was never attempted.
+5. What arrives during boot, or is no frame, is not heard.
+6. While `preparing`, ``start`` is ``busy``; a layout without ``start`` begins to scan when that is over.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.emulator.board.crystal import Crystal
+from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.scanning import Scanning, ScanSource, ScanTruth
+from tactiled.errors import ConfigError
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan
+from tactiled.wire.layout import Layout
+
+BOOT_S = 0.05  # power-up to the first hello: clocks settle, the ADC calibrates
+HELLO_PERIOD_S = 1.0
+# Scans may take this much of the line; the rest is for acknowledgements and hellos, which would otherwise
+# queue up for ever.
+_LINE_SHARE = 0.95
+_SLOWEST_HZ = 0.1  # slower, and the host's stall watch has no meaning
+
+
+class Outgoing(NamedTuple):
+    """A frame and the true instant at which the board can begin to send it."""
+
+    ready_s: float
+    data: bytes
+
+
+class Board:
+    """A board that runs.
+
+    Parameters
+    ----------
+    layout : Layout
+    hello : Hello
+        Identity; its rate is the one after power-up.
+    params : BoardParams
+    source : ScanSource
+        Asked in scene time, which begins at the first start command.
+    power_up_s : float
+        True instant of power-up.
+    on_scan : callable
+        Gets a `ScanTruth` for each scan instant.
+
+    Attributes
+    ----------
+    scene_start_s : float or None
+        True instant of scene time 0; None until the first start. `skip_until` moves it.
+    running : bool
+    preparing : bool
+        Set it while the source cannot be read yet.
+
+    Raises
+    ------
+    ConfigError
+        The rate after power-up does not fit the line.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        hello: Hello,
+        params: BoardParams,
+        source: ScanSource,
+        *,
+        power_up_s: float,
+        on_scan: Callable[[ScanTruth], None],
+    ) -> None:
+        self._layout = layout
+        self._hello = hello
+        self._drift_ppm = params.drift_ppm
+        self._source = source
+        self._on_scan = on_scan
+        self._encoder = Encoder(layout)
+        self._decoder = Decoder(layout, "host-to-board")
+        self._offset_s = np.array(hello.channel_offset_s or [0.0] * layout.n_channels)
+        self._sequence_bits = layout.bits("scan", "sequence") or 16
+        self._boot_bits = layout.bits("hello", "boot_count") or 16
+        if not self._fits(hello.rate_hz):
+            fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
+            raise ConfigError("board", [fault])
+        self.scene_start_s: float | None = None
+        self.preparing = False
+        self._index = 0
+        self._out: list[Outgoing] = []
+        self._answers: dict[Command, str] = {}
+        self._scanning: Scanning | None = None
+        self._boot_count = hello.boot_count % (1 << self._boot_bits)
+        self._power_up(power_up_s, params.start_ticks, params.start_sequence)
+
+    @property
+    def running(self) -> bool:
+        return self._scanning is not None
+
+    def next_deadline_s(self) -> float:
+        """True instant at which `advance` will next have something to do."""
+        return self._next_hello_s if self._scanning is None else self._scanning.end_s
+
+    @property
+    def next_scene_s(self) -> float:
+        """Scene time of the coming scan; 0 while idle."""
+        return self._scanning.scene_s if self._scanning is not None else 0.0
+
+    def advance(self, now_s: float) -> list[Outgoing]:
+        """Let time pass; frames that became ready, in order."""
+        while (due_s := self.next_deadline_s()) <= now_s:
+            if self._scanning is None:
+                self._idle(due_s)
+            else:
+                self._scan(self._scanning, due_s)
+        out, self._out = self._out, []
+        return out
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Bytes from the host; answers come with the next `advance`."""
+        self._out = self.advance(now_s)
+        if now_s < self._boot_end_s:
+            return
+        for item in self._decoder.feed(data):
+            if isinstance(item, Command):
+                result = self._answers.get(item) or self._obey(item, now_s)
+                if item.name == "identify":
+                    self._say_hello(now_s)
+                self._answers = {item: result}  # only the newest: the host has one command under way
+                if self._layout.has("acknowledge") and result in self._layout.file.results:
+                    self._say(Acknowledge(item.token, item.name, result, self._ticks(now_s)), now_s)
+
+    def reboot(self, now_s: float) -> None:
+        """Power-up or reset: ticks, sequence, rate and state begin anew; unsent frames are lost."""
+        self.advance(now_s)
+        self._boot_count = (self._boot_count + 1) % (1 << self._boot_bits)
+        self._power_up(now_s, start_ticks=0, start_sequence=0)
+
+    def miss_scan(self, now_s: float) -> None:
+        """Miss the next scan instant, as firmware does that is held up; idle boards miss none."""
+        self._out = self.advance(now_s)
+        self._to_miss += self.running
+
+    def skip_until(self, now_s: float) -> int:
+        """Leave out, unread, all scans that should have ended by `now_s`.
+
+        For a board in real time on a host that is too slow. The next scan carries the overrun flag.
+
+        Returns
+        -------
+        int
+            How many scan instants were left out.
+        """
+        scanning, n = self._scanning, 0
+        if scanning is None or self.scene_start_s is None:
+            return 0
+        while scanning.end_s <= now_s:
+            began_s = self._crystal.true_s(scanning.begin_board_s)
+            scene_s = scanning.scene_s
+            self.scene_start_s += scanning.skip(1)
+            self._missed(began_s, scene_s)
+            n += 1
+        return n
+
+    def _power_up(self, now_s: float, start_ticks: int, start_sequence: int) -> None:
+        self._crystal = Crystal(
+            now_s,
+            self._drift_ppm,
+            self._layout.tick_s or 1e-6,
+            self._layout.bits("scan", "ticks") or 32,
+            start_ticks,
+        )
+        self._rate_hz = self._hello.rate_hz
+        self._sequence = start_sequence % (1 << self._sequence_bits)
+        self._boot_end_s = self._next_hello_s = now_s + BOOT_S
+        self._to_miss = 0
+        self._overrun = False
+        self._answers = {}
+        self._scanning = None
+        self._first_after_start = False
+        self._out = []
+        self._decoder.reset()
+
+    def _idle(self, now_s: float) -> None:
+        """End of boot, or a second of idleness."""
+        if self._layout.has("hello"):
+            self._say_hello(now_s)
+        self._next_hello_s = now_s + HELLO_PERIOD_S
+        if not self._layout.has("start") and not self.preparing:
+            self._start(now_s)
+
+    def _obey(self, command: Command, now_s: float) -> str:
+        if command.name == "start":
+            if self.preparing:
+                return "busy"
+            if self._scanning is None:
+                self._start(now_s)
+        elif command.name == "stop":
+            if self._scanning is not None:
+                self._scanning = None
+                self._next_hello_s = now_s + HELLO_PERIOD_S
+        elif command.name == "set_rate":
+            if command.rate_hz is None or not self._fits(command.rate_hz):
+                return "bad_argument"
+            self._rate_hz = command.rate_hz
+            if self._scanning is not None:
+                self._scan_from(now_s)
+        elif command.name not in ("ping", "identify"):
+            return "unknown_command"
+        return "ok"
+
+    def _start(self, now_s: float) -> None:
+        self._first_after_start = True
+        self._scan_from(now_s)
+
+    def _scan_from(self, now_s: float) -> None:
+        if self.scene_start_s is None:
+            self.scene_start_s = now_s
+        self._scanning = Scanning(
+            self._source,
+            self._crystal,
+            self._offset_s,
+            rate_hz=self._rate_hz,
+            begin_s=now_s,
+            scene_start_s=self.scene_start_s,
+        )
+
+    def _scan(self, scanning: Scanning, end_s: float) -> None:
+        """One scan instant: all channels sampled, or all missed."""
+        begin_board_s, scene_s = scanning.begin_board_s, scanning.scene_s
+        counts = scanning.take(self._index)
+        began_s = self._crystal.true_s(begin_board_s)
+        if self._to_miss > 0:
+            self._to_miss -= 1
+            self._missed(began_s, scene_s)
+            return
+        flags = self._layout.flag("first_after_start") * self._first_after_start
+        flags |= self._layout.flag("overrun") * self._overrun
+        self._say(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
+        self._first_after_start = self._overrun = False
+        self._attempted(began_s, scene_s, sent=True)
+
+    def _missed(self, began_s: float, scene_s: float) -> None:
+        self._overrun = True
+        self._attempted(began_s, scene_s, sent=False)
+
+    def _attempted(self, began_s: float, scene_s: float, *, sent: bool) -> None:
+        """Report a scan instant and use up its sequence number."""
+        truth = ScanTruth(self._index, self._sequence, self._boot_count, began_s, scene_s, sent)
+        self._on_scan(truth)
+        self._index += 1
+        self._sequence = (self._sequence + 1) % (1 << self._sequence_bits)
+
+    def _fits(self, rate_hz: float) -> bool:
+        """Whether frames at this rate fit the line, and the sampling of one scan its period."""
+        frame_s = 10 * self._layout.wire_bytes("scan") / self._layout.file.baud
+        longest_s = max(frame_s / _LINE_SHARE, float(self._offset_s.max()))
+        return rate_hz >= _SLOWEST_HZ and rate_hz * longest_s <= 1.0
+
+    def _say_hello(self, now_s: float) -> None:
+        hello = Hello(
+            **vars(self._hello)
+            | {
+                "boot_count": self._boot_count,
+                "rate_hz": self._rate_hz,
+                "streaming": self.running,
+                "ticks": self._ticks(now_s),
+            }
+        )
+        self._say(hello, now_s)
+
+    def _ticks(self, now_s: float) -> int:
+        return self._crystal.ticks(self._crystal.board_s(now_s))
+
+    def _say(self, frame: Frame, ready_s: float) -> None:
+        self._out.append(Outgoing(ready_s, self._encoder.encode(frame)))

@@ -1,0 +1,68 @@
+"""Who the board says it is, and how good its crystal is."""
+
+from pydantic import Field
+
+from tactiled.array import Array, load_array
+from tactiled.emulator.scene.description import Scene
+from tactiled.errors import ConfigError
+from tactiled.tomlfile import Params
+from tactiled.wire.frames import Hello
+from tactiled.wire.layout import Layout
+
+
+class BoardParams(Params):
+    """What one board has of its own; its identity is ignored where the layout assumes a hello."""
+
+    board_serial: str = Field(default="TS0001", min_length=1, max_length=16)
+    firmware_version: str = Field(default="emu-1.0", max_length=12)
+    array_id: str | None = Field(default=None, description="absent: the array that the scene wears")
+    rate_hz: float = Field(default=100.0, gt=0, description="scan rate after power-up")
+    adc_bits: int = Field(default=12, ge=1, le=16)
+    adc_reference_v: float = Field(default=3.0, gt=0)
+    channel_step_s: float = Field(
+        default=200e-6, ge=0, description="multiplexer step: channel c is sampled c steps into the scan"
+    )
+    boot_count: int = Field(default=1, ge=0, description="in the first hello")
+    drift_ppm: float = Field(default=30.0, ge=-10000, le=10000, description="of the board's crystal")
+    start_ticks: int = Field(default=0, ge=0, description="tick counter at the first power-up")
+    start_sequence: int = Field(default=0, ge=0, description="sequence of the first scan of all")
+
+
+def worn_array(scene: Scene, layout: Layout) -> Array:
+    """Array of the scene, or the one that the layout assumes.
+
+    Raises
+    ------
+    ConfigError
+        The frames of the layout do not carry that array's channels.
+    """
+    assumed = layout.file.assumed_hello
+    array = load_array(assumed.array_id if assumed else scene.array)
+    if array.n_channels != layout.n_channels:
+        fault = (
+            f"array {array.name} has {array.n_channels} channels, "
+            f"frames of {layout.name} carry {layout.n_channels}; change one of them"
+        )
+        raise ConfigError(f"scene {scene.name}", [fault])
+    return array
+
+
+def identity(params: BoardParams, layout: Layout, array: Array) -> Hello:
+    """Hello of the board: what the layout assumes, where it does."""
+    assumed = layout.file.assumed_hello
+    version = layout.file.protocol_version
+    if assumed is not None:
+        offsets = tuple(assumed.channel_offset_s)
+        told = assumed.model_dump(exclude={"channel_offset_s"})
+        return Hello(**told, channel_offset_s=offsets, protocol_version=version)
+    return Hello(
+        board_serial=params.board_serial,
+        array_id=params.array_id or array.name,
+        rate_hz=params.rate_hz,
+        adc_bits=params.adc_bits,
+        adc_reference_v=params.adc_reference_v,
+        channel_offset_s=tuple(params.channel_step_s * c for c in range(layout.n_channels)),
+        protocol_version=version,
+        firmware_version=params.firmware_version,
+        boot_count=params.boot_count,
+    )

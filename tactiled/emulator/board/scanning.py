@@ -1,0 +1,137 @@
+"""A stretch of evenly timed scans, each channel sampled at its own instant."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.board.crystal import Crystal
+
+_SCANS_AHEAD = 32  # asked of the source at once: one call costs some 0.3 ms, for one scan or for 32
+
+
+class ScanSource(Protocol):
+    """What the ADC reads: see `sensor.Sensor`."""
+
+    @property
+    def reacts(self) -> bool:
+        """Whether coming scans depend on what somebody may still say: then they are not read ahead."""
+        ...
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether an instant can be read only after all instants before it have been computed."""
+        ...
+
+    def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ScanTruth:
+    """What really happened at one scan instant.
+
+    Attributes
+    ----------
+    index : scan instants since the first power-up, this one not included; never wraps nor restarts
+    sequence : as on the wire
+    boot : boot count as in the hello
+    began_s : true instant, on the host's clock
+    scene_s : instant of scene time that the scan saw, or would have seen
+    sent : False where the board missed the instant (overrun)
+    """
+
+    index: int
+    sequence: int
+    boot: int
+    began_s: float
+    scene_s: float
+    sent: bool
+
+
+class Scanning:
+    """Scan k begins at board time ``epoch_board_s + k / rate_hz``; channel c follows after its offset.
+
+    Parameters
+    ----------
+    source : ScanSource
+    crystal : Crystal
+    offset_s : (channels,) float64
+        Of each channel's sample, board seconds after the scan began.
+    rate_hz : float
+    begin_s : float
+        True instant of the first scan.
+    scene_start_s : float
+        True instant of scene time 0.
+    """
+
+    def __init__(
+        self,
+        source: ScanSource,
+        crystal: Crystal,
+        offset_s: NDArray[np.float64],
+        *,
+        rate_hz: float,
+        begin_s: float,
+        scene_start_s: float,
+    ) -> None:
+        self._source = source
+        self._crystal = crystal
+        self._offset_s = offset_s
+        self._span_s = float(offset_s.max())
+        self._rate_hz = rate_hz
+        self._epoch_board_s = crystal.board_s(begin_s)
+        self._scene_start_s = scene_start_s
+        self._k = 0
+        self._ahead = np.empty((0, len(offset_s)), dtype=np.int64)
+        self._n_ahead = 1 if source.reacts else _SCANS_AHEAD
+
+    @property
+    def begin_board_s(self) -> float:
+        """Board time at which the coming scan begins."""
+        return self._epoch_board_s + self._k / self._rate_hz
+
+    @property
+    def end_s(self) -> float:
+        """True instant at which the coming scan has all its channels."""
+        return self._crystal.true_s(self.begin_board_s + self._span_s)
+
+    @property
+    def scene_s(self) -> float:
+        """Instant of scene time at which the coming scan begins."""
+        return self._crystal.true_s(self.begin_board_s) - self._scene_start_s
+
+    def skip(self, n: int) -> float:
+        """Leave out n scan instants, which were not computed in time.
+
+        A source with memory would have to compute them all the same, and so never catch up: the scene stands
+        still over these instants instead.
+
+        Returns
+        -------
+        float
+            Seconds by which the scene now begins later than it did.
+        """
+        before_s = self._crystal.true_s(self.begin_board_s)
+        self._k += n
+        self._n_ahead = 1  # scans computed together are sent late together
+        if not self._source.has_memory:
+            self._ahead = self._ahead[n:]
+            return 0.0
+        held_s = self._crystal.true_s(self.begin_board_s) - before_s
+        self._scene_start_s += held_s
+        return held_s
+
+    def take(self, index: int) -> NDArray[np.int64]:
+        """Counts of the coming scan, which is number `index` of all; the next one then comes."""
+        if not len(self._ahead):
+            k = self._k + np.arange(self._n_ahead)
+            begin_board_s = self._epoch_board_s + k / self._rate_hz
+            sampled_s = self._crystal.true_s(begin_board_s[:, None] + self._offset_s)
+            self._ahead = self._source.counts(index, sampled_s - self._scene_start_s)
+        counts: NDArray[np.int64] = self._ahead[0]
+        self._ahead = self._ahead[1:]
+        self._k += 1
+        return counts

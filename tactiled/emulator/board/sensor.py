@@ -1,0 +1,90 @@
+"""A scene seen through the array and its electronics: what the board's ADC reads."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.emulator.board import electronics
+from tactiled.emulator.board.noise import ScanNoise
+from tactiled.emulator.scene.contact import make_contact
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.physical import PhysicalContact
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+
+
+class Sensor:
+    """Counts of every channel at given instants of scene time.
+
+    Parameters
+    ----------
+    scene : Scene
+    array : Array
+    adc_bits : int
+    adc_reference_v : float
+
+    Attributes
+    ----------
+    contact : ContactModel
+
+    Raises
+    ------
+    ConfigError
+        A dead channel that the array does not have, or a contact model that cannot play the scene.
+    """
+
+    def __init__(self, scene: Scene, array: Array, *, adc_bits: int, adc_reference_v: float) -> None:
+        params = scene.electronics
+        if outside := [c for c in params.dead_channels if not 0 <= c < array.n_channels]:
+            fault = f"electronics.dead_channels: {outside} are not among the {array.n_channels} channels"
+            raise ConfigError(f"scene {scene.name}", [fault])
+        self._params = params
+        self._motion = Motion(scene)
+        self.contact = make_contact(self._motion, array)
+        self._noise = ScanNoise(scene.seed, array.n_channels)
+        self._bits, self._reference_v = adc_bits, adc_reference_v
+        kinds = np.array(array.channel_kind)
+        self._is_side = kinds == "side"
+        self._taxel = array.channel_taxel
+        self._side_taxel = array.channel_taxel[self._is_side]
+        self._side_azimuth_deg = array.azimuth_deg[self._is_side]
+        self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
+        self._is_inverted = (array.sign < 0) & ~self._is_shear  # wired to the supply, not to ground
+
+    @property
+    def reacts(self) -> bool:
+        return isinstance(self.contact, PhysicalContact) and self.contact.reacts
+
+    @property
+    def has_memory(self) -> bool:
+        return isinstance(self.contact, PhysicalContact)
+
+    def volts(self, time_s: FloatArray) -> FloatArray:
+        """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
+        params = self._params
+        force_n = self.contact.forces(time_s)
+        if isinstance(self.contact, PhysicalContact) and self._is_side.any():
+            quarter_n = electronics.quarter_n(force_n[:, self._is_side], self._motion.scene.readout)
+            force_n = force_n.copy()
+            force_n[:, self._is_side] = electronics.spread_n(
+                params, quarter_n, self._side_taxel, self._side_azimuth_deg
+            )
+        crept = force_n * electronics.creep_gain(params, self.contact.relaxed_load_n(time_s))
+        conductance = electronics.conductance_s(params, crept)
+        conductance *= electronics.temperature_gain(params, self._motion.temperature_k(time_s))
+        if params.hysteresis:
+            load_n, peak_n = self.contact.load_and_peak_n(time_s)
+            conductance *= electronics.hysteresis_gain(params, load_n, peak_n)
+        volts = electronics.divider_v(params, conductance)
+        volts = np.where(self._is_inverted, self._reference_v - volts, volts)
+        volts = np.where(self._is_shear, electronics.shear_v(params, crept, self._reference_v), volts)
+        volts = electronics.sampled_v(params, volts, self._taxel)
+        volts[:, params.dead_channels] = 0.0
+        return volts
+
+    def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64]:
+        """Counts of scans ``first``, ``first + 1``, ... sampled at `time_s` (n, channels)."""
+        noise = self._params.noise_v * self._noise.normal(first, len(time_s))
+        return electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)

@@ -1,0 +1,174 @@
+"""Scenes: what the skin goes through, as TOML (``config/scenes/*.toml``).
+
+A scene is a list of phases, one after the other. Scene time starts at 0 when the board first gets its
+``start`` command (at power-up for a board that knows no commands), so nothing is missed by a host that
+comes late; after the last phase the skin stays as that phase left it.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from tactiled import resources, tomlfile
+from tactiled.emulator.board.electronics import ElectronicsParams
+from tactiled.emulator.scene.phases import (
+    Disturbance,
+    Flat,
+    Grooves,
+    HeldObject,
+    Hold,
+    Lift,
+    Load,
+    Phase,
+    Press,
+    Rest,
+    Rotate,
+    Slide,
+    Surface,
+)
+from tactiled.tomlfile import Params
+
+__all__ = ["Flat", "Grooves", "Hold", "Press", "Scene", "Slide", "load_scene", "paper_scenes"]
+
+# Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
+Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]
+# What a scene can ask of its contact model. A rung says in its `PROVIDES` how wrong it is about each, as a
+# part of the quantity's own size (direction: of 90 degrees; phase: of a turn; slip instants: of the travel
+# from first shear to gross slip); what it does not name it does not model.
+Need = Literal[
+    "direction",  # of slip
+    "gross-slip",  # instant at which everything slips
+    "incipient-slip",  # slip spreading over the patch before
+    "absolute-force",  # normal force against indentation
+    "left-right",  # split between opposite read-out areas
+    "tangential-force",  # friction force, also at the knee
+    "groove-ripple",  # amplitude
+    "groove-phase",
+    "transients",  # changes of load, speed and direction while in contact
+]
+
+
+# Ten times the load within a millimetre: no array lies on anything steeper.
+Gradient = Annotated[float, Field(ge=-10, le=10)]
+
+
+class Scene(Params):
+    """Schema of ``config/scenes/*.toml``, and the scene itself."""
+
+    name: str = Field(min_length=1)
+    description: str = ""
+    array: str = Field(default="wang2019-3x3", description="name or file of the array that is worn")
+    contact: Contact = Field(default="signal", description="contact model: a rung of the ladder, or auto")
+    held: Literal["force", "displacement"] = Field(
+        default="force", description="what stays while sliding: the load, or the indentation that it makes"
+    )
+    needs: list[Need] = Field(default=[], description="what auto must find a rung for")
+    tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
+    readout: Literal["edge", "half"] = Field(
+        default="edge", description="area under a side electrode, for physical rungs: mechanics/sides.py"
+    )
+    seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
+    surface: Surface = Flat()
+    electronics: ElectronicsParams = ElectronicsParams()
+    phases: list[Phase] = Field(min_length=1)
+    disturbances: list[Disturbance] = []
+    held_object: HeldObject | None = Field(
+        default=None, description="what is held; absent: a plate that is moved"
+    )
+    touching: list[int] = Field(default=[], description="taxels that reach the surface; empty: all")
+    load_gradient_per_mm: tuple[Gradient, Gradient] = Field(
+        default=(0.0, 0.0), description="relative growth of a taxel's load along x and y: a tilted surface"
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        loaded = False
+        for index, phase in enumerate(self.phases):
+            if isinstance(phase, Hold | Slide | Lift | Rotate) and not loaded:
+                raise ValueError(f"phases[{index}]: a {phase.kind} needs contact; put a press before it")
+            if isinstance(phase, Rest) and loaded:
+                raise ValueError(f"phases[{index}]: a rest touches nothing; use hold, or lift before it")
+            if isinstance(phase, Load) and not loaded and phase.force_n is None:
+                raise ValueError(f"phases[{index}]: a load needs contact; give force_n, or a press before it")
+            loaded = isinstance(phase, Press | Load) or (loaded and not isinstance(phase, Lift))
+        return self
+
+    @model_validator(mode="after")
+    def _held(self) -> Self:
+        """What an object can do, and what only one that is held can."""
+        held = self.held_object
+        for index, phase in enumerate(self.phases):
+            if isinstance(phase, Load) and held is None:
+                raise ValueError(f"phases[{index}]: a load pulls at an object; add [held_object]")
+            if held is not None and isinstance(phase, Rotate):
+                raise ValueError(f"phases[{index}]: a held object moves by its load and does not turn")
+            if held is not None and isinstance(phase, Slide) and not held.spring_n_mm:
+                raise ValueError(
+                    f"phases[{index}]: a slide drags a held object; give held_object.spring_n_mm"
+                )
+            if held is not None and phase.surface is not None:
+                raise ValueError(f"phases[{index}]: a held object has one surface; put it into the scene")
+        for index, extra in enumerate(self.disturbances):
+            if extra.on == "pull_n" and held is None:
+                raise ValueError(f"disturbances[{index}]: pull_n pulls at an object; add [held_object]")
+        if held is not None and self.held == "displacement":
+            raise ValueError("held: the grip on an object is a force")
+        return self
+
+    @model_validator(mode="after")
+    def _not_prescribed(self) -> Self:
+        """What needs mechanics."""
+        if self.contact == "signal" and (reason := self.needs_mechanics):
+            raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "auto"')
+        return self
+
+    @property
+    def needs_mechanics(self) -> str:
+        """What of this scene cannot be prescribed; empty where all can."""
+        reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, Rotate | Load)]
+        reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
+        reasons += ["a held object"] * (self.held_object is not None)
+        return reasons[0] if reasons else ""
+
+    @property
+    def duration_s(self) -> float:
+        return sum(phase.duration_s for phase in self.phases)
+
+    def with_changes(self, **changes: object) -> "Scene":
+        """Copy with top-level keys changed, checked like a file: ``scene.with_changes(seed=7)``."""
+        return tomlfile.parse(self.model_dump() | changes, Scene, f"variation of scene {self.name}")
+
+    def with_surface(self, **surface: object) -> "Scene":
+        """Copy on another plate: ``with_surface(period_mm=1.2, angle_deg=30)`` or ``with_surface()``.
+
+        Groove parameters given make grooves, with the scene's own grooves as their defaults; none make
+        a flat plate. Where phases of the scene name grooves of their own, those are changed, else the
+        plate of the whole scene.
+        """
+        document = self.model_dump()
+        places = [p for p in document["phases"] if p["surface"] and p["surface"]["kind"] == "grooves"]
+        for place in places or [document]:
+            known = place["surface"] if place["surface"]["kind"] == "grooves" else {"kind": "grooves"}
+            place["surface"] = known | surface if surface else {"kind": "flat"}
+        return tomlfile.parse(document, Scene, f"variation of scene {self.name}")
+
+
+def load_scene(name_or_path: str) -> Scene:
+    """Scene by shipped name (``demo``) or by path; `ConfigError` with every fault of the file."""
+    return tomlfile.load(resources.find(name_or_path, "config/scenes"), Scene)
+
+
+def paper_scenes() -> dict[str, Scene]:
+    """The protocols of the 2019 paper by name: slip twice, and each period and angle of its table 2.
+
+    Groove scenes are named ``<experiment|simulation>-d<period>-a<angle>``.
+    """
+    scenes = {name: load_scene(name) for name in ("flat-experiment", "flat-simulation")}
+    for kind in ("experiment", "simulation"):
+        base = load_scene(f"grooves-{kind}")
+        table = [(period, 0) for period in (0.9, 1.2, 1.5)] + [(1.2, angle) for angle in (15, 30, 45, 60)]
+        for period_mm, angle_deg in table:
+            name = f"{kind}-d{period_mm:.2f}-a{angle_deg}"
+            varied = base.with_surface(period_mm=period_mm, angle_deg=angle_deg)
+            scenes[name] = varied.with_changes(name=name)
+    return scenes

@@ -1,0 +1,86 @@
+"""What random scenes are made of."""
+
+from typing import Any
+
+import numpy as np
+
+from tactiled.emulator.scene.description import Scene
+
+Document = dict[str, Any]
+
+
+def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
+    """A press of 6 to 20 N on a plate of friction 0.3 to 0.9, and a hold."""
+    # The name is in the seed, so that families do not share their luck.
+    rng = np.random.default_rng([seed, *name.encode()])
+    scene: Document = {
+        "name": f"{name}-{seed}",
+        "contact": "auto",
+        "needs": ["gross-slip", "transients"],
+        "tolerance": 0.15,
+        "seed": seed,
+        "surface": {"kind": "flat", "friction": rng.uniform(0.3, 0.9)},
+        "phases": [
+            {"kind": "press", "duration_s": rng.uniform(0.2, 1.5), "force_n": rng.uniform(6.0, 20.0)},
+            {"kind": "hold", "duration_s": rng.uniform(0.5, 1.5)},
+        ],
+        "disturbances": [],
+    }
+    return rng, scene
+
+
+def begin_quiet(name: str, seed: int) -> tuple[np.random.Generator, Document]:
+    """The same, with a held object whose weight is a small part of what friction bears."""
+    rng, scene = begin(name, seed)
+    scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
+    scene["phases"] += [load_phase(rng, scene, 0.5, rng.uniform(0.05, 0.2))]
+    return rng, scene
+
+
+def made(scene: Document) -> Scene:
+    return Scene.model_validate(scene)
+
+
+def friction_n(scene: Document) -> float:
+    return float(scene["surface"]["friction"] * scene["phases"][0]["force_n"])
+
+
+def any_direction_deg(rng: np.random.Generator) -> float:
+    return float(rng.uniform(-180.0, 180.0))
+
+
+def turned(direction_deg: float, by_deg: float) -> float:
+    return (direction_deg + by_deg + 180.0) % 360.0 - 180.0
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def slide_phase(rng: np.random.Generator, **rest: Any) -> Document:
+    return {"kind": "slide", "direction_deg": any_direction_deg(rng), **rest}
+
+
+def load_phase(rng: np.random.Generator, scene: Document, duration_s: float, of_friction: float) -> Document:
+    """A load that goes to a part of what friction bears."""
+    return {
+        "kind": "load",
+        "duration_s": duration_s,
+        "tangential_n": of_friction * friction_n(scene),
+        "direction_deg": any_direction_deg(rng),
+    }
+
+
+def disturb(
+    scene: Document, on: str, shape: str, amplitude: float, start_s: float, duration_s: float, **rest: float
+) -> None:
+    scene["disturbances"] += [
+        {
+            "on": on,
+            "shape": shape,
+            "amplitude": amplitude,
+            "start_s": float(start_s),
+            "duration_s": duration_s,
+            **rest,
+        }
+    ]

@@ -1,0 +1,110 @@
+"""Scenes in which nothing slips as a whole: what a detector must not mistake for slip."""
+
+import numpy as np
+
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.parts import (
+    any_direction_deg,
+    begin,
+    begin_quiet,
+    disturb,
+    friction_n,
+    load_phase,
+    log_uniform,
+    made,
+)
+
+
+def taps(seed: int) -> Scene:
+    """An untouched skin, then a held one, is tapped."""
+    rng, scene = begin("taps", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    for start_s in np.sort(rng.uniform(3.5, 10.0, 8)):
+        disturb(scene, "load_n", "pulse", log_uniform(rng, 0.5, 8.0), start_s, rng.uniform(0.01, 0.08))
+    return made(scene)
+
+
+def grip_changes(seed: int) -> Scene:
+    """A gripper that holds a weight tightens and eases, well above what friction needs."""
+    rng, scene = begin_quiet("grip-changes", seed)
+    least_n = scene["phases"][0]["force_n"]
+    for _ in range(5):
+        force_n = least_n * rng.uniform(1.0, 2.0)
+        scene["phases"] += [
+            {"kind": "press", "duration_s": rng.uniform(0.05, 1.0), "force_n": force_n},
+            {"kind": "hold", "duration_s": rng.uniform(0.3, 2.0)},
+        ]
+    return made(scene)
+
+
+def motor_hum(seed: int) -> Scene:
+    """The gripper's motor shakes grip and object, with its harmonic."""
+    rng, scene = begin_quiet("motor-hum", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    hum_hz, start_s = rng.uniform(8.0, 90.0), rng.uniform(3.5, 5.0)
+    for on, part in (("load_n", 0.02), ("pull_n", 0.05)):
+        for times in (1, 2):
+            amplitude = part / times * rng.uniform(0.3, 1.0) * scene["phases"][0]["force_n"]
+            disturb(scene, on, "sine", amplitude, start_s, 5.0, frequency_hz=times * hum_hz)
+    return made(scene)
+
+
+def arm_acceleration(seed: int) -> Scene:
+    """The arm starts and stops: the object's inertia pulls one way, then the other."""
+    rng, scene = begin_quiet("arm-acceleration", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    strength = 0.3 * friction_n(scene) * rng.uniform(0.3, 1.0)
+    direction_deg, start_s, length_s = any_direction_deg(rng), rng.uniform(3.5, 6.0), rng.uniform(0.1, 0.8)
+    for sign, later_s in ((1, 0.0), (-1, length_s + rng.uniform(0.1, 2.0))):
+        when_s = start_s + later_s
+        disturb(scene, "pull_n", "pulse", sign * strength, when_s, length_s, direction_deg=direction_deg)
+    return made(scene)
+
+
+def cable_tug(seed: int) -> Scene:
+    """Somebody tugs at what is held, within what friction bears."""
+    rng, scene = begin_quiet("cable-tug", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    for start_s in rng.uniform(3.5, 9.0, 3):
+        strength = 0.3 * friction_n(scene) * rng.uniform(0.3, 1.0)
+        length_s = rng.uniform(0.05, 0.4)
+        disturb(scene, "pull_n", "pulse", strength, start_s, length_s, direction_deg=any_direction_deg(rng))
+    return made(scene)
+
+
+def load_and_back(seed: int) -> Scene:
+    """The load on a held object grows below what friction bears, and goes again."""
+    rng, scene = begin_quiet("load-and-back", seed)
+    for part in rng.uniform(0.3, 0.7, 3):
+        length_s = rng.uniform(0.3, 2.0)
+        scene["phases"] += [load_phase(rng, scene, length_s, part), load_phase(rng, scene, length_s, 0.1)]
+    return made(scene)
+
+
+def inclined_load(seed: int) -> Scene:
+    """A load that comes, stays and goes at a slant within the friction cone: neither press nor pull alone."""
+    rng, scene = begin("inclined-load", seed)
+    scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
+    press = scene["phases"][0]
+    slanted = load_phase(rng, scene, rng.uniform(0.5, 2.0), rng.uniform(0.3, 0.7)) | {
+        "force_n": press["force_n"]
+    }
+    less = slanted | {"force_n": 0.7 * press["force_n"], "tangential_n": 0.5 * slanted["tangential_n"]}
+    scene["phases"] = [slanted, scene["phases"][1], less, {"kind": "hold", "duration_s": 1.0}]
+    return made(scene)
+
+
+def thermal_drift(seed: int) -> Scene:
+    """Persistent contact on a sensor that warms or cools."""
+    rng, scene = begin("thermal-drift", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 60.0}]
+    warming_k = float(rng.choice([-1, 1]) * rng.uniform(2.0, 15.0))
+    disturb(scene, "temperature_k", "ramp", warming_k, 3.0, rng.uniform(10.0, 55.0))
+    return made(scene)
+
+
+def persistent_contact(seed: int) -> Scene:
+    """A grip that stays, and creeps into the rubber."""
+    _, scene = begin("persistent-contact", seed)
+    scene["phases"] += [{"kind": "hold", "duration_s": 120.0}]
+    return made(scene)

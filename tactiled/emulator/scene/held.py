@@ -1,0 +1,145 @@
+"""A held object: its load pulls, friction holds, and what is left over moves it.
+
+Newton's second law for the place u of the skin over the object, ``m u'' = pull + spring (end - u) +
+friction - damping``, stepped semi-implicitly (velocity first: stable for oscillators up to ``step < 2 /
+omega``, Hairer, Lubich, Wanner, Geometric Numerical Integration, 2006, section I.1). All directions are
+those in which the skin moves over the object.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.mechanics.base import TaxelForces
+from tactiled.emulator.mechanics.lumped import indentation_mm
+from tactiled.emulator.mechanics.stepper import stacked
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.motion import MotionState
+from tactiled.emulator.scene.phases import HeldObject, Load, Press
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+
+Feel = Callable[[float, FloatArray], TaxelForces]
+
+_MOST_GRIP_N = 2000.0  # as the phases of a scene
+_STABLE = 0.5  # step times omega; 2 is the limit of stability
+# A taxel's stiffness at rest is 0.6 N / d (`lumped`); of few taxels or many, the largest is when one
+# carries all.
+_STIFFNESS = 0.6
+# A skin that holds damps the object's swing; 0.2 of critical is the middle of what silicones show.
+_DAMPING_RATIO = 0.2
+
+
+class HeldMotion:
+    """Load and place of the skin over a held object.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a held object.
+    params : HeldObject
+    longest_step_s : float
+
+    Attributes
+    ----------
+    step_s : float
+        `longest_step_s`, or shorter to stay stable.
+    """
+
+    def __init__(self, scene: Scene, params: HeldObject, longest_step_s: float) -> None:
+        self._params = params
+        forces = [p.force_n for p in scene.phases if isinstance(p, Press | Load) and p.force_n]
+        # Grip may go up to four times the scene's before the margin of stability is used.
+        self._stiffness_n_mm = _stiffness_n_mm(max(forces))
+        rate = math.sqrt((self._stiffness_n_mm + params.spring_n_mm) * 1e3 / params.mass_kg)
+        self.step_s = longest_step_s / math.ceil(max(longest_step_s * rate / _STABLE, 1.0))
+        self._commands: list[tuple[int, float]] = []
+        self._k = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to scene time 0; what a controller said is done again at its instants."""
+        self._k = 0
+        self._done = 0
+        self._asked_n: float | None = None
+        self._grip_n = 0.0
+        self._place = self._velocity = self._friction = 0j  # x + iy
+        self._held_share = 1.0
+        self.has_fallen = False
+
+    def grip(self, force_n: float) -> None:
+        """Grip that a controller asks for, from the next step on; the scene's own load no longer counts.
+
+        Raises
+        ------
+        ConfigError
+            No finite force from 0 to 2000 N.
+        """
+        if not 0 <= force_n <= _MOST_GRIP_N:
+            raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {_MOST_GRIP_N:g} N"])
+        if not self._commands or self._commands[-1][1] != force_n:
+            self._commands.append((self._k, force_n))
+
+    def play(self, drive: MotionState, feel: Feel) -> tuple[FloatArray, FloatArray, TaxelForces]:
+        """The coming steps.
+
+        Parameters
+        ----------
+        drive : MotionState
+            What the scene says at them (n,).
+        feel : callable
+            Grip and place of the skin (2,) to the forces of that step.
+
+        Returns
+        -------
+        load_n : (n,), place_mm : (n, 2), felt : TaxelForces with a leading axis n
+        """
+        end = drive.travel_x_mm + 1j * drive.travel_y_mm
+        force = drive.pull_x_n + 1j * drive.pull_y_n + self._params.spring_n_mm * end
+        load_n, place_mm, felt = np.empty(len(end)), np.empty((len(end), 2)), []
+        for k in range(len(end)):
+            self._grip(float(drive.load_n[k]))
+            if self._k > 0:
+                self._move(complex(force[k]))
+            self._k += 1
+            load_n[k] = self._grip_n
+            place_mm[k] = self._place.real, self._place.imag
+            felt.append(feel(self._grip_n, place_mm[k]))
+            x, y = felt[-1].tangential_n.sum(axis=0)
+            self._friction = complex(x, y)
+            self._held_share = 1 - float(felt[-1].slipping.mean()) if self._grip_n > 0 else 0.0
+        return load_n, place_mm, stacked(felt)
+
+    def _grip(self, scene_n: float) -> None:
+        """Follow the controller, or the scene while there is none."""
+        while self._done < len(self._commands) and self._commands[self._done][0] <= self._k:
+            self._asked_n = self._commands[self._done][1]
+            self._done += 1
+        if self._asked_n is None:
+            self._grip_n = scene_n
+        else:
+            most = self._params.grip_rate_n_s * self.step_s
+            self._grip_n += min(max(self._asked_n - self._grip_n, -most), most)
+
+    def _move(self, force: complex) -> None:
+        """One step under pull and the spring's far end, friction, and the spring's near end."""
+        params = self._params
+        mass = params.mass_kg * 1e-3  # N s2/mm
+        damping = 2 * _DAMPING_RATIO * math.sqrt(self._stiffness_n_mm * mass) * self._held_share
+        force += self._friction - params.spring_n_mm * self._place
+        self._velocity = (self._velocity + force * self.step_s / mass) / (1 + damping * self.step_s / mass)
+        self._place = self._place + self._velocity * self.step_s
+        way = abs(self._place)
+        if way > params.fall_mm and not params.spring_n_mm:
+            self.has_fallen = True
+            self._place = self._place * (params.fall_mm / way)
+            self._velocity = 0j
+
+
+def _stiffness_n_mm(force_n: float) -> float:
+    """Tangential stiffness at rest of an array pressed by `force_n`, at nine taxels."""
+    each = force_n / 9
+    return float(9 * _STIFFNESS * each / indentation_mm(np.array(each)))

@@ -1,0 +1,79 @@
+"""What the rubber remembers of the load that it really bore: creep's lag and hysteresis's peak.
+
+The load is the one that is played, with disturbances and with a controller's grip, at grid points; between
+them it is taken as linear.
+"""
+
+import math
+from itertools import accumulate, islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from tactiled.emulator.scene.motion import Motion
+
+FloatArray = NDArray[np.float64]
+
+STEP_S = 2.5e-3  # grid where no rung has one: as the cheapest rung's
+
+
+class LoadMemory:
+    """Steps of a load in order, any number at a time.
+
+    The lag solves ``tau dc/dt = F - c`` exactly for a load that is linear between grid points.
+
+    Parameters
+    ----------
+    step_s : float
+    time_constant_s : float
+        Of the lag.
+    """
+
+    def __init__(self, step_s: float, time_constant_s: float) -> None:
+        left = math.exp(-step_s / time_constant_s)
+        mean = time_constant_s / step_s * -math.expm1(-step_s / time_constant_s)
+        self._now, self._before, self._left = 1 - mean, mean - left, left
+        self.reset()
+
+    def reset(self) -> None:
+        """No load, ever; a load at the first step is new."""
+        self._state = np.zeros(1)
+        self._peak_n = 0.0
+
+    def feed(self, load_n: FloatArray) -> FloatArray:
+        """Rows (n, 2) of the coming n steps: load through the lag, and its largest since contact; both N."""
+        taps = [self._now, self._before], [1.0, -self._left]
+        relaxed_n, self._state = lfilter(*taps, load_n, zi=self._state)
+        peaks = accumulate(load_n.tolist(), _peak, initial=self._peak_n)
+        peak_n = np.fromiter(islice(peaks, 1, None), dtype=np.float64, count=len(load_n))
+        self._peak_n = float(peak_n[-1])
+        return np.stack([relaxed_n, peak_n], axis=-1)
+
+
+def _peak(before_n: float, load_n: float) -> float:
+    return max(before_n, load_n) if load_n > 0 else 0.0
+
+
+class PrescribedLoad:
+    """Rows of load, lagged load and peak of a scene that nothing but itself moves; a `stepper.Source`.
+
+    Parameters
+    ----------
+    motion : Motion
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self._memory = LoadMemory(STEP_S, motion.scene.electronics.creep_time_s)
+        self.reset()
+
+    def reset(self) -> None:
+        self._k = 0
+        self._memory.reset()
+
+    def advance(self, n: int) -> FloatArray:
+        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(STEP_S)
+        load_n = self._motion.at(time_s).load_n
+        self._k += n
+        return np.concatenate([load_n[:, None], self._memory.feed(load_n)], axis=1)

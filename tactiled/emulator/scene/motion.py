@@ -1,0 +1,192 @@
+"""Kinematics and load of a scene in closed form: any instants at all, in any order, the same numbers.
+
+A scene is cut into segments in which the load and the speed are linear in time and the direction is
+constant. Everything else follows exactly, so nothing is stepped and nothing depends on chunking.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.disturb import Disturbances
+from tactiled.emulator.scene.phases import Flat, Grooves, Lift, Load, Phase, Press, Rest, Rotate, Slide
+from tactiled.emulator.scene.segments import PRESLIDING_MM, SHEAR_RELAXATION_S, Segment, speed_knots
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """The skin at given instants; all arrays have the shape of the instants asked for.
+
+    Attributes
+    ----------
+    load_n : normal load in total
+    travel_x_mm, travel_y_mm : way of the skin over the surface since the scene began
+    speed_mm_s : speed along `direction_deg`
+    direction_deg : direction of the phase's motion; of the last motion where nothing moves
+    shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
+    turn_deg : angle by which the skin has turned about the middle of the array
+    pull_x_n, pull_y_n : load of a held object, in the direction in which the skin would slip
+    phase : number of the scene's phase
+    """
+
+    load_n: FloatArray
+    travel_x_mm: FloatArray
+    travel_y_mm: FloatArray
+    speed_mm_s: FloatArray
+    direction_deg: FloatArray
+    shear_x: FloatArray
+    shear_y: FloatArray
+    turn_deg: FloatArray
+    pull_x_n: FloatArray
+    pull_y_n: FloatArray
+    phase: NDArray[np.int64]
+
+
+class Motion:
+    """Closed form of a scene's load, travel and tangential state.
+
+    The tangential state follows Dahl's law ``ds/dL = (d - s) / L0`` along the way L in direction d (Dahl
+    1968 with exponent 1, in its vector form), so it saturates in `PRESLIDING_MM` and turns over when the
+    direction does: ``s(L) = d + (s0 - d) exp(-L / L0)``. At standstill it relaxes towards `_SHEAR_KEPT` of
+    full shear; losing contact clears it.
+
+    Attributes
+    ----------
+    phase_start_s : (phases + 1,) float64
+        Instant at which each phase begins; the last is the end of the scene.
+    surfaces : list of Flat or Grooves
+        Distinct plates, in order of appearance.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
+        self.surfaces: list[Flat | Grooves] = []
+        self._disturbances = Disturbances(scene.disturbances)
+        self._segments = self._build()
+        self._entry_mm = np.array([surface.entry_mm for surface in self.surfaces])
+        names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
+        self._table = {name: np.array([getattr(s, name) for s in self._segments]) for name in names}
+
+    @property
+    def segment_start_s(self) -> FloatArray:
+        return self._table["t0"]
+
+    def at(self, time_s: FloatArray) -> MotionState:
+        """State at instants of scene time, of any shape."""
+        i, dt, way = self._locate(time_s)
+        table = self._table
+        dx, dy = np.moveaxis(table["direction"][i], -1, 0)
+        goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
+        left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / SHEAR_RELAXATION_S)
+        extra_load_n, extra_x_mm, extra_y_mm, pull_x_n, pull_y_n = self._disturbances.at(time_s)
+        return MotionState(
+            load_n=np.maximum(table["load"][i] + table["load_rate"][i] * dt + extra_load_n, 0.0),
+            travel_x_mm=table["x"][i] + dx * way + extra_x_mm,
+            travel_y_mm=table["y"][i] + dy * way + extra_y_mm,
+            speed_mm_s=table["speed"][i] + table["acceleration"][i] * dt,
+            direction_deg=table["direction_deg"][i],
+            shear_x=goal_x + (table["shear_x"][i] - goal_x) * left,
+            shear_y=goal_y + (table["shear_y"][i] - goal_y) * left,
+            turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
+            pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull_x_n,
+            pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull_y_n,
+            phase=table["phase"][i],
+        )
+
+    def velocity_mm_s(self, time_s: FloatArray) -> FloatArray:
+        """Rate of travel of the skin over the surface, of phases and disturbances: (..., 2)."""
+        state = self.at(time_s)
+        angle = np.deg2rad(state.direction_deg)
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        extra = self._disturbances.velocity_mm_s(time_s)
+        return np.asarray(state.speed_mm_s[..., None] * direction + extra)
+
+    def surface_share(self, number: int, time_s: FloatArray) -> FloatArray:
+        """How far the skin is on plate `number`: 1 on it, between while it slides from one to another.
+
+        A plate that appears while the skin touches nothing is there at once; one that appears in
+        contact is come onto over its `entry_mm` of travel, smoothly.
+        """
+        i, _, way = self._locate(time_s)
+        table = self._table
+        since_mm = table["path"][i] + way - table["path_at_change"][i]
+        part = np.clip(since_mm / self._entry_mm[table["surface"][i]], 0.0, 1.0)
+        entered = part * part * (3 - 2 * part)
+        now = table["surface"][i] == number
+        before = table["surface_before"][i] == number
+        return np.where(now & before, 1.0, np.where(now, entered, np.where(before, 1.0 - entered, 0.0)))
+
+    def temperature_k(self, time_s: FloatArray) -> FloatArray:
+        """Warming of the sensor since the scene began."""
+        return self._disturbances.temperature_k(np.maximum(time_s, 0.0))
+
+    def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Segment of each instant, time into it, and way made in it."""
+        table = self._table
+        time_s = np.maximum(time_s, 0.0)
+        i = np.searchsorted(table["t0"], time_s, side="right") - 1
+        dt = time_s - table["t0"][i]
+        return i, dt, table["speed"][i] * dt + table["acceleration"][i] * dt * dt / 2
+
+    def _build(self) -> list[Segment]:
+        surface = self._number(self.scene.surface)
+        now = Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0, 0, 0, 0, 0, 0, 0)
+        segments: list[Segment] = []
+        for number, phase in enumerate(self.scene.phases):
+            now = self._on_surface_of(phase, now)
+            goal, knots = now.load, [(0.0, 0.0), (phase.duration_s, 0.0)]
+            if isinstance(phase, Press):
+                goal = phase.force_n
+            elif isinstance(phase, Rest | Lift):
+                goal = 0.0
+            elif isinstance(phase, Slide):
+                knots = speed_knots(phase)
+                now = replace(now, direction_deg=phase.direction_deg)
+            pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
+            if isinstance(phase, Load):
+                goal = now.load if phase.force_n is None else phase.force_n
+                angle = math.radians(phase.direction_deg)
+                pull_x = phase.tangential_n * round(math.cos(angle), 15)
+                pull_y = phase.tangential_n * round(math.sin(angle), 15)
+            elif isinstance(phase, Rotate):
+                turn_rate = phase.angle_deg / phase.duration_s
+            now = replace(
+                now,
+                phase=number,
+                load_rate=(goal - now.load) / phase.duration_s,
+                pull_x_rate=(pull_x - now.pull_x) / phase.duration_s,
+                pull_y_rate=(pull_y - now.pull_y) / phase.duration_s,
+                turn_rate=turn_rate,
+            )
+            for (start, speed), (stop, speed_after) in itertools.pairwise(knots):
+                acceleration = (speed_after - speed) / (stop - start)
+                segments.append(replace(now, speed=speed, acceleration=acceleration))
+                now = segments[-1].after(stop - start)
+            # No rounding piles up.
+            end_s = float(self.phase_start_s[number + 1])
+            now = replace(now, t0=end_s, load=goal, pull_x=pull_x, pull_y=pull_y)
+            if goal == 0:
+                now = replace(now, shear_x=0.0, shear_y=0.0)
+        # After the scene the skin stays as it was left.
+        now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0)
+        return [*segments, replace(now, pull_x_rate=0.0, pull_y_rate=0.0)]
+
+    def _on_surface_of(self, phase: Phase, now: Segment) -> Segment:
+        if phase.surface is None or (new := self._number(phase.surface)) == now.surface:
+            return now
+        # In the air a plate is simply there; in contact the skin has to come onto it. (A change within
+        # the entry of the one before blends from the later plate, taken as whole.)
+        before = now.surface if now.load > 0 else new
+        return replace(now, surface=new, surface_before=before, path_at_change=now.path)
+
+    def _number(self, surface: Flat | Grooves) -> int:
+        if surface not in self.surfaces:
+            self.surfaces.append(surface)
+        return self.surfaces.index(surface)

@@ -1,0 +1,43 @@
+"""Scenes by name: shipped, a file, the paper's, or one of a random family."""
+
+import re
+
+from tactiled import resources
+from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
+from tactiled.emulator.scene.families import FAMILIES
+from tactiled.errors import ConfigError
+
+_NUMBERED = re.compile(r"(?P<family>[a-z-]+)-(?P<seed>\d{1,9})")
+
+
+def scene_names() -> dict[str, list[str]]:
+    """What `named_scene` knows, by kind."""
+    return {
+        "shipped": resources.shipped_names("config/scenes"),
+        "paper": [name for name in paper_scenes() if "-d" in name],
+        "family": [f"{name}-SEED" for name in FAMILIES],
+    }
+
+
+def named_scene(name: str) -> Scene:
+    """Scene of a name.
+
+    Parameters
+    ----------
+    name : str
+        Shipped (``demo``), a TOML file (``my/scene.toml``), a plate of the paper's table 2
+        (``experiment-d1.20-a45``), or a family and a seed (``stick-slip-7``).
+
+    Raises
+    ------
+    ConfigError
+        There is none, or the file has faults.
+    """
+    if resources.is_name(name) and name not in resources.shipped_names("config/scenes"):
+        found = _NUMBERED.fullmatch(name)
+        if found and found["family"] in FAMILIES:
+            return FAMILIES[found["family"]](int(found["seed"]))
+        kinds = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in scene_names().items())
+        raise ConfigError("--scene", [f"no scene {name!r}; there are: {kinds}; or give a TOML file"])
+    # A dot in a name of the paper's looks like an ending.
+    return paper_scenes()[name] if name in paper_scenes() else load_scene(name)

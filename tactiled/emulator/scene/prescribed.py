@@ -1,0 +1,136 @@
+"""Rung `signal`: prescribed forces, with no mechanics behind them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.emulator.mechanics.stepper import Stepper
+from tactiled.emulator.scene import loading
+from tactiled.emulator.scene.loading import PrescribedLoad
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.physical import ContactState
+
+FloatArray = NDArray[np.float64]
+
+# Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
+_INEQUALITY = 0.05
+# Friction acts at the bump's tip and tilts it: the side areas' imbalance is the friction coefficient times
+# height over lever arm, 1.3 mm (bump and adhesive) over some 0.87 mm. With 0.6 that is 0.9: the "almost
+# 100 %" change of Wang 2019. An area cannot be relieved of more than it carries.
+_TILT_PER_FRICTION = 1.5
+_LARGEST_TILT = 0.95
+# A taxel averages the grooves over its contact with the ridges; a Gaussian aperture of this sigma makes
+# the ripple grow from 0.9 to 1.5 mm periods about as much as the paper's curves do.
+_APERTURE_SD_MM = 0.2
+_LOADS_AT_ONCE = 1024  # steps: an hour of load is then made in a second by who looks at its end first
+
+
+class SignalContact:
+    """Prescribed signals: what the paper's curves show, with no mechanics behind it.
+
+    A taxel carries ``N = load * share * (1 + rho)``, rho being the groove ripple. A side area at azimuth
+    phi carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `Motion`; a
+    shear channel reads ``mu N s``. The ripple is
+    ``rho = A sum_k h_k cos(k phase)`` with the groove phase
+    ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and amplitude
+    ``A = ripple * cos(a) * exp(-2 (pi sigma / D)^2)``: the Fourier transform of a Gaussian aperture, and
+    the fall to one half from 0 to 60 degrees of Wang 2019.
+
+    Parameters
+    ----------
+    motion : Motion
+    array : Array
+    """
+
+    def __init__(self, motion: Motion, array: Array) -> None:
+        self._motion = motion
+        self._loads = Stepper(PrescribedLoad(motion), step_s=loading.STEP_S, block=_LOADS_AT_ONCE)
+        rng = np.random.default_rng([motion.scene.seed, 1])
+        taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
+        self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
+        kinds = np.array(array.channel_kind)
+        taxel = array.channel_taxel
+        self._part = taxel_share[taxel]
+        side = kinds == "side"
+        self._part[side] *= _shares(rng, taxel[side])
+        azimuth = np.deg2rad(np.where(side, array.azimuth_deg, 0.0))
+        self._side_x = np.where(side, -np.cos(azimuth).round(15), 0.0)
+        self._side_y = np.where(side, -np.sin(azimuth).round(15), 0.0)
+        self._shear_x = (kinds == "shear_x") * array.sign
+        self._shear_y = (kinds == "shear_y") * array.sign
+        self._tangential = (kinds == "shear_x") | (kinds == "shear_y")
+        self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
+
+    def forces(self, time_s: FloatArray) -> FloatArray:
+        state = self._motion.at(time_s)
+        ripple = np.zeros_like(time_s)
+        friction = np.zeros_like(time_s)
+        for number, surface in enumerate(self._motion.surfaces):
+            share = self._motion.surface_share(number, time_s)
+            friction += share * surface.friction
+            if isinstance(surface, Grooves):
+                phase = groove_phase(surface, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm)
+                ripple += share * groove_ripple(surface, phase)
+        normal = state.load_n * self._part * (1.0 + ripple)
+        tilt = np.minimum(_TILT_PER_FRICTION * friction, _LARGEST_TILT)
+        tilted = normal * (1.0 + tilt * (self._side_x * state.shear_x + self._side_y * state.shear_y))
+        shear = normal * friction * (self._shear_x * state.shear_x + self._shear_y * state.shear_y)
+        return np.where(self._tangential, shear, tilted)
+
+    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
+        return self._loads.at(time_s, np.ones(time_s.shape[1], dtype=np.int64))
+
+    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        load, peak = (np.full(time_s.shape[1], column) for column in (0, 2))
+        return self._loads.at(time_s, load), self._loads.at(time_s, peak)
+
+    def state(self, time_s: FloatArray) -> ContactState:
+        """As prescribed: all or nothing slips."""
+        state = self._motion.at(time_s)
+        angle = np.deg2rad(state.direction_deg)
+        friction = np.zeros_like(time_s)
+        ripple = np.zeros((len(time_s), len(self._taxel_share)))
+        for number, surface in enumerate(self._motion.surfaces):
+            share = self._motion.surface_share(number, time_s)
+            friction += share * surface.friction
+            if isinstance(surface, Grooves):
+                x = self._taxel_x_mm + state.travel_x_mm[:, None]
+                y = self._taxel_y_mm + state.travel_y_mm[:, None]
+                ripple += share[:, None] * groove_ripple(surface, groove_phase(surface, x, y))
+        normal = state.load_n[:, None] * self._taxel_share * (1 + ripple)
+        shear = np.stack([state.shear_x, state.shear_y], axis=-1)
+        slips = (state.speed_mm_s > 0).astype(np.float64)
+        return ContactState(
+            normal_n=normal,
+            tangential_n=-normal[..., None] * (friction[:, None] * shear)[:, None, :],
+            slipping=np.repeat(slips[:, None], normal.shape[1], axis=1),
+            slipping_share=slips,
+            load_n=state.load_n,
+            travel_mm=np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1),
+            velocity_mm_s=state.speed_mm_s[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1),
+        )
+
+
+def groove_phase(grooves: Grooves, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+    """Phase, in radians, of the groove pattern at places in the surface's frame; a ridge is at 0."""
+    angle = np.deg2rad(grooves.angle_deg)
+    along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
+    return np.asarray(2 * np.pi * along_mm / grooves.period_mm)
+
+
+def groove_ripple(grooves: Grooves, phase: FloatArray) -> FloatArray:
+    """Relative change of the normal force at a phase; see `SignalContact`."""
+    aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
+    amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture
+    wave = np.cos(phase)
+    for order, part in enumerate(grooves.harmonics, start=2):
+        wave = wave + part * np.cos(order * phase)
+    return np.asarray(amplitude * wave)
+
+
+def _shares(rng: np.random.Generator, group: NDArray[np.int64]) -> FloatArray:
+    """Unequal shares that add up to 1 in each group."""
+    raw = 1 + _INEQUALITY * rng.uniform(-1, 1, len(group))
+    totals = np.bincount(group, raw) if len(group) else np.zeros(0)
+    return np.asarray(raw / totals[group])

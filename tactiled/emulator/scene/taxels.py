@@ -1,0 +1,96 @@
+"""A scene's load and plates as the taxels of an array have them, and their forces as channels feel them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.emulator.mechanics.base import Surface, TaxelForces
+from tactiled.emulator.mechanics.lumped import BUMP_MM
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.errors import ConfigError
+
+FloatArray = NDArray[np.float64]
+
+# Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
+_INEQUALITY = 0.05
+
+
+class Reader:
+    """Forces on the bumps to forces on the channels."""
+
+    def __init__(self, motion: Motion, array: Array) -> None:
+        kinds = np.array(array.channel_kind)
+        side = kinds == "side"
+        azimuths = array.azimuth_deg[side] % 360
+        self.azimuth_deg: FloatArray = np.unique(azimuths)
+        self._taxel = array.channel_taxel
+        self._area = np.zeros(array.n_channels, dtype=np.int64)
+        self._area[side] = np.searchsorted(self.azimuth_deg, azimuths)
+        self._is_side, self._is_normal = side, kinds == "normal"
+        # Friction on a skin that slides along +x points along -x; the channel rises (array file).
+        self._shear_x = -array.sign * (kinds == "shear_x")
+        self._shear_y = -array.sign * (kinds == "shear_y")
+        rng = np.random.default_rng([motion.scene.seed, 2])
+        self._gain = np.where(side, 1 + _INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
+
+    def channels(self, felt: TaxelForces) -> FloatArray:
+        """(n, channels)."""
+        taxel = self._taxel
+        out = self._is_normal * felt.normal_n[:, taxel]
+        if felt.side_n.shape[-1]:
+            out = out + self._is_side * self._gain * felt.side_n[:, taxel, self._area]
+        tangential = felt.tangential_n[:, taxel]
+        return np.asarray(out + self._shear_x * tangential[..., 0] + self._shear_y * tangential[..., 1])
+
+
+def taxel_shares(motion: Motion, array: Array) -> FloatArray:
+    """Share of the load on each taxel, adding up to 1.
+
+    Raises
+    ------
+    ConfigError
+        No taxel is left to carry it, or `Scene.touching` names one that is not there.
+    """
+    scene = motion.scene
+    source = f"scene {scene.name}"
+    if outside := [t for t in scene.touching if not 0 <= t < array.n_taxels]:
+        raise ConfigError(source, [f"touching: {outside} are not among the {array.n_taxels} taxels"])
+    rng = np.random.default_rng([scene.seed, 1])
+    share = 1 + _INEQUALITY * rng.uniform(-1, 1, array.n_taxels)
+    along_x, along_y = scene.load_gradient_per_mm
+    tilt = 1 + along_x * (array.x_mm - array.x_mm.mean()) + along_y * (array.y_mm - array.y_mm.mean())
+    share *= np.maximum(tilt, 0.0)
+    if scene.touching:
+        share *= np.isin(np.arange(array.n_taxels), scene.touching)
+    if share.sum() <= 0:
+        raise ConfigError(source, ["touching, load_gradient_per_mm: no taxel is left to carry the load"])
+    return np.asarray(share / share.sum())
+
+
+def rung_surface(plate: Flat | Grooves, rung: str) -> Surface:
+    """A scene's plate as a rung sees it; `ConfigError` for grooves as deep as the bump is high."""
+    if isinstance(plate, Flat):
+        return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
+    if plate.depth_mm >= BUMP_MM:
+        fault = (
+            f"surface.depth_mm: {plate.depth_mm:g} mm is as deep as the bump is high ({BUMP_MM:g} mm); "
+            f"no rung is right there, {rung} neither; use shallower grooves"
+        )
+        raise ConfigError("scene", [fault])
+    return Surface(
+        plate.friction,
+        plate.period_mm,
+        plate.angle_deg,
+        plate.depth_mm,
+        plate.static_ratio,
+        plate.stribeck_mm_s,
+    )
+
+
+def offset_mm(plate: Flat | Grooves) -> FloatArray:
+    """Place of the plate's pattern: rungs have a ridge at their origin."""
+    if isinstance(plate, Flat):
+        return np.zeros(2)
+    angle = np.deg2rad(plate.angle_deg)
+    return plate.offset_mm * np.array([np.cos(angle), np.sin(angle)])

@@ -1,0 +1,230 @@
+"""Ground truth of a scene: what a detector is scored against."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, load_array
+from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
+from tactiled.emulator.scene.contact import ContactModel, make_contact
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.emulator.scene.physical import ContactState, PhysicalContact
+from tactiled.emulator.scene.prescribed import groove_phase
+
+FloatArray = NDArray[np.float64]
+
+_WARNINGS = {
+    BEYOND_REFERENCES: "a taxel bears more than in any finite-element reference: errors are not known there",
+    NOT_CONVERGED: "the contact solver did not converge",
+    BOTTOMED: "pressed deeper than the bump is high: the load curve is extrapolated",
+}
+
+
+@dataclass(frozen=True)
+class TruePhase:
+    """A phase with its place in time and the plate that is there at its end."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    surface: Flat | Grooves
+
+
+@dataclass(frozen=True)
+class TrueSlip:
+    """The skin moves over the surface, from `onset_s` to `end_s`, in one direction.
+
+    Attributes
+    ----------
+    onset_s : float
+        On `signal`, where slip is prescribed: the motion begins. On a physical rung: `incipient_s`.
+    end_s : float
+        Infinite while it goes on.
+    direction_deg : float or None
+        In which it began; None where the skin turned on the spot.
+    surface : Flat or Grooves
+    shear_s, incipient_s, gross_s : float or None
+        The tangential load begins to grow; 10 % and 90 % of the contact area slip. None where the scene
+        prescribes signals, and `gross_s` also where slip never became gross.
+    """
+
+    onset_s: float
+    end_s: float
+    direction_deg: float | None
+    surface: Flat | Grooves
+    shear_s: float | None = None
+    incipient_s: float | None = None
+    gross_s: float | None = None
+
+
+class Truth:
+    """Truth of a scene, with its instants on the clock of the caller.
+
+    Parameters
+    ----------
+    scene : Scene
+    t0_s : float
+        Instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
+        ``start`` command, which the emulator reports.
+    contact : ContactModel or None
+        The one that played it, which has seen a controller's grip; None plays the scene anew.
+    array : Array or None
+        The one that was worn; None is the scene's own.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        t0_s: float = 0.0,
+        contact: ContactModel | None = None,
+        array: Array | None = None,
+    ) -> None:
+        self.scene = scene
+        self.t0_s = t0_s
+        self.motion = Motion(scene)
+        self.phases = self._phases()
+        self._given_contact = contact
+        self._given_array = array
+
+    @cached_property
+    def array(self) -> Array:
+        return self._given_array or load_array(self.scene.array)
+
+    @cached_property
+    def contact(self) -> ContactModel:
+        """What played the scene; played to its end where nobody else does it."""
+        if self._given_contact is not None:
+            return self._given_contact
+        contact = make_contact(self.motion, self.array)
+        if isinstance(contact, PhysicalContact):
+            contact.play_until(self.scene.duration_s)
+        return contact
+
+    @property
+    def slips(self) -> list[TrueSlip]:
+        """Gross slips; on a physical rung as far as the scene has been played."""
+        if isinstance(self.contact, PhysicalContact):
+            return [slip for slip in self.episodes if slip.gross_s is not None]
+        return self._prescribed_slips
+
+    @property
+    def episodes(self) -> list[TrueSlip]:
+        """All times that a tenth or more of the contact slipped, gross or not, as far as played."""
+        if not isinstance(self.contact, PhysicalContact):
+            return self._prescribed_slips
+        t0_s = self.t0_s
+        return [
+            TrueSlip(
+                onset_s=t0_s + e.incipient_s,
+                end_s=t0_s + (np.inf if e.end_s is None else e.end_s),
+                direction_deg=e.direction_deg,
+                surface=self._surface_at(e.incipient_s),
+                shear_s=t0_s + e.shear_s,
+                incipient_s=t0_s + e.incipient_s,
+                gross_s=None if e.gross_s is None else t0_s + e.gross_s,
+            )
+            for e in self.contact.watch.episodes
+        ]
+
+    @property
+    def warnings(self) -> dict[str, float]:
+        """What the contact model warns of, with the first instant of each."""
+        if not isinstance(self.contact, PhysicalContact):
+            return {}
+        first = self.contact.warnings
+        return {words: self.t0_s + first[bit] for bit, words in _WARNINGS.items() if bit in first}
+
+    def state(self, time_s: FloatArray) -> ContactState:
+        """Forces, slipping shares and motion at instants (n,)."""
+        return self.contact.state(time_s - self.t0_s)
+
+    def groove_phase(self, time_s: FloatArray) -> FloatArray:
+        """Groove phase of each taxel, radians in [0, 2 pi): (n, taxels); NaN on a flat plate."""
+        out = np.full((len(time_s), self.array.n_taxels), np.nan)
+        travel_mm = self.travel_mm(time_s)
+        turn = np.deg2rad(self.motion.at(time_s - self.t0_s).turn_deg)[:, None]
+        x0, y0 = self.array.x_mm.mean(), self.array.y_mm.mean()
+        x, y = self.array.x_mm - x0, self.array.y_mm - y0
+        for row, t in enumerate(time_s):
+            plate = self._surface_at(t - self.t0_s)
+            if isinstance(plate, Grooves):
+                cos, sin = np.cos(turn[row]), np.sin(turn[row])
+                along_x = x0 + cos * x - sin * y + travel_mm[row, 0]
+                along_y = y0 + sin * x + cos * y + travel_mm[row, 1]
+                out[row] = groove_phase(plate, along_x, along_y) % (2 * np.pi)
+        return out
+
+    def speed_mm_s(self, time_s: FloatArray) -> FloatArray:
+        """Speed of the skin over the surface, moved by phases or disturbances."""
+        if self.scene.held_object is not None:
+            velocity = self.state(time_s).velocity_mm_s
+        else:
+            velocity = self.motion.velocity_mm_s(time_s - self.t0_s)
+        return np.asarray(np.linalg.norm(velocity, axis=-1))
+
+    def travel_mm(self, time_s: FloatArray) -> FloatArray:
+        """Way of the skin since the scene began: ``(..., 2)``, x and y."""
+        if self.scene.held_object is not None:
+            return self.state(time_s).travel_mm
+        state = self.motion.at(time_s - self.t0_s)
+        return np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
+
+    def load_n(self, time_s: FloatArray) -> FloatArray:
+        """Normal load in total."""
+        if self.scene.held_object is not None:
+            return self.state(time_s).load_n
+        return self.motion.at(time_s - self.t0_s).load_n
+
+    def to_map(self) -> dict[str, Any]:
+        """Truth as plain data for JSON, on the caller's clock; slips as far as played."""
+        return {
+            "scene": self.scene.name,
+            "contact": self.scene.contact,
+            "t0_s": self.t0_s,
+            "duration_s": self.scene.duration_s,
+            "phases": [vars(p) | {"surface": p.surface.model_dump()} for p in self.phases],
+            "slips": [plain_slip(slip) for slip in self.slips],
+            "warnings": self.warnings,
+        }
+
+    def _surface_at(self, scene_s: float) -> Flat | Grooves:
+        """Plate at an instant of scene time."""
+        number = int(np.searchsorted(self.motion.phase_start_s, scene_s, side="right")) - 1
+        return self.phases[min(max(number, 0), len(self.phases) - 1)].surface
+
+    def _phases(self) -> list[TruePhase]:
+        starts = self.motion.phase_start_s + self.t0_s
+        phases, surface = [], self.scene.surface
+        for phase, start, end in zip(self.scene.phases, starts[:-1], starts[1:], strict=True):
+            surface = phase.surface or surface
+            phases.append(TruePhase(phase.kind, float(start), float(end), surface))
+        return phases
+
+    @cached_property
+    def _prescribed_slips(self) -> list[TrueSlip]:
+        """Longest spans of motion in one direction over one plate."""
+        edges = self.motion.segment_start_s
+        middles = (edges[:-1] + edges[1:]) / 2
+        state = self.motion.at(middles)
+        slips: list[TrueSlip] = []
+        for k in np.flatnonzero(state.speed_mm_s > 0):
+            surface = self.phases[state.phase[k]].surface
+            onset, end = float(edges[k] + self.t0_s), float(edges[k + 1] + self.t0_s)
+            direction = float(state.direction_deg[k])
+            last = slips[-1] if slips else None
+            if last and (last.end_s, last.direction_deg, last.surface) == (onset, direction, surface):
+                slips[-1] = TrueSlip(last.onset_s, end, direction, surface)
+            else:
+                slips.append(TrueSlip(onset, end, direction, surface))
+        return slips
+
+
+def plain_slip(slip: TrueSlip) -> dict[str, Any]:
+    """A slip as plain data for JSON, which knows no infinity."""
+    end_s = slip.end_s if np.isfinite(slip.end_s) else None
+    return vars(slip) | {"surface": slip.surface.model_dump(), "end_s": end_s}
