@@ -27,7 +27,6 @@ from bench.contact.score import (
 )
 from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
 from tactiled.emulator.mechanics.base import Rung, Surface
-from tactiled.emulator.mechanics.fem.reference import reference_names
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.prepare import rung_of
 from tactiled.emulator.scene.description import load_scene, paper_scenes
@@ -35,6 +34,7 @@ from tactiled.emulator.simulate import Simulation
 from tactiled.plain_table import table
 from tactiled.progress import ProgressBar
 from tactiled.wire.layout import load_layout
+from tools.fem.reference import reference_names
 
 LADDER: dict[str, tuple[Callable[..., Rung], float]] = {
     "lumped": (lumped.Lumped, lumped.STEP_S),

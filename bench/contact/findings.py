@@ -9,10 +9,10 @@ from scipy.signal import find_peaks
 from bench.paper.bench import compare
 from tactiled.emulator.mechanics.base import Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
-from tactiled.emulator.mechanics.fem.reference import load_reference
 from tactiled.emulator.scene.description import paper_scenes
 from tactiled.plain_table import table
 from tactiled.progress import ProgressBar
+from tools.fem.reference import load_reference
 
 FloatArray = NDArray[np.float64]
 Ripples = Mapping[tuple[float, int], FloatArray]

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from bench.contact.score import AREA, replay
 from tactiled.emulator.mechanics.compliance import Compliance
-from tactiled.emulator.mechanics.fem.reference import load_reference
 from tactiled.emulator.mechanics.periodic import Periodic
+from tools.fem.reference import load_reference
 
 _MARKS = {"absolute-force": "o", "left-right": "s", "tangential-force": "^", "incipient-slip": "D"}
 _NAMES = {

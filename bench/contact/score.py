@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Rung
-from tactiled.emulator.mechanics.fem.reference import ReferenceRun, load_reference
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
+from tools.fem.reference import ReferenceRun, load_reference
 
 FloatArray = NDArray[np.float64]
 

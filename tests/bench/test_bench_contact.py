@@ -11,7 +11,7 @@ from bench.contact.findings import normal_ripple, side_ripple
 from bench.contact.picture import draw_contact
 from bench.contact.score import GROOVES, flat_errors, grooved_errors, reference_ripple, rung_ripple
 from tactiled.emulator.mechanics import compliance, periodic
-from tactiled.emulator.mechanics.fem.reference import reference_names
+from tools.fem.reference import reference_names
 
 PROVIDES = {"compliance": compliance.PROVIDES, "periodic": periodic.PROVIDES}
 

@@ -10,18 +10,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from tactiled.emulator.mechanics import taxel_shape
 from tactiled.emulator.mechanics.base import Surface
-from tactiled.emulator.mechanics.fem import mesh as meshes
-from tactiled.emulator.mechanics.fem import plate
-from tactiled.emulator.mechanics.fem.compliance import compliance_arrays, load_compliance
-from tactiled.emulator.mechanics.fem.contact import Bench, Instant, Solution
-from tactiled.emulator.mechanics.fem.linear import stiffness
-from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
-from tactiled.emulator.mechanics.fem.readout import EDGE_MM, read_out, side_parts
-from tactiled.emulator.mechanics.fem.reference import COLUMNS, load_reference, reference_names
-from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
-from tactiled.emulator.mechanics.fem.runs import LOAD_N, RUNS, produce
+from tactiled.emulator.mechanics.skin import load_compliance
 from tactiled.errors import ConfigError, DataError
+from tools.fem import plate
+from tools.fem.compliance import compliance_arrays
+from tools.fem.contact import Bench, Instant, Solution
+from tools.fem.linear import stiffness
+from tools.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
+from tools.fem.readout import EDGE_MM, read_out, side_parts
+from tools.fem.reference import COLUMNS, load_reference, reference_names
+from tools.fem.rubber import CellwiseYeoh
+from tools.fem.runs import LOAD_N, RUNS, produce
 
 FloatArray = NDArray[np.float64]
 
@@ -53,9 +54,11 @@ def test_no_cell_is_inside_out_and_the_chip_is_where_it_should_be(name: str) -> 
     mesh = taxel_mesh(MESHES[name])
     assert corner_volumes(mesh).min() > 0
     middle = mesh.points_mm[mesh.cells].mean(axis=1)
-    chip = (np.hypot(middle[:, 0], middle[:, 1]) < meshes.CHIP_RADIUS_MM) & (middle[:, 2] < meshes.CHIP_MM)
+    chip = (np.hypot(middle[:, 0], middle[:, 1]) < taxel_shape.CHIP_RADIUS_MM) & (
+        middle[:, 2] < taxel_shape.CHIP_MM
+    )
     assert np.array_equal(chip, mesh.material == 0)
-    assert np.array_equal(mesh.material == 2, middle[:, 2] > meshes.CHIP_MM)
+    assert np.array_equal(mesh.material == 2, middle[:, 2] > taxel_shape.CHIP_MM)
     assert len(np.unique(mesh.points_mm.round(9), axis=0)) == len(mesh.points_mm)
 
 
@@ -64,9 +67,9 @@ def uniform(mesh: TaxelMesh, gradient: FloatArray) -> FloatArray:
 
 
 def test_volume_converges_to_that_of_the_taxel() -> None:
-    cap = np.pi * meshes.CAP_MM / 6 * (3 * meshes.BUMP_RADIUS_MM**2 + meshes.CAP_MM**2)
-    rim = np.pi * meshes.BUMP_RADIUS_MM**2 * meshes.RIM_MM
-    exact = meshes.CELL_MM**2 * (meshes.CHIP_MM + meshes.BASE_MM) + rim + cap
+    cap = np.pi * taxel_shape.CAP_MM / 6 * (3 * taxel_shape.BUMP_RADIUS_MM**2 + taxel_shape.CAP_MM**2)
+    rim = np.pi * taxel_shape.BUMP_RADIUS_MM**2 * taxel_shape.RIM_MM
+    exact = taxel_shape.CELL_MM**2 * (taxel_shape.CHIP_MM + taxel_shape.BASE_MM) + rim + cap
     errors = [abs(corner_volumes(taxel_mesh(MESHES[name])).mean(axis=1).sum() - exact) for name in MESHES]
     assert errors[2] < errors[1] < errors[0] < 0.004 * exact
 
@@ -166,7 +169,7 @@ def test_a_uniform_pressure_reads_out_as_area(name: str, beyond_mm: float) -> No
         across = np.einsum("a,fai->fi", dv, points[faces])
         area = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
         np.add.at(force, faces, shape * area[:, None])
-    radius = meshes.CHIP_RADIUS_MM
+    radius = taxel_shape.CHIP_RADIUS_MM
     angle = np.arccos(beyond_mm / radius)
     segment = radius**2 * (angle - np.sin(angle) * np.cos(angle))
     # Parts are cut out by samples, 16 along a cell of up to 0.3 mm: their outline is known to half of one.
@@ -184,7 +187,7 @@ def test_no_point_counts_less_than_nothing_or_more_than_once(name: str) -> None:
     assert left.min() >= 0
     assert edges.min() >= 0
     np.testing.assert_allclose(left + right, whole, atol=1e-12)
-    middle = np.hypot(*mesh.points_mm[mesh.bottom, :2].T) < meshes.BUMP_RADIUS_MM
+    middle = np.hypot(*mesh.points_mm[mesh.bottom, :2].T) < taxel_shape.BUMP_RADIUS_MM
     np.testing.assert_allclose(whole[middle], 1.0)
     assert np.all(edges[0] <= left + 1e-12)
 
@@ -325,9 +328,9 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
 def test_reference_data_is_read_without_the_extra() -> None:
     code = (
         "import sys; sys.modules['felupe'] = None\n"
-        "from tactiled.emulator.mechanics.fem.compliance import load_compliance as c\n"
-        "from tactiled.emulator.mechanics.fem.reference import load_reference as r\n"
-        "import tactiled.emulator.mechanics.fem.runs\n"
+        "from tactiled.emulator.mechanics.skin import load_compliance as c\n"
+        "from tools.fem.reference import load_reference as r\n"
+        "import tools.fem.runs\n"
         "c(); r('coarse', 'load')"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -342,7 +345,7 @@ def test_unknown_runs_and_meshes_are_named() -> None:
 
 
 def test_the_command_names_what_it_does_not_know() -> None:
-    command = [sys.executable, "-m", "tactiled.emulator.mechanics.fem", "coarse", "flat"]
+    command = [sys.executable, "-m", "tools.fem", "coarse", "flat"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert "no run 'flat'; there are: load" in ended.stderr

@@ -225,7 +225,7 @@ def test_a_member_of_the_group_commands_and_is_named(container: Container) -> No
 
 @contextmanager
 def memory_limited(container: Container) -> Iterator[str]:
-    """Give the name of the limit that ends the daemon: MemoryMax=, where the container has a memory controller.
+    """Name the limit that ends the daemon: MemoryMax=, where the container has a memory controller.
 
     Where it has none (cgroups version 1), a limit of the same size on the data of the process.
     """

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
-from tactiled.emulator.mechanics.fem.mesh import CAP_MM
 from tactiled.emulator.mechanics.history import TaxelHistory
 from tactiled.emulator.mechanics.skin import Readout, shipped_skin
 from tactiled.emulator.mechanics.solver import Solution
+from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 from tactiled.emulator.mechanics.underfoot import plate_under
 from tactiled.errors import ConfigError
 

@@ -17,8 +17,8 @@ with friction 0.6 under 0.6 N and 2.5 N (config/contact/fem-coarse-flat-0.6-ligh
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.fem.mesh import BASE_MM, CAP_MM, CHIP_MM, RIM_MM
 from tactiled.emulator.mechanics.skin import SkinCompliance
+from tactiled.emulator.mechanics.taxel_shape import BASE_MM, CAP_MM, CHIP_MM, RIM_MM
 
 FloatArray = NDArray[np.float64]
 

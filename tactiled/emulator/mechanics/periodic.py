@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
-from tactiled.emulator.mechanics.fem.mesh import CAP_MM
 from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.period import (
     FINE,
@@ -34,6 +33,7 @@ from tactiled.emulator.mechanics.period import (
     table_key,
 )
 from tactiled.emulator.mechanics.skin import Readout
+from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

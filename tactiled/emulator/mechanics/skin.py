@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.fem.compliance import load_compliance
+from tactiled.resources import shipped
 
 FloatArray = NDArray[np.float64]
 Readout = Literal["half", "edge"]
@@ -101,3 +101,9 @@ def _gradient(x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
 def shipped_skin(mesh: str = "coarse", readout: Readout = "edge") -> SkinCompliance:
     """The compliance that ships with tactiled."""
     return SkinCompliance.from_arrays(load_compliance(mesh), readout)
+
+
+def load_compliance(fineness: str = "coarse") -> dict[str, FloatArray]:
+    """Shipped arrays, in float64, provenance left out."""
+    with np.load(shipped("config", "contact", f"compliance-{fineness}.npz")) as file:
+        return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if name != "provenance"}

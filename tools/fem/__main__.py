@@ -1,16 +1,16 @@
-"""``python -m tactiled.emulator.mechanics.fem MESH [RUN ...]``: make the reference data in config/contact/.
+"""``python -m tools.fem MESH [RUN ...]``: make the reference data in config/contact/.
 
-Example: ``python -m tactiled.emulator.mechanics.fem coarse load flat-0.6``. No RUN is every run; the run
+Example: ``python -m tools.fem coarse load flat-0.6``. No RUN is every run; the run
 ``compliance`` is linear and needs no felupe.
 """
 
 import argparse
 import sys
 
-from tactiled.emulator.mechanics.fem.compliance import write_compliance
-from tactiled.emulator.mechanics.fem.mesh import MESHES
-from tactiled.emulator.mechanics.fem.runs import RUNS, produce
 from tactiled.errors import TactiledError
+from tools.fem.compliance import write_compliance
+from tools.fem.mesh import MESHES
+from tools.fem.runs import RUNS, produce
 
 
 def _report(line: str) -> None:
@@ -18,7 +18,7 @@ def _report(line: str) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tactiled.emulator.mechanics.fem", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fem", description=__doc__)
     parser.add_argument("mesh", choices=list(MESHES))
     parser.add_argument("run", nargs="*", help=f"compliance, {', '.join(RUNS)}")
     asked = parser.parse_args()

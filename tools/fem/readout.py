@@ -14,7 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.fem.mesh import CHIP_RADIUS_MM, TaxelMesh
+from tactiled.emulator.mechanics.taxel_shape import CHIP_RADIUS_MM
+from tools.fem.mesh import TaxelMesh
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

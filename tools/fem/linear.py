@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from tactiled.emulator.mechanics.fem.mesh import MATERIALS, TaxelMesh
+from tools.fem.mesh import MATERIALS, TaxelMesh
 
 FloatArray = NDArray[np.float64]
 

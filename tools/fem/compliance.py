@@ -24,10 +24,10 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.fem.linear import surface_response
-from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, TaxelMesh, taxel_mesh
-from tactiled.emulator.mechanics.fem.readout import EDGE_MM, Part, centre, read_out, side_parts, surface_areas
 from tactiled.resources import shipped
+from tools.fem.linear import surface_response
+from tools.fem.mesh import MATERIALS, MESHES, TaxelMesh, taxel_mesh
+from tools.fem.readout import EDGE_MM, Part, centre, read_out, side_parts, surface_areas
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def write_compliance(fineness: str) -> str:
     """Compute and write `config/contact/compliance-<fineness>.npz`; returns its path."""
     mesh = taxel_mesh(MESHES[fineness])
     provenance = {
-        "command": f"python -m tactiled.emulator.mechanics.fem {fineness} compliance",
+        "command": f"python -m tools.fem {fineness} compliance",
         "method": "linear elasticity, B-bar hexahedra, bottom of chip and adhesive held, sides free",
         "cells": len(mesh.cells),
         "unknowns": mesh.points_mm.size,
@@ -78,9 +78,3 @@ def write_compliance(fineness: str) -> str:
     single = {name: array.astype(np.float32) for name, array in compliance_arrays(mesh).items()}
     np.savez_compressed(path, allow_pickle=False, provenance=np.array(json.dumps(provenance)), **single)
     return str(path)
-
-
-def load_compliance(fineness: str = "coarse") -> dict[str, FloatArray]:
-    """Shipped arrays, in float64, provenance left out."""
-    with np.load(shipped("config", "contact", f"compliance-{fineness}.npz")) as file:
-        return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if name != "provenance"}

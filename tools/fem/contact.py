@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from tactiled.emulator.mechanics.base import Held, Surface
-from tactiled.emulator.mechanics.fem import plate
-from tactiled.emulator.mechanics.fem.mesh import TaxelMesh
-from tactiled.emulator.mechanics.fem.readout import EDGE_MM, centre, read_out, side_parts, surface_areas
-from tactiled.emulator.mechanics.fem.rubber import CellwiseYeoh
 from tactiled.errors import DataError
+from tools.fem import plate
+from tools.fem.mesh import TaxelMesh
+from tools.fem.readout import EDGE_MM, centre, read_out, side_parts, surface_areas
+from tools.fem.rubber import CellwiseYeoh
 
 FloatArray = NDArray[np.float64]
 

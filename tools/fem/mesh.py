@@ -4,7 +4,7 @@ In plane, from the axis outwards: a rounded square core, rings out to the bump, 
 out to the square cell of one taxel. Upwards: chip and adhesive, base, bump. PET is left out: it is 900 times
 stiffer than the rubber, so the bottom of the chip is held (the paper holds the bottom of the PET).
 
-Bump shape and cell are ASSUMED where the paper is silent (Wang et al. 2019, figure 1 gives only heights).
+The dimensions are those of `tactiled.emulator.mechanics.taxel_shape`.
 """
 
 from dataclasses import dataclass
@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.materials import PDMS, RTV, RUBBER, Yeoh
+from tactiled.emulator.mechanics.taxel_shape import (
+    BASE_MM,
+    BUMP_RADIUS_MM,
+    CELL_MM,
+    CHIP_MM,
+    CHIP_RADIUS_MM,
+    RIM_MM,
+    cap_mm,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-CHIP_RADIUS_MM = 1.5  # paper: chips of 3.0 mm diameter
-CHIP_MM = 0.5  # paper: adhesive layer that holds the chips
-BASE_MM = 0.4  # assumed: half of the 0.8 mm of PDMS
-RIM_MM = 0.1  # assumed: straight side of the bump
-CAP_MM = 0.3  # assumed: height of its spherical cap; base + rim + cap are the paper's 0.8 mm
-BUMP_RADIUS_MM = 1.25  # assumed
-CELL_MM = 3.5  # paper: spacing of adjacent units, so what belongs to one of them
 
 MATERIALS: tuple[Yeoh, ...] = (RUBBER, RTV, PDMS)
 
@@ -73,13 +74,6 @@ class TaxelMesh:
     surface_faces: IntArray
     bottom: IntArray
     bottom_faces: IntArray
-
-
-def cap_mm(radius_mm: FloatArray) -> FloatArray:
-    """Height of the cap over its rim at a distance from the axis: a sphere through rim and apex."""
-    sphere = (BUMP_RADIUS_MM**2 + CAP_MM**2) / (2 * CAP_MM)
-    inside = np.minimum(radius_mm, BUMP_RADIUS_MM)
-    return np.asarray(np.sqrt(sphere**2 - inside**2) - (sphere - CAP_MM))
 
 
 def taxel_mesh(fineness: Fineness) -> TaxelMesh:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from tactiled.emulator.mechanics.base import Held, Surface
-from tactiled.emulator.mechanics.fem.contact import TOLERANCE, Bench, Instant, Solution, penalties
-from tactiled.emulator.mechanics.fem.mesh import MATERIALS, MESHES, taxel_mesh
-from tactiled.emulator.mechanics.fem.reference import reference_path, write_reference
 from tactiled.errors import ConfigError
+from tools.fem.contact import TOLERANCE, Bench, Instant, Solution, penalties
+from tools.fem.mesh import MATERIALS, MESHES, taxel_mesh
+from tools.fem.reference import reference_path, write_reference
 
 LOAD_N = 15.0 / 9  # the paper's simulations: 15 N on nine taxels
 _KNEE_MM = 0.42  # travel after which every point slips, friction 0.9 included
@@ -114,7 +114,7 @@ def _produce(mesh: str, name: str, report: Callable[[str], None]) -> Path:
     steps, cuts = sum(s.newton_steps for s in solutions), sum(s.halvings > 0 for s in solutions)
     path = reference_path(mesh, name)
     provenance = {
-        "command": f"python -m tactiled.emulator.mechanics.fem {mesh} {name}",
+        "command": f"python -m tools.fem {mesh} {name}",
         "surface": asdict(planned.surface),
         "held": "displacement" if name == "load" else f"force {planned.instants[-1].value:.6g} N",
         "mesh": {"name": mesh, "cells": len(taxel.cells), "unknowns": taxel.points_mm.size},
