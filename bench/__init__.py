@@ -1,0 +1,1 @@
+"""The measured trades: `./run bench NAME`; not part of the installed package."""

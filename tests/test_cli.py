@@ -20,7 +20,7 @@ def tactiled(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPr
 
 
 VERBS = [
-    "demo", "run", "emulate", "listen", "detect", "bench", "fit-material", "check-config",
+    "demo", "run", "emulate", "listen", "detect", "fit-material", "check-config",
     "record", "replay", "recover", "export", "command", "keys", "doctor", "tune",
 ]  # fmt: skip
 
@@ -45,7 +45,6 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["listen", "--topic", "slipp"], "no topic slipp; there are: slip"),
         (["detect", "none.csv"], "none.csv"),
         (["check-config"], "FILE"),
-        (["bench", "none"], "none"),
         (["record", "a.mcap"], "--config FILE, or --port PORT"),
         (["record", "none/a.mcap", "--port", "x"], "none: No such file or directory; make it"),
         (["replay"], "FILES"),

@@ -55,7 +55,7 @@ def test_a_picture_without_matplotlib_names_the_command_that_installs_it(
 
 @pytest.mark.parametrize("name", ["clock", "paper", "contact", "soak", "faults", "slip", "texture"])
 def test_benches_need_matplotlib_for_pictures_alone(name: str) -> None:
-    script = f"import sys; sys.modules['matplotlib'] = None; import tactiled.bench.{name}"
+    script = f"import sys; sys.modules['matplotlib'] = None; import bench.{name}"
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
 
 

@@ -1,0 +1,1 @@
+"""The contact models of the emulator against finite elements."""

@@ -1,4 +1,4 @@
-"""``tactiled bench contact``: what each rung of the contact ladder costs and gets wrong.
+"""``./run bench contact``: what each rung of the contact ladder costs and gets wrong.
 
 Finite elements of one taxel are the reference (`config/contact/fem-*.json`, made once, readable without
 felupe): each rung is played through the same loads and places. Then the paper's findings beside ours, and the

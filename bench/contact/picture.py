@@ -1,4 +1,4 @@
-"""Picture of ``tactiled bench contact``: error against cost, and left and right over grooves."""
+"""Picture of ``./run bench contact``: error against cost, and left and right over grooves."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

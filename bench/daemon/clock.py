@@ -1,4 +1,4 @@
-"""``tactiled bench clock``: how true are the instants that scans carry?
+"""``./run bench clock``: how true are the instants that scans carry?
 
 The emulated board scans by its own crystal, its line delays, bunches and stalls; the bytes go through the
 same decoder and assembler as live ones. Truth is the emulator's record of when each scan began.

@@ -1,4 +1,4 @@
-"""``tactiled bench faults``: everything that happens to a cable, done to one, many times over.
+"""``./run bench faults``: everything that happens to a cable, done to one, many times over.
 
 The whole daemon reads an emulated board on a real pty (`stage`), at a rate that is not the board's own, so
 that a recovery is one of its settings too. Each fault is done while all is well (or in the state that its

@@ -1,4 +1,4 @@
-"""``tactiled bench soak``: days of board time, with faults, as fast as this machine goes.
+"""``./run bench soak``: days of board time, with faults, as fast as this machine goes.
 
 An emulated board and the daemon's own link, session and pipeline on a clock that jumps (`rig`). Everything
 that a service may get wrong over months is looked for: memory that grows, frames that nobody accounts for,

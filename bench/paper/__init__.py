@@ -1,0 +1,1 @@
+"""The published experiments, played by the emulator."""

@@ -1,4 +1,4 @@
-"""``tactiled bench paper``: the published experiments played by the emulator, our numbers beside theirs.
+"""``./run bench paper``: the published experiments played by the emulator, our numbers beside theirs.
 
 Each protocol of Wang, Chen, Mei 2019 runs in simulated time through firmware, line, decoder, clock fit and
 the published detectors. The scenes prescribe signals: what is compared is the estimators, not the sensor.

@@ -1,0 +1,1 @@
+"""Slip detection: latency, false alarms, direction."""

@@ -1,4 +1,4 @@
-"""What ``tactiled bench slip`` was to reach, for each setting, and what limits it."""
+"""What ``./run bench slip`` was to reach, for each setting, and what limits it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Tables of false alarms of ``tactiled bench slip``."""
+"""Tables of false alarms of ``./run bench slip``."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple

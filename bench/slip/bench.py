@@ -1,4 +1,4 @@
-"""``tactiled bench slip``: how soon a slip is said, how often one that was none, and what both cost.
+"""``./run bench slip``: how soon a slip is said, how often one that was none, and what both cost.
 
 Physical scenes with known truth (`slip_scenes`), played without noise and read at several noises. Every
 detector (`slip_rivals`) is set to the same rate of false alarms in a hold; the bound is an oracle that knows

@@ -1,4 +1,4 @@
-"""Latencies of ``tactiled bench slip``: each scene played once, read at every noise by every detector."""
+"""Latencies of ``./run bench slip``: each scene played once, read at every noise by every detector."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

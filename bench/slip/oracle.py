@@ -1,4 +1,4 @@
-"""The bound of ``tactiled bench slip``: a generalised likelihood ratio that knows the shape of the onset.
+"""The bound of ``./run bench slip``: a generalised likelihood ratio that knows the shape of the onset.
 
 For noise-free channels s(t) from where the load grows on (`TrueInstants.grows_s`), readings ``y = level +
 a s(t - onset) + noise``, white of known sigma, and unknown amplitude a > 0 and onset, the statistic of scan n

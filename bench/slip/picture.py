@@ -1,4 +1,4 @@
-"""Picture of ``tactiled bench slip``: how much sooner a slip is said for how many false alarms."""
+"""Picture of ``./run bench slip``: how much sooner a slip is said for how many false alarms."""
 
 from collections.abc import Sequence
 from pathlib import Path

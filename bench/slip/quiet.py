@@ -1,4 +1,4 @@
-"""False alarms of ``tactiled bench slip``: hours of what is no slip, with and without being told of it."""
+"""False alarms of ``./run bench slip``: hours of what is no slip, with and without being told of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What ``tactiled bench slip`` prints and writes of what it measured."""
+"""What ``./run bench slip`` prints and writes of what it measured."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

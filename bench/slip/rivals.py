@@ -1,4 +1,4 @@
-"""What ``tactiled bench slip`` compares: a detector is a name and how to build it for a noise.
+"""What ``./run bench slip`` compares: a detector is a name and how to build it for a noise.
 
 To add one, add a line to `rivals`. A detector that takes its threshold from a rate of false alarms is set to
 its own; one with a bare threshold gets the threshold that white noise crosses `PER_HOUR`.

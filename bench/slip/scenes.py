@@ -1,4 +1,4 @@
-"""Scenes of ``tactiled bench slip``: played once without noise, then read as often as wanted with noise."""
+"""Scenes of ``./run bench slip``: played once without noise, then read as often as wanted with noise."""
 
 import itertools
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Tables of ``tactiled bench slip``."""
+"""Tables of ``./run bench slip``."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -1,0 +1,1 @@
+"""Groove estimation against the Cramer-Rao bound."""

@@ -1,4 +1,4 @@
-"""``tactiled bench texture``: how near the joint estimator is to the bound, and what spoils it.
+"""``./run bench texture``: how near the joint estimator is to the bound, and what spoils it.
 
 Five parts: error over the Cramer-Rao bound (`texture_bound`) on drawn gratings, and how often an answer is
 wrong; table 2 of the paper on scenes that obey physics, and plates drawn at random there; windows that break

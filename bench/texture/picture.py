@@ -1,4 +1,4 @@
-"""Picture of ``tactiled bench texture``: where answers are to be had, table 2, error against time."""
+"""Picture of ``./run bench texture``: where answers are to be had, table 2, error against time."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Tables of ``tactiled bench texture`` from its trials."""
+"""Tables of ``./run bench texture`` from its trials."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -9,10 +9,9 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `recordings`: record, replay, recover, export
 - `emulation`: emulate, demo
 - `analysis`: detect, tune
-- `measured`: bench
 - `upkeep`: check-config, doctor, keys, fit-material
 """
 
-from tactiled.cli.entry import cli, main
+from tactiled.cli.entry import cli, main, run_command
 
-__all__ = ["cli", "main"]
+__all__ = ["cli", "main", "run_command"]

@@ -6,7 +6,7 @@ import sys
 import click
 
 from tactiled import __version__
-from tactiled.cli import analysis, emulation, live, measured, recordings, upkeep
+from tactiled.cli import analysis, emulation, live, recordings, upkeep
 from tactiled.errors import TactiledError
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -26,16 +26,20 @@ for verb in (
     recordings.record, recordings.replay, recordings.recover, recordings.export,
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune,
-    measured.bench,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material,
 ):  # fmt: skip
     cli.add_command(verb)
 
 
 def main() -> None:
-    """Entry point: every fault of an operator or a board ends in one clear line."""
+    """Run `tactiled` as a program."""
+    run_command(cli)
+
+
+def run_command(command: click.Command) -> None:
+    """Run a command as a program: each error ends in one line on stderr and an exit code."""
     try:
-        sys.exit(cli.main(standalone_mode=False))
+        sys.exit(command.main(standalone_mode=False))
     except click.ClickException as error:
         error.show()
         sys.exit(2)

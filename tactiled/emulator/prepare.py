@@ -22,7 +22,7 @@ _MOST_TABLES = 60
 _INSTEAD = (
     "in simulated time periodic plays it (Simulation, bench), in real time a flat plate with contact lumped"
 )
-# `compliance` takes about as long as it plays (`tactiled bench contact`); the faster rungs need no such word.
+# `compliance` takes about as long as it plays (`./run bench contact`); the faster rungs need no such word.
 _SLOW = (
     "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, a held object several "
     "times as long: on a slower host the board misses scans (flag overrun) and the scene stands still"

@@ -1,0 +1,1 @@
+"""Pictures that users see: a log with its events, grooves under the array."""

@@ -113,7 +113,7 @@ def test_a_recorder_in_another_process_is_seen(tmp_path: Path) -> None:
         f"w = RecordingWriter(Path({str(tmp_path / 'a.mcap')!r}), HEADER); print('open', flush=True);"
         "sys.stdin.read()"
     )
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([*sys.path])}
     with subprocess.Popen(
         [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environ
     ) as other:

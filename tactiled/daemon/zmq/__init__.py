@@ -1,0 +1,1 @@
+"""The daemon's ZeroMQ sockets: events out, requests and commands in, keys and access."""

@@ -1,0 +1,1 @@
+"""The groove estimator: period and angle from phase delays between taxels in a sliding window."""

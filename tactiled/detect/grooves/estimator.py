@@ -43,7 +43,7 @@ class Asked(NamedTuple):
     answer_periods: float
 
 
-# At 20 dB and 1.5 mm/s, sigmas are 1 um and 0.04 degrees as soon as there is an answer (`tactiled bench
+# At 20 dB and 1.5 mm/s, sigmas are 1 um and 0.04 degrees as soon as there is an answer (`./run bench
 # texture`): periods decide when it comes, and sigmas where the signal is weak. "quick" takes the least; from
 # 1.25 on sigmas are at the bound; from 2.5 on drift may be a curve.
 PRESETS: dict[Preset, Asked] = {

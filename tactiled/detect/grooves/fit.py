@@ -5,7 +5,7 @@ that its phases allow (`wave_search`); climb to the maximum from the best, harmo
 weigh best against the others; state sigmas from the Fisher information.
 
 Each window is fitted anew. Running sums could spare what depends on scans alone, the spectrum and the
-projection of trends, and that once a window slides: while it grows, its bins move with it. `tactiled bench
+projection of trends, and that once a window slides: while it grows, its bins move with it. `./run bench
 texture` prints their part of a fit. Starting from the last answer would spare the search; but the search is
 what finds a rival that has become as likely since, and bits would depend on which windows came before.
 """

@@ -1,0 +1,1 @@
+"""The slip detector: from scan blocks to slip events."""

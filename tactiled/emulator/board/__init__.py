@@ -1,0 +1,1 @@
+"""The emulated board: firmware, clock, electronics and identity."""

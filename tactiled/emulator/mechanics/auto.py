@@ -1,7 +1,7 @@
 """Only what a scene requires: the cheapest rung whose measured error meets every need of the scene.
 
 Needs are names (`scene.Need`); a rung's `PROVIDES` says how wrong it is about each, measured against finite
-elements by ``tactiled bench contact``. What a rung does not name it does not model, whatever the tolerance.
+elements by ``./run bench contact``. What a rung does not name it does not model, whatever the tolerance.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

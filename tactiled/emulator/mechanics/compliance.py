@@ -40,7 +40,7 @@ _ROUNDS = 8  # of contact and what couples turn; two or three do
 # Change between rounds that is good enough: a thousandth of what friction drags.
 _TURNED_MM = 3e-4
 
-# Worst against finite elements, coarse mesh (`tactiled bench contact`, and the light, heavy, diagonal and
+# Worst against finite elements, coarse mesh (`./run bench contact`, and the light, heavy, diagonal and
 # back runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a taxel; grooves of 0.9 to 1.5 mm at
 # 0 to 60 degrees. Of incipient slip the share: rings of nodes slip at once, a fifth of the contact, on
 # average it is 0.03 off. Ripple and its phase are worst at 60 degrees, where they are smallest: 0.24 and

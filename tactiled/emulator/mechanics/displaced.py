@@ -11,7 +11,7 @@ N' and all its forces are scaled up.
 
 The three constants make up for what first order leaves out. They are fitted to finite elements on flat plates
 with friction 0.6 under 0.6 N and 2.5 N (config/contact/fem-coarse-flat-0.6-light.json, -heavy.json), which
-``tactiled bench contact`` does not score.
+``./run bench contact`` does not score.
 """
 
 import numpy as np

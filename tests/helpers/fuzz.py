@@ -1,4 +1,4 @@
-"""Fuzz what reads the line, for as long as one likes: python tests/wire/fuzz.py --seconds 3600
+"""Fuzz what reads the line, for as long as one likes: python tests/helpers/fuzz.py --seconds 3600
 
 Streams of good frames, damaged in every way that lines damage and some that only people think of, and plain
 noise go through the decoder of each shipped layout, in both directions, and through the whole pipeline. They
@@ -143,7 +143,7 @@ def main() -> None:
         try:
             n_bytes += check(seed)
         except BaseException:
-            print(f"failed: python tests/wire/fuzz.py --seed {seed}")
+            print(f"failed: python tests/helpers/fuzz.py --seed {seed}")
             raise
         seed += 1
     print(f"{seed - first} streams, {n_bytes} bytes: nothing raised, every byte is accounted for")

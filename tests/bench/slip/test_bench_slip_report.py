@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from bench.__main__ import bench
 from bench.slip import alarms as slip_alarms
 from bench.slip import tables as slip_tables
 from bench.slip.aims import aims_table, limit_table
@@ -36,7 +37,6 @@ from bench.slip.scenes import (
 )
 from bench.slip.score import Found
 from tactiled.array import load_array
-from tactiled.cli import cli
 from tactiled.detect.slip.coherent import SETTINGS as DETECTOR_SETTINGS
 from tactiled.emulator.scene.families import QUIET
 from tactiled.progress import ProgressBar
@@ -287,6 +287,6 @@ def test_only_what_a_controller_does_itself_is_announced(family: str, kinds: set
 
 @pytest.mark.parametrize("option", ["--json", "--plot"])
 def test_files_are_written_only_by_benches_that_have_them(option: str, tmp_path: Path) -> None:
-    refused = CliRunner().invoke(cli, ["bench", "clock", option, str(tmp_path / "out")])
+    refused = CliRunner().invoke(bench, ["clock", option, str(tmp_path / "out")])
     assert refused.exit_code == 2
     assert f"{option} is for" in refused.output

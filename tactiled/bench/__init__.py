@@ -1,1 +1,0 @@
-"""The measured trades: each module is one `tactiled bench NAME`."""
