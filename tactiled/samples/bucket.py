@@ -60,8 +60,8 @@ class Bucket:
         self._earliest = (math.inf, 0.0)  # delay, x
         self._answer: tuple[float, float] | None = None  # delay of the latest sending, x
         self._band: Band | None = None
-        self.lateness_s = 0.0
-        """As of `running_band`: how late the newest arrivals may be for all that is known so far."""
+        self.doubt_s = 0.0
+        """As of `running_band`: how far the line may be from the band, for all that is known so far."""
 
     def __len__(self) -> int:
         """Arrivals that were taken."""
@@ -122,9 +122,9 @@ class Bucket:
         if self._band is None or due:
             self._band = self.band(timer_s, usual_before, is_pinged)
             self._n_at_band = self._n
-            self.lateness_s = self._growth_s()
+            self.doubt_s = self._trend_s()
             if timer_s is None and len(self._kept) < UNBUNCHED_LEAST:
-                self.lateness_s += min(self.usual_wait(usual_before), UNKNOWN_WAIT_S)
+                self.doubt_s += min(self.usual_wait(usual_before), UNKNOWN_WAIT_S)
         elif self._earliest[0] < self._band.high:
             high, high_x = self._earliest
             self._band = self._band._replace(low=min(self._band.low, high), high_x=high_x, high=high)
@@ -175,10 +175,12 @@ class Bucket:
         late = median(arrival.delay for arrival in self._kept) - self._earliest[0]
         return late <= UNBUNCHED_PART * median(arrival.waited for arrival in self._kept)
 
-    def _growth_s(self) -> float:
-        """How much later the newest arrivals are than the earliest, if they became later at a steady rate.
+    def _trend_s(self) -> float:
+        """How far the line moves over the arrivals so far, if it moves at a steady rate.
 
-        The earliest of the newest quarter is as late as three quarters of the whole growth.
+        The earliest of the first quarter and of the last differ by three quarters of that.
         """
-        newest = self._kept[-max(UNBUNCHED_LEAST // 2, len(self._kept) // 4) :]
-        return (min(arrival.delay for arrival in newest) - self._earliest[0]) / 0.75
+        part = max(UNBUNCHED_LEAST // 2, len(self._kept) // 4)
+        first = min(arrival.delay for arrival in self._kept[:part])
+        last = min(arrival.delay for arrival in self._kept[-part:])
+        return abs(last - first) / 0.75

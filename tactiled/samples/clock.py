@@ -65,6 +65,9 @@ class ClockFit:
     """
 
     STEPS_TO_BELIEVE = 5  # early arrivals in a row before we believe that the board's clock stepped
+    # A drift of 0.1 % (no crystal has it, and some oscillators do) needs four buckets to be told from lateness.
+    UNSEEN_DRIFT = 1e-3
+    BANDS_TO_SEE = 4
     FLOOR_SD_S = 50e-6  # host scheduling and tick resolution: nobody knows an instant better than this
     # A second of which everything came late is the backlog of a stall, and says nothing of the line; when all
     # has come late for so many, the board's clock has lost time.
@@ -204,17 +207,19 @@ class ClockFit:
         return min((min(band.low, band.high) + band.high) / 2 for band in bands)
 
     def _sd(self, x: float) -> float:
+        bands = [*self._bands, self._running] if self._running is not None else self._bands
+        unseen = 0.0  # a slope that so few bands cannot show
+        if len(self._bands) < self.BANDS_TO_SEE and bands:
+            unseen = max(self._limit, self.UNSEEN_DRIFT) * (x - bands[0].high_x) / math.sqrt(3)
         if self._lines is not None:
-            return math.hypot(self.FLOOR_SD_S, self._lines.sd_at(x))
+            return math.hypot(self.FLOOR_SD_S, self._lines.sd_at(x), unseen)
         band = self._running
         if band is None:
             return math.inf
-        drift = self._limit * (x - band.high_x)
         width = max(band.high - band.low, 0.0)  # and the truth anywhere in it
-        # Until there are lines, arrivals that become later may as well be a clock that is off.
-        least = min(band.high for band in [*self._bands, band])
-        late = self._bucket.lateness_s + band.high - least
-        return math.hypot(self.FLOOR_SD_S, drift, width / math.sqrt(12), late)
+        # Until there are lines, arrivals that become later or earlier may as well be a clock that is off.
+        late = self._bucket.doubt_s + band.high - min(band.high for band in bands)
+        return math.hypot(self.FLOOR_SD_S, unseen, width / math.sqrt(12), late)
 
     def _is_backlog(self, band: Band, newest: float) -> bool:
         """Whether all of a bucket was held back; `newest`: when its last arrived, since the origin."""
@@ -243,4 +248,5 @@ class ClockFit:
         if len(self._bands) > 1:
             steepest = max(STEEPEST_PPM * 1e-6, self._limit)
             self._lines = lines_through(self._bands, self._limit, steepest)
+            self._running = None
             self._drop = 0.0

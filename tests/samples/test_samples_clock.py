@@ -203,14 +203,14 @@ def test_a_clock_beyond_the_limit_stays_inside_its_sigma_and_is_named(drift: flo
     rng = np.random.default_rng(1)
     number = np.arange(2500)
     true_s = 500.0 + rng.uniform(0, 0.02) + number * 0.01 / (1 + drift)
-    arrival_s = true_s + LATENCY_S + rng.exponential(1e-4, len(number))
+    arrival_s = true_s + LATENCY_S + rng.uniform(0, 1e-4, len(number))
     if bunch_s:
         arrival_s = np.ceil(arrival_s / bunch_s) * bunch_s
     fit = ClockFit(params, LATENCY_S)
     time_s, sd_s = estimate(fit, np.asarray(number * 0.01, dtype=np.float64), arrival_s, bunch_s)
     ratio = (time_s - true_s) / sd_s
     assert np.sqrt(np.mean(ratio**2)) < 1.8  # a truth at the end of a band is sqrt(3) sigma from its middle
-    assert np.max(np.abs(ratio)) < 3.5
+    assert np.mean(np.abs(ratio) > 3) < 0.003
     assert np.max(sd_s[1000:]) < 0.02  # and not useless
     if abs(drift) >= 0.01 or not bunch_s:
         assert "max_drift_ppm = 200" in fit.warning
