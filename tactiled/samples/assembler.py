@@ -88,7 +88,7 @@ class Assembler:
         self._newest_sd_s = NO_CLOCK_SD_S
         self._fit: ClockFit | None = None
         self._queued_s = 0.0
-        self._begun: tuple[float, int] | None = None  # the read before: when, and bytes of the next frame in it
+        self._begun: tuple[float, int] | None = None  # the read before: when, and bytes of a frame at its end
         self._pings: dict[int, float] = {}
         self._counter = ScanCounter(
             self._layout.bits("scan", "sequence") or 16,
@@ -186,7 +186,7 @@ class Assembler:
         self.other("hello")  # perhaps: the longest that it can have been
 
     def other(self, name: str) -> None:
-        """A message that is no scan took the line: scans behind it wait, and were not late for the adapter."""
+        """A message that is no scan took the line: scans behind it are late, whatever the adapter does."""
         self._queued_s += self._line_s.get(name, 0.0)
         self._begun = None
 
@@ -238,9 +238,7 @@ class Assembler:
         period_s = 1 / self._hello.rate_hz
         spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)
         self._queued_s = max(0.0, self._queued_s - step.n_scans * spare_s)
-        self._fit.add(
-            self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s
-        )
+        self._fit.add(self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back; time itself never does.
         time_s = max(time_s, self._not_before_s)

@@ -65,7 +65,7 @@ class ClockFit:
     """
 
     STEPS_TO_BELIEVE = 5  # early arrivals in a row before we believe that the board's clock stepped
-    # A drift of 0.1 % (no crystal has it, and some oscillators do) needs four buckets to be told from lateness.
+    # A drift of 0.1 % (no crystal has it, some oscillators do) needs four buckets to be told from lateness.
     UNSEEN_DRIFT = 1e-3
     BANDS_TO_SEE = 4
     FLOOR_SD_S = 50e-6  # host scheduling and tick resolution: nobody knows an instant better than this
@@ -108,8 +108,8 @@ class ClockFit:
         room_ppm = 10 ** math.ceil(math.log10(1.5 * abs(ppm)))
         return (
             f"the board's clock is {abs(ppm) / 1e4:.2g} % too {'slow' if ppm > 0 else 'fast'}, more than "
-            f"max_drift_ppm = {self._params.max_drift_ppm:g} allows: scan times follow it with less certainty; "
-            f"if the board has no crystal set samples.clock.max_drift_ppm = {room_ppm:g}, else look at what "
+            f"max_drift_ppm = {self._params.max_drift_ppm:g} allows: scan times follow it, less certain; "
+            f"if the board has no crystal, set samples.clock.max_drift_ppm = {room_ppm:g}, else look at what "
             "its ticks count (per_unit in the layout)"
         )
 

@@ -55,7 +55,6 @@ class Line:
 class Band(NamedTuple):
     """What the line must pass: over `low` at `low_x`, under `high` at `high_x`."""
 
-
     low_x: float
     low: float
     high_x: float
@@ -86,8 +85,8 @@ class Lines(NamedTuple):
         return math.hypot(math.sqrt(self.line.variance_at(x)), self.free.at(x) - self.line.at(x))
 
 
-# Contradictions of a few bands may be a step of the clock or a stall. A slope is a better explanation where it
-# explains at least so many bands, and at least so many times as many as lines within the limit do.
+# Contradictions of a few bands may be a step of the clock or a stall. A slope is a better explanation where
+# it explains at least so many bands, and at least so many times as many as lines within the limit do.
 STEEP_BANDS = 3
 STEEP_FACTOR = 2
 
@@ -98,7 +97,8 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     Parameters
     ----------
     bands : sequence of Band
-        At least two, in growing x.
+        At least two, in growing x. A bound that contradicts newer ones is passed over: the line has bent
+        since (a clock was slewed), or the bound was wrong.
     max_slope : float
         No line should be steeper.
     steepest : float
@@ -107,7 +107,8 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     x0, x1 = bands[0].high_x, bands[-1].high_x
     free, n_free = _feasible(bands, steepest)
     span = x1 - x0
-    limited, n_limited = _clip(_clip(free, -1.0, 1.0, max_slope * span), 1.0, -1.0, max_slope * span), n_free
+    limited = _clip(_clip(free, -1.0, 1.0, max_slope * span), 1.0, -1.0, max_slope * span)
+    n_limited = n_free
     if not limited or n_free < len(bands):
         limited, n_limited = _feasible(bands, max_slope)
     without = Line(x0, x1, *_moments(free))
@@ -117,27 +118,8 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     return Lines(within, without if n_free >= n_limited else within, False)
 
 
-def line_through(bands: Sequence[Band], max_slope: float) -> Line:
-    """Mean of all lines through the bands.
-
-    Parameters
-    ----------
-    bands : sequence of Band
-        At least two, in growing x. A bound that contradicts newer ones is passed over: the line has bent
-        since (a clock was slewed), or the bound was wrong.
-    max_slope : float
-        No line is steeper.
-
-    Returns
-    -------
-    Line
-    """
-    return Line(bands[0].high_x, bands[-1].high_x, *_moments(_feasible(bands, max_slope)[0]))
-
-
 def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int]:
-    """Polygon of the lines through the bands, and how many of the newest bands are held before the first
-    contradiction."""
+    """Polygon of the lines through the bands, and how many of the newest they pass before a contradiction."""
     x0, x1 = bands[0].high_x, bands[-1].high_x
     span = x1 - x0
     floor = min(band.low for band in bands) - max_slope * span

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactiled.bench.clock import Line, timing
 from tactiled.emulator.faults import FaultParams
 from tactiled.samples.clock import ClockFit, ClockParams
-from tactiled.samples.envelope import Band, line_through
+from tactiled.samples.envelope import Band, lines_through
 
 LATENCY_S = 0.0145
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ def test_the_mean_line_passes_through_every_band(slope: float, offset: float, wi
         Band(x + 0.3, offset + slope * (x + 0.3) - w, float(x), offset + slope * x + w / 3)
         for x, w in enumerate(widths)
     ]
-    line = line_through(bands, 3e-4)
+    line = lines_through(bands, 3e-4, 3e-4).line
     for band in bands:
         assert line.at(band.low_x) >= band.low - 1e-9
         assert line.at(band.high_x) <= band.high + 1e-9
@@ -104,7 +104,7 @@ def test_the_mean_line_passes_through_every_band(slope: float, offset: float, wi
 def test_moments_agree_with_sampling() -> None:
     """Centroid and covariance of the feasible lines against brute force."""
     bands = [Band(0.0, -1.0, 0.0, 1.0), Band(1.0, -0.4, 1.0, 0.7), Band(2.0, -1.0, 2.0, 0.5)]
-    line = line_through(bands, 10.0)
+    line = lines_through(bands, 10.0, 10.0).line
     rng = np.random.default_rng(0)
     y0, y1 = rng.uniform(-3, 3, (2, 400_000))
     middle = (y0 + y1) / 2
@@ -117,9 +117,8 @@ def test_moments_agree_with_sampling() -> None:
 
 def test_bounds_that_contradict_newer_ones_are_passed_over() -> None:
     """The old band says 5 to 6, the newer two say -1 to 0: the clock was slewed, the newer hold."""
-    line = line_through(
-        [Band(0.0, 5.0, 0.0, 6.0), Band(1.0, -1.0, 1.0, 0.0), Band(2.0, -1.0, 2.0, 0.0)], 1e-3
-    )
+    bands = [Band(0.0, 5.0, 0.0, 6.0), Band(1.0, -1.0, 1.0, 0.0), Band(2.0, -1.0, 2.0, 0.0)]
+    line = lines_through(bands, 1e-3, 0.05).line
     assert -1.1 <= line.at(2.0) <= 0.1
     assert -1.1 <= line.at(1.0) <= 0.1
 
@@ -271,7 +270,7 @@ def test_a_round_trip_through_a_backlog_and_ticks_of_another_clock_move_nothing(
 
 
 def test_a_ping_takes_back_what_was_assumed_of_perfect_reads() -> None:
-    """Whole frames each 10 ms from a 10 ms timer look like a line that nothing bunches; they are 6 ms late."""
+    """Whole frames each 10 ms from a 10 ms timer look like a line that nothing bunches, and are 6 ms late."""
     fit = ClockFit(ClockParams(), 0.0)
     for k in range(1000):
         fit.add(k * 0.01, 100 + k * 0.01 + 0.006, 0.01)

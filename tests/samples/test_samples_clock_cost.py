@@ -1,5 +1,6 @@
 """The clock fit costs the same for a scan at any rate: operations are counted, not timed."""
 
+import itertools
 import math
 from typing import Any
 
@@ -33,9 +34,11 @@ def _counting(name: str) -> Any:
     return counted
 
 
-for _name in (
-    "add radd sub rsub mul rmul truediv rtruediv neg abs lt le gt ge eq floor pow rpow floordiv mod"
-).split():
+OPERATIONS = (
+    "add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "floordiv", "mod", "pow", "rpow",
+    "neg", "abs", "floor", "lt", "le", "gt", "ge", "eq",
+)  # fmt: skip
+for _name in OPERATIONS:
     setattr(Counted, f"__{_name}__", _counting(f"__{_name}__"))
 
 
@@ -70,7 +73,7 @@ def test_the_cost_of_a_scan_does_not_grow_with_the_rate(bunch_s: float) -> None:
         worst[rate_hz] = max(found)
     assert max(kept.values()) <= SLOTS
     # A line is fitted once a bucket, so that slower boards spread the same fit over fewer scans.
-    for slower, faster in zip(RATES_HZ, RATES_HZ[1:], strict=False):
+    for slower, faster in itertools.pairwise(RATES_HZ):
         assert mean[faster] <= 1.2 * mean[slower], mean
     assert max(first.values()) <= 3000, first
     assert first[20_000.0] <= first[1000.0] <= first[100.0], first
