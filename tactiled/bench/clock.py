@@ -47,7 +47,6 @@ LINES = (
     Line("16 ms bunches, 5 ppm", 5.0, FaultParams(bunch_s=0.016)),
     Line("16 ms bunches, 5 ppm, 50 Hz", 5.0, FaultParams(bunch_s=0.016), rate_hz=50.0),
     Line("10 ms bunches, 5 ppm", 5.0, FaultParams(bunch_s=0.010)),
-    Line("10 ms bunches, 5 ppm, 0.5 s stalls", 5.0, FaultParams(bunch_s=0.010, stall_per_s=0.1)),
     Line("1 ms bunches, 5 ppm", 5.0, FaultParams(bunch_s=0.001)),
     Line("no bunches, 100 ppm, 0.5 s stalls", 100.0, FaultParams(stall_per_s=0.1)),
 )

@@ -5,6 +5,7 @@ import math
 # Mean time between two pings. Ping and answer take 20 octets, 0.2 % of a line at 115200 baud; 120 s of the
 # clock's fit hold some 120 of them, of which the fastest counts.
 PING_S = 1.0
+FIRST_S = 0.3  # the first comes sooner: before it, a bunched line is known to some milliseconds only
 # The golden ratio spreads the intervals evenly between half and one and a half of `PING_S`. So pings keep no
 # phase with scans, adapter timers or the daemon's own ticks, and some meet the line and the adapter when they
 # are free.
@@ -28,7 +29,7 @@ class Pinging:
     def reset(self, now_s: float) -> None:
         """A board begins to run, of which it is not known whether it answers."""
         self._is_refused = False
-        self._next_s = now_s + self._interval_s()
+        self._next_s = now_s + FIRST_S
 
     def refuse(self) -> None:
         """The board does not know the command: leave it in peace until `reset`."""

@@ -203,8 +203,14 @@ class ClockFit:
         """Delay of an ideal arrival at `x`."""
         if self._lines is not None:
             return self._lines.line.at(x) + self._drop
+        low, high = self._bounds()
+        return (low + high) / 2
+
+    def _bounds(self) -> tuple[float, float]:
+        """Bounds of all bands while there is no line through them; they meet where they contradict."""
         bands = [*self._bands, self._running] if self._running is not None else self._bands
-        return min((min(band.low, band.high) + band.high) / 2 for band in bands)
+        high = min(band.high for band in bands)
+        return min(max(band.low for band in bands), high), high
 
     def _sd(self, x: float) -> float:
         bands = [*self._bands, self._running] if self._running is not None else self._bands
@@ -213,13 +219,12 @@ class ClockFit:
             unseen = max(self._limit, self.UNSEEN_DRIFT) * (x - bands[0].high_x) / math.sqrt(3)
         if self._lines is not None:
             return math.hypot(self.FLOOR_SD_S, self._lines.sd_at(x), unseen)
-        band = self._running
-        if band is None:
+        if not bands:
             return math.inf
-        width = max(band.high - band.low, 0.0)  # and the truth anywhere in it
+        low, high = self._bounds()  # and the truth anywhere between
         # Until there are lines, arrivals that become later or earlier may as well be a clock that is off.
-        late = self._bucket.doubt_s + band.high - min(band.high for band in bands)
-        return math.hypot(self.FLOOR_SD_S, unseen, width / math.sqrt(12), late)
+        late = self._bucket.doubt_s + bands[-1].high - high
+        return math.hypot(self.FLOOR_SD_S, unseen, (high - low) / math.sqrt(12), late)
 
     def _is_backlog(self, band: Band, newest: float) -> bool:
         """Whether all of a bucket was held back; `newest`: when its last arrived, since the origin."""
