@@ -109,7 +109,7 @@ def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached 
             pipeline.disconnected()
         elif isinstance(item, Input) and item.name in ("damaged", "dropped"):
             pipeline.interrupted()
-        elif isinstance(item, Input) and item.name == "adapter":
+        elif isinstance(item, Input) and item.name in ("adapter", "ping"):
             pipeline.command(item.name, item.values(), item.time_s)
         if not isinstance(item, Read):
             continue

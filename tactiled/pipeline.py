@@ -58,6 +58,8 @@ class Health:
     """Instant of the newest scan; -inf before there is one."""
     clock_sd_s: float
     clock_rate_ppm: float
+    clock_warning: str
+    """What is wrong with the board's clock and what to set; empty when nothing."""
     rate_hz: float
     contact: ContactState
     slipping: bool
@@ -125,6 +127,7 @@ class Pipeline:
                 self._corrupt[frame.reason] += 1
                 self._assembler.corrupt()
             elif isinstance(frame, Hello):
+                self._assembler.other("hello")
                 out += self._run(self._assembler.flush(), now_s)
                 out.append(frame)
                 if check_hello(frame, self.layout, self.array) is None:
@@ -132,6 +135,7 @@ class Pipeline:
                 else:
                     self.hello = None
             elif isinstance(frame, Acknowledge):
+                self._assembler.answered(frame, now_s)
                 out.append(frame)
         out += self._run(self._assembler.flush(), now_s)
         return out
@@ -172,6 +176,7 @@ class Pipeline:
             newest_scan_s=newest_s,
             clock_sd_s=sd_s,
             clock_rate_ppm=self._assembler.drift_ppm,
+            clock_warning=self._assembler.clock_warning,
             rate_hz=self._assembler.rate_hz,
             contact=self._contact,
             slipping=self._slipping,
@@ -184,7 +189,8 @@ class Pipeline:
         ----------
         name : str
             ``"tare"``, ``"speed"``, ``"inhibit"``, ``"expect-load-change"`` or ``"thresholds"``
-            (protocols/control.md); ``"adapter"``, which only the port says: its ``handover_s``.
+            (protocols/control.md); ``"adapter"``, which only the port says: its ``handover_s``; ``"ping"``,
+            just before the daemon sends one: its ``token``.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -208,6 +214,8 @@ class Pipeline:
             tuning.expect_load_change(now_s, arguments["duration_s"])
         elif name == "adapter":
             self._assembler.adapter(arguments["handover_s"])
+        elif name == "ping":
+            self._assembler.pinged(arguments["token"], now_s)
         elif name == "thresholds":
             reason, events = tuning.set_thresholds(arguments["values"])
         else:

@@ -140,4 +140,5 @@ class Rig:
 
     def _say(self, commands: list[Command]) -> None:
         for command in commands:
+            self.link.sending(command, self.now_s)
             self.port.receive(self._encoder.encode(command), self.now_s)

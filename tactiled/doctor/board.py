@@ -73,6 +73,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
 
     def say(commands: list[Command]) -> None:
         for command in commands:
+            link.sending(command, time.monotonic())
             port.write(encoder.encode(command))
 
     def received(data: bytes) -> None:

@@ -148,7 +148,7 @@ class StatusEvent(Event):
     valid: bool
     reason: str
     warning: str
-    """What should be mended although it works: a noisy line, an adapter that hands over late."""
+    """What should be mended although it works: a noisy line, a board clock that is off, a slow adapter."""
     age_s: float
     """Seconds since the newest scan began; how old everything on the other topics is."""
     clock_sd_s: float

@@ -11,7 +11,7 @@ from tactiled.samples.block import Gap, GapCause, ScanBlock
 from tactiled.samples.clock import ClockFit, ClockParams
 from tactiled.samples.unwrap import ScanCounter
 from tactiled.tomlfile import Params
-from tactiled.wire.frames import Hello, Scan
+from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout
 
 NO_CLOCK_SD_S = 1e9  # thirty years: before the first scan nobody knows, and messages carry no infinity
@@ -49,9 +49,9 @@ class SampleCounts:
 class Assembler:
     """Scan frames in, blocks and gaps out, in order.
 
-    Say `read` for each read of the port, feed `scan` and `corrupt` in the order of the stream, then take what
-    is complete with `flush`. None reads a clock: `now_s` is when bytes were handed over (host monotonic
-    seconds).
+    Say `read` for each read of the port, feed `scan`, `corrupt`, `answered` and `other` in the order of the
+    stream, then take what is complete with `flush`. None reads a clock: `now_s` is when bytes were handed
+    over (host monotonic seconds).
 
     Parameters
     ----------
@@ -65,6 +65,9 @@ class Assembler:
 
     LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
     LEAST_STEP_S = 1e-6  # between two stamps: one tick
+    SPARE_PART = 0.05  # of the line is never filled by scans (protocols/board.md)
+    # Pings under way: a stalled line may hold back some seconds of answers; more are forgotten.
+    MOST_PINGS = 16
     TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
 
     def __init__(
@@ -73,9 +76,11 @@ class Assembler:
         self._layout = layout
         self._live = live
         self._params = params or SampleParams()
-        self._frame_s = 0.0
+        self._line_s: dict[str, float] = {}  # seconds on the line by message; empty where they take none
         if self._params.transfer == "line":  # start, eight data, stop bits
-            self._frame_s = 10 * layout.wire_bytes("scan") / (baud or layout.file.baud)
+            byte_s = 10 / (baud or layout.file.baud)
+            self._line_s = {name: byte_s * layout.wire_bytes(name) for name in layout.messages}
+        self._frame_s = self._line_s.get("scan", 0.0)
         self._fault_flag = layout.flag("reference_fault")
         self._overrun_flag = layout.flag("overrun")
         self._start_flag = layout.flag("first_after_start")
@@ -99,6 +104,9 @@ class Assembler:
         self._newest_s = -np.inf
         self._newest_sd_s = NO_CLOCK_SD_S
         self._fit: ClockFit | None = None
+        self._queued_s = 0.0
+        self._begun: tuple[float, int] | None = None  # the read before: when, and bytes of a frame at its end
+        self._pings: dict[int, float] = {}
         self._counter = ScanCounter(
             self._layout.bits("scan", "sequence") or 16,
             self._layout.bits("scan", "ticks"),
@@ -121,6 +129,11 @@ class Assembler:
     @property
     def drift_ppm(self) -> float:
         return self._fit.drift_ppm if self._fit else 0.0
+
+    @property
+    def clock_warning(self) -> str:
+        """What is wrong with the board's clock and what to set; empty when nothing."""
+        return self._fit.warning if self._fit else ""
 
     def board(self, hello: Hello, now_s: float) -> None:
         """Take what the board says of itself; a new boot, a new rate or another board begins a new run.
@@ -167,6 +180,7 @@ class Assembler:
         self.interrupt(cause)
         self._counter.reset()
         self._not_before_s = -np.inf  # what the old run's clock said binds the new one to nothing
+        self._pings.clear()
         if self._fit:
             self._fit.reset()
 
@@ -179,15 +193,48 @@ class Assembler:
         if now_s > self._read_s:
             wait_s = now_s - self._read_s
             self._waited_s = wait_s if wait_s > self.TIMELY_PART * self._wait_s else np.inf
+            self._begun = (self._read_s, bytes_pending) if bytes_pending else None
             self._wait_s, self._read_s = wait_s, now_s
             self._whole = bytes_pending == 0
 
     def corrupt(self) -> None:
         """A frame arrived damaged: if scans turn out to be missing here, that is why."""
         self._n_corrupt += 1
+        self.other("hello")  # perhaps: the longest that it can have been
+
+    def other(self, name: str) -> None:
+        """A message that is no scan took the line: scans behind it are late, whatever the adapter does."""
+        self._queued_s += self._line_s.get(name, 0.0)
+        self._begun = None
+
+    def pinged(self, token: int, now_s: float) -> None:
+        """A ping is being sent; `now_s` is before its first byte."""
+        self._pings[token] = now_s
+        if len(self._pings) > self.MOST_PINGS:
+            del self._pings[next(iter(self._pings))]
+
+    def answered(self, answer: Acknowledge, now_s: float) -> None:
+        """The board answered a command: of a ping, its ticks were read during the round trip."""
+        self.other("acknowledge")
+        if answer.command != "ping" or answer.result != "ok":
+            return
+        sent_s = self._pings.pop(answer.token, None)
+        if sent_s is None or answer.ticks is None or self._fit is None or self._hello is None:
+            return
+        board_s = self._counter.board_s_at(answer.ticks, now_s)
+        if board_s is None:
+            return
+        # The ping takes the line as the answer does; and ticks say when they began, not how far they are.
+        earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
+        self._fit.answered(board_s, earliest_s, now_s - self._line_s.get("acknowledge", 0.0))
 
     def scan(self, scan: Scan, now_s: float) -> None:
         """Take the next scan frame."""
+        whole_by_s = now_s
+        if self._begun is not None:  # the rest of it took no longer than its bytes do
+            read_s, n_bytes = self._begun
+            whole_by_s = min(now_s, read_s + self._frame_s * (1 - n_bytes / self._layout.wire_bytes("scan")))
+            self._begun = None
         if self._hello is None or self._fit is None:
             raise ContractError("Assembler.scan before Assembler.board")
         if scan.flags & self._start_flag and self._index >= 0:
@@ -201,9 +248,14 @@ class Assembler:
             step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
         if step.kind == "duplicate":
             self._count(duplicate=1)
+            self.other("scan")
             return
         self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
-        self._fit.add(self._counter.board_s, now_s, self._waited_s, whole=self._whole)
+        waited_s = self._waited_s if self._queued_s <= 0 else np.inf
+        period_s = 1 / self._hello.rate_hz
+        spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)
+        self._queued_s = max(0.0, self._queued_s - step.n_scans * spare_s)
+        self._fit.add(self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back; time itself never does.
         time_s = max(time_s, self._not_before_s)

@@ -8,6 +8,7 @@ mean and the covariance of a uniform posterior.
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -58,10 +59,40 @@ class Band(NamedTuple):
     low: float
     high_x: float
     high: float
+    is_assumed: bool = False  # `low` is not a bound but what a line looks like that nothing bunches
 
 
-def line_through(bands: Sequence[Band], max_slope: float) -> Line:
-    """Mean of all lines through the bands.
+class Lines(NamedTuple):
+    """The estimate from a set of bands, and the same without the limit on its slope.
+
+    Attributes
+    ----------
+    line : Line
+        The estimate.
+    free : Line
+        Mean of the lines of any possible slope. Where it departs from `line`, the limit decides and not the
+        data: `sd_at` adds the distance.
+    is_steep : bool
+        The bands contradict the limit, and `line` is the line without it.
+    """
+
+    line: Line
+    free: Line
+    is_steep: bool
+
+    def sd_at(self, x: float) -> float:
+        """Standard deviation of the height at `x`."""
+        return math.hypot(math.sqrt(self.line.variance_at(x)), self.free.at(x) - self.line.at(x))
+
+
+# Contradictions of a few bands may be a step of the clock or a stall. A slope is a better explanation where
+# it explains at least so many bands, and at least so many times as many as lines within the limit do.
+STEEP_BANDS = 3
+STEEP_FACTOR = 2
+
+
+def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> Lines:
+    """Mean of all lines through the bands, with the limit on the slope held against the data.
 
     Parameters
     ----------
@@ -69,12 +100,26 @@ def line_through(bands: Sequence[Band], max_slope: float) -> Line:
         At least two, in growing x. A bound that contradicts newer ones is passed over: the line has bent
         since (a clock was slewed), or the bound was wrong.
     max_slope : float
-        No line is steeper.
-
-    Returns
-    -------
-    Line
+        No line should be steeper.
+    steepest : float
+        No line can be steeper; at least `max_slope`.
     """
+    x0, x1 = bands[0].high_x, bands[-1].high_x
+    free, n_free = _feasible(bands, steepest)
+    span = x1 - x0
+    limited = _clip(_clip(free, -1.0, 1.0, max_slope * span), 1.0, -1.0, max_slope * span)
+    n_limited = n_free
+    if not limited or n_free < len(bands):
+        limited, n_limited = _feasible(bands, max_slope)
+    without = Line(x0, x1, *_moments(free))
+    if n_free >= max(STEEP_BANDS, STEEP_FACTOR * n_limited) and abs(without.slope) > max_slope:
+        return Lines(without, without, True)
+    within = Line(x0, x1, *_moments(limited))
+    return Lines(within, without if n_free >= n_limited else within, False)
+
+
+def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int]:
+    """Polygon of the lines through the bands, and how many of the newest they pass before a contradiction."""
     x0, x1 = bands[0].high_x, bands[-1].high_x
     span = x1 - x0
     floor = min(band.low for band in bands) - max_slope * span
@@ -82,17 +127,24 @@ def line_through(bands: Sequence[Band], max_slope: float) -> Line:
     polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
     polygon = _clip(polygon, -1.0, 1.0, max_slope * span)
     polygon = _clip(polygon, 1.0, -1.0, max_slope * span)
+    held, contradicted = 0, False
     for band in reversed(bands):
         u = (band.high_x - x0) / span
-        polygon = _clip(polygon, 1 - u, u, band.high) or polygon
+        under = _clip(polygon, 1 - u, u, band.high)
+        polygon = under or polygon
         u = (band.low_x - x0) / span
-        polygon = _clip(polygon, u - 1, -u, -band.low) or polygon
-    return Line(x0, x1, *_moments(polygon))
+        over = _clip(polygon, u - 1, -u, -band.low)
+        polygon = over or polygon
+        contradicted = contradicted or not (under and over)
+        held += not contradicted
+    return polygon, held
 
 
 def _clip(polygon: list[Point], a: float, b: float, limit: float) -> list[Point]:
     """Part of a convex polygon where ``a p + b q <= limit`` (Sutherland, Hodgman 1974)."""
     kept: list[Point] = []
+    if not polygon:
+        return kept
     p1, q1 = polygon[-1]
     over1 = a * p1 + b * q1 - limit
     for p2, q2 in polygon:

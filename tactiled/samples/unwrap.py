@@ -72,6 +72,17 @@ class ScanCounter:
         host_s = now_s - self._arrival_s
         return abs(self._elapsed(ticks, host_s) - host_s) <= self.SLACK_S + self.SLACK_PART * host_s
 
+    @property
+    def tick_s(self) -> float:
+        """Seconds of one tick; 0 where scans carry none."""
+        return self._tick_s
+
+    def board_s_at(self, ticks: int, now_s: float) -> float | None:
+        """Board time of ticks that were read between scans; None where the run is not known or not theirs."""
+        if self._ticks is None or not self.runs_on(ticks, now_s):
+            return None
+        return self.board_s + self._elapsed(ticks, now_s - self._arrival_s)
+
     def _elapsed(self, ticks: int, host_s: float) -> float:
         """Board seconds since the last scan: what wrapped ticks may mean, nearest to the host's."""
         turned = _nearest(ticks - (self._ticks or 0), host_s / self._tick_s, self._tick_modulus)

@@ -20,7 +20,8 @@ from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
 from tactiled.recording.scribe import Handed, Scribe
-from tactiled.wire.frames import Hello
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Acknowledge, Hello, Scan
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,13 @@ def messages(events: list[Event], board: str) -> list[str]:
         topic, message = decode(*encode(event, seq=seq, board=board, unix_offset_s=UNIX_OFFSET_S))
         lines.append(json.dumps({"topic": topic, **message}))
     return lines
+
+
+def ticks_of(reads: list[Read]) -> int | None:
+    """Ticks of the newest scan: about what a board answers to a ping then."""
+    frames = Decoder(SOURCE.layout).feed(b"".join(read.data for read in reads[-20:]))
+    scans = [frame for frame in frames if isinstance(frame, Scan)]
+    return scans[-1].ticks if scans else None
 
 
 def board_of(reads: list[Read]) -> str:
@@ -121,12 +129,19 @@ def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: lis
         600: ("inhibit", {"duration_s": 0.3}),
         650: ("adapter", {"handover_s": None}),
     }
+    pings: dict[int, int] = {}  # the read behind which each is sent, by token
     for k, read in enumerate(reads):
         half = len(read.data) // 2
         told += [
             Read(read.arrival_s, UNIX_OFFSET_S, read.data[:half]),
             Read(read.arrival_s + 1e-4, UNIX_OFFSET_S, read.data[half:]),
         ]
+        if k % 40 == 20:
+            pings[k] = k
+            told.append(Input(read.arrival_s + 1.5e-4, UNIX_OFFSET_S, "ping", json.dumps({"token": k})))
+        if k - 1 in pings and (ticks := ticks_of(reads[: k + 1])) is not None:
+            answer = Encoder(SOURCE.layout).encode(Acknowledge(k - 1, "ping", "ok", ticks))
+            told.append(Read(read.arrival_s + 1.8e-4, UNIX_OFFSET_S, answer))
         if k in commands:
             name, arguments = commands[k]
             told.append(Input(read.arrival_s + 2e-4, UNIX_OFFSET_S, name, json.dumps(arguments)))

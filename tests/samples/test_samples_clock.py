@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.daemon.clock import Line, timing
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.samples.clock import ClockFit, ClockParams
-from tactiled.samples.envelope import Band, line_through
+from tactiled.samples.envelope import Band, lines_through
 
 LATENCY_S = 0.0145
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ def test_the_mean_line_passes_through_every_band(slope: float, offset: float, wi
         Band(x + 0.3, offset + slope * (x + 0.3) - w, float(x), offset + slope * x + w / 3)
         for x, w in enumerate(widths)
     ]
-    line = line_through(bands, 3e-4)
+    line = lines_through(bands, 3e-4, 3e-4).line
     for band in bands:
         assert line.at(band.low_x) >= band.low - 1e-9
         assert line.at(band.high_x) <= band.high + 1e-9
@@ -104,7 +104,7 @@ def test_the_mean_line_passes_through_every_band(slope: float, offset: float, wi
 def test_moments_agree_with_sampling() -> None:
     """Centroid and covariance of the feasible lines against brute force."""
     bands = [Band(0.0, -1.0, 0.0, 1.0), Band(1.0, -0.4, 1.0, 0.7), Band(2.0, -1.0, 2.0, 0.5)]
-    line = line_through(bands, 10.0)
+    line = lines_through(bands, 10.0, 10.0).line
     rng = np.random.default_rng(0)
     y0, y1 = rng.uniform(-3, 3, (2, 400_000))
     middle = (y0 + y1) / 2
@@ -117,9 +117,8 @@ def test_moments_agree_with_sampling() -> None:
 
 def test_bounds_that_contradict_newer_ones_are_passed_over() -> None:
     """The old band says 5 to 6, the newer two say -1 to 0: the clock was slewed, the newer hold."""
-    line = line_through(
-        [Band(0.0, 5.0, 0.0, 6.0), Band(1.0, -1.0, 1.0, 0.0), Band(2.0, -1.0, 2.0, 0.0)], 1e-3
-    )
+    bands = [Band(0.0, 5.0, 0.0, 6.0), Band(1.0, -1.0, 1.0, 0.0), Band(2.0, -1.0, 2.0, 0.0)]
+    line = lines_through(bands, 1e-3, 0.05).line
     assert -1.1 <= line.at(2.0) <= 0.1
     assert -1.1 <= line.at(1.0) <= 0.1
 
@@ -193,3 +192,91 @@ def test_a_board_whose_clock_lost_time_is_followed_after_a_while() -> None:
     for k in range(5000):
         fit.add(k * 0.01, 100 + k * 0.01 + (0.5 if k > 2000 else 0.0), 0.01)
     assert fit.time_of(49.99)[0] == pytest.approx(150.49, abs=1e-3)
+
+
+@pytest.mark.parametrize("bunch_s", [0.0, 0.016])
+@pytest.mark.parametrize("drift", [-0.03, -0.01, -0.001, 0.001, 0.01, 0.03])
+def test_a_clock_beyond_the_limit_stays_inside_its_sigma_and_is_named(drift: float, bunch_s: float) -> None:
+    """From the first scan on: a board whose clock is off by more than two crystals can be."""
+    params = ClockParams()
+    rng = np.random.default_rng(1)
+    number = np.arange(2500)
+    true_s = 500.0 + rng.uniform(0, 0.02) + number * 0.01 / (1 + drift)
+    arrival_s = true_s + LATENCY_S + rng.uniform(0, 1e-4, len(number))
+    if bunch_s:
+        arrival_s = np.ceil(arrival_s / bunch_s) * bunch_s
+    fit = ClockFit(params, LATENCY_S)
+    time_s, sd_s = estimate(fit, np.asarray(number * 0.01, dtype=np.float64), arrival_s, bunch_s)
+    ratio = (time_s - true_s) / sd_s
+    assert np.sqrt(np.mean(ratio**2)) < 1.8  # a truth at the end of a band is sqrt(3) sigma from its middle
+    assert np.mean(np.abs(ratio) > 3) < 0.003
+    assert np.max(sd_s[1000:]) < 0.02  # and not useless
+    if abs(drift) >= 0.01 or not bunch_s:
+        assert "max_drift_ppm = 200" in fit.warning
+        assert ("too fast" if drift > 0 else "too slow") in fit.warning
+        setting = float(fit.warning.split("set samples.clock.max_drift_ppm = ")[1].split(",")[0])
+        assert setting > abs(drift) * 1e6
+        told = ClockFit(ClockParams(max_drift_ppm=setting), LATENCY_S)
+        estimate(told, np.asarray(number * 0.01, dtype=np.float64), arrival_s, bunch_s)
+        assert told.warning == ""
+
+
+def test_a_crystal_within_the_limit_is_no_warning() -> None:
+    for drift_ppm in (-190.0, 0.0, 190.0):
+        fit = ClockFit(ClockParams(), 0.0)
+        for k in range(3000):
+            fit.add(k * 0.01, 100 + k * 0.01 / (1 + drift_ppm * 1e-6) + 1e-4 * (k * 0.618 % 1), 0.01)
+            assert fit.warning == ""
+
+
+@pytest.mark.parametrize(
+    ("bunch_s", "stall_per_s", "drift_ppm"),
+    [(0.010, 0.0, 5.0), (0.001, 0.0, 5.0), (0.016, 0.1, -100.0), (0.0, 0.1, 100.0)],
+)
+def test_pings_make_sigma_true_and_small_whatever_the_adapter_hides(
+    bunch_s: float, stall_per_s: float, drift_ppm: float
+) -> None:
+    line = Line("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=stall_per_s))
+    runs = [timing(line, seed, 20.0, pings=True) for seed in range(4)]
+    error_s = np.concatenate([error[1000:] for error, _ in runs])
+    sd_s = np.concatenate([sd[1000:] for _, sd in runs])
+    assert np.sqrt(np.mean((error_s / sd_s) ** 2)) < 1.5
+    assert np.sqrt(np.mean(error_s**2)) < 0.3e-3
+    assert np.sqrt(np.mean(sd_s**2)) < 0.3e-3
+
+
+def test_a_board_that_answers_slowly_bounds_loosely_and_never_falsely() -> None:
+    """100 ms from ping to tick: the line is as well known as without pings."""
+    line = Line("test", 5.0, FaultParams(bunch_s=0.016))
+    for seed in range(2):
+        without_s, without_sd_s = timing(line, seed, 15.0)
+        with_s, with_sd_s = timing(line, seed, 15.0, pings=True, answer_s=(0.1, 0.1))
+        assert np.max(np.abs(with_s / with_sd_s)[1000:]) < 2.5
+        assert np.mean(with_sd_s[1000:]) < 1.3 * np.mean(without_sd_s[1000:])
+        assert np.mean(np.abs(with_s[1000:])) < np.mean(np.abs(without_s[1000:])) + 1e-3
+
+
+def test_a_round_trip_through_a_backlog_and_ticks_of_another_clock_move_nothing() -> None:
+    fit = ClockFit(ClockParams(), 0.0)
+    for k in range(500):
+        fit.add(k * 0.01, 100 + k * 0.01, 0.01)
+    before = fit.time_of(4.995)
+    fit.answered(4.995, 100 + 4.995 - 3.0, 100 + 4.995 + 5.0)  # sent 3 s before, read 5 s after
+    fit.answered(1e5, 105.0, 105.1)
+    fit.answered(4.999, 107.0, 107.1)  # two seconds after the board's clock can have read this
+    for k in range(500, 700):
+        fit.add(k * 0.01, 100 + k * 0.01, 0.01)
+    assert fit.time_of(4.995) == pytest.approx(before, abs=1e-5)
+
+
+def test_a_ping_takes_back_what_was_assumed_of_perfect_reads() -> None:
+    """Whole frames each 10 ms from a 10 ms timer look like a line that nothing bunches, and are 6 ms late."""
+    fit = ClockFit(ClockParams(), 0.0)
+    for k in range(1000):
+        fit.add(k * 0.01, 100 + k * 0.01 + 0.006, 0.01)
+        if k % 100 == 50:
+            fit.answered(k * 0.01 + 0.002, 100 + k * 0.01 + 0.0018, 100 + k * 0.01 + 0.016)
+        if k == 300 or k == 999:
+            time_s, sd_s = fit.time_of(k * 0.01)
+            assert abs(time_s - 100 - k * 0.01) < 1.8 * sd_s
+            assert sd_s < 3e-3

@@ -93,7 +93,11 @@ class DataPath:
     def act(self, commands: Sequence[Command] = ()) -> None:
         """Send what the session asks for, tell the world of a new state, and set the next deadline."""
         for command in commands:
-            self._connection.write(self._encoder.encode(command))
+            data = self._encoder.encode(command)
+            now_s = time.monotonic()
+            if (arguments := self._link.sending(command, now_s)) is not None:
+                self._outlets.tuned(command.name, arguments, (), now_s)
+            self._connection.write(data)
         now_s = time.monotonic()
         self._changed(now_s)
         deadline_s = self._session.deadline_s

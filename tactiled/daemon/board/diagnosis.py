@@ -1,7 +1,7 @@
 """From what arrives on the line to the likely cause, in words for whoever stands beside the robot.
 
 What a decoder rejects says why (`Corrupt.reason`), and each cause has its own mixture, measured by sampling
-a board's bits at the wrong rate and by playing other protocols and noise (tactiled/bench/uart.py):
+a board's bits at the wrong rate and by playing other protocols and noise (bench/daemon/uart.py):
 
 =================  =======================================================================================
 wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors

@@ -4,6 +4,7 @@ The service gives it a port and a clock, benches and tests simulated ones; both 
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
 from tactiled.daemon.board.health import status_event
@@ -70,6 +71,26 @@ class Link:
             commands += session.scanned(now_s)
         return commands
 
+    def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
+        """Tell the pipeline that a command is about to be written, where that matters to it.
+
+        Parameters
+        ----------
+        command : Command
+        now_s : float
+            Before the first byte is written: what the board does for it comes later.
+
+        Returns
+        -------
+        dict or None
+            The arguments of the pipeline's command of the same name, for the recording; None for none.
+        """
+        if command.name != "ping":
+            return None
+        arguments = {"token": command.token}
+        self._pipeline.command("ping", arguments, now_s)
+        return arguments
+
     def lost(self, reason: str) -> bool:
         """The port is gone, or could not be opened; whether the pipeline was told of a disconnection."""
         was_open = self._session.state != "no-device"
@@ -91,6 +112,15 @@ class Link:
         self._patience_s = min(2 * self._patience_s, _SILENT_LONGEST_S)
         return f"no byte for {silent_s:.0f} s: opened anew"
 
+    def warnings(self, port_warning: str = "") -> dict[str, str]:
+        """What should be mended although scans come, by cause: ``"line"``, ``"clock"``, ``"port"``."""
+        found = {
+            "line": self._line.warning(),
+            "clock": self._pipeline.health().clock_warning,
+            "port": port_warning,
+        }
+        return {cause: words for cause, words in found.items() if words}
+
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
         """How things are; `warning` is what the port says of itself."""
         return status_event(
@@ -100,7 +130,7 @@ class Link:
             started_s=started_s,
             connects=connects,
             inhibited_s=self._pipeline.tuning.inhibited_s(now_s),
-            warning=self._line.warning() or warning,
+            warning="; ".join(self.warnings(warning).values()),
         )
 
     def _count(self, now_s: float, framing_errors: int | None) -> None:

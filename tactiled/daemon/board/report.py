@@ -47,7 +47,7 @@ class Report:
         self._array = array
         self._outlets = outlets
         self._said = (session.state, session.reason(0.0))
-        self._warned = ""
+        self._warned: dict[str, str] = {}
         self._log = Complaints(logger)
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
@@ -85,13 +85,15 @@ class Report:
         self._outlets.look(now_s)
 
     def _say_status(self, now_s: float) -> None:
+        port_warning = self._connection.warning
         event = self._link.status(
             now_s,
             started_s=self._started_s,
             connects=self._connection.connects,
-            warning=self._connection.warning,
+            warning=port_warning,
         )
-        if event.warning and not self._warned:
-            self._log.add(event.warning, now_s, kind=event.warning.lstrip("0123456789 %"))
-        self._warned = event.warning
+        warnings = self._link.warnings(port_warning)
+        for cause in warnings.keys() - self._warned.keys():  # each cause once, whatever its numbers do
+            self._log.add(warnings[cause], now_s, kind=cause)
+        self._warned = warnings
         self._outlets.say(replace(event, sent=self._outlets.sent))

@@ -14,6 +14,9 @@ lost answer or a replug only makes something unknown again, so every setting com
 command but ``identify`` ever goes to a board that did not say it is ours. A board that we started is asked
 once more when its scans come: it may have rebooted between its hello and our start, without its settings.
 
+A running board that needs nothing is pinged now and then, for the pipeline's clock. Nothing waits for the
+answer: a ping goes only while no command is on its way, and a command goes whether a ping is answered or not.
+
 Every input takes ``now_s`` and returns the commands to send; `deadline_s` says when `tick` is due.
 """
 
@@ -21,6 +24,7 @@ import math
 
 from tactiled.daemon.board.asking import ANSWER_S, Asking
 from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.pinging import Pinging
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import BoardState
 from tactiled.wire.frames import Acknowledge, Command, Hello
@@ -49,6 +53,7 @@ class Session:
     def reset(self) -> None:
         """As new: no port, no board known."""
         self._asking = Asking(self.terms.token_bits)
+        self._pinging = Pinging(self.terms.has_ping)
         self.hello: Hello | None = self.terms.assumed_hello()
         """What the last good board said; kept when it leaves, as the name to speak of it."""
         self.lost("opening the port")
@@ -106,6 +111,8 @@ class Session:
 
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
         """The board acknowledged a command."""
+        if answer.command == "ping" and answer.result == "unknown_command":
+            self._pinging.refuse()
         if not self._asking.awaits(answer):
             return []
         if answer.result == "busy":
@@ -135,6 +142,7 @@ class Session:
             self._known = True  # the line came back by itself: no board was changed on an open port
         if not self._running and self._known and self._wanted() is None:
             self._running, self._stalled = True, False
+            self._pinging.reset(now_s)
             self._refused = self._asking.unanswered = ""
             self._known = self._confirmed or not self.terms.confirms
         return self._step(now_s)
@@ -149,7 +157,8 @@ class Session:
             self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # it says it streams and is not heard: start it again
-        return self._step(now_s)
+        # Only here: sent when scans come, pings would be in step with the adapter's hand-overs.
+        return self._step(now_s) or self._ping(now_s)
 
     def stop(self) -> list[Command]:
         """We are leaving: what to tell the board; from now on nothing is restored."""
@@ -196,7 +205,8 @@ class Session:
         if not self._open or self._leaving:
             return math.inf
         if self._running:
-            return self._scan_s + self.silence_s
+            silent_s = self._scan_s + self.silence_s
+            return silent_s if self._wanted() is not None else min(silent_s, self._pinging.due_s)
         if self._wanted() is not None:
             return self._asking.due_s
         return self._overdue_s if self._streaming else math.inf
@@ -239,6 +249,13 @@ class Session:
             if name != "identify" and self.terms.confirms:
                 self._known, name = False, "identify"
         return [self._asking.ask(name, self.terms.params.rate_hz, now_s)]
+
+    def _ping(self, now_s: float) -> list[Command]:
+        """A ping, if one is due to a board that needs nothing else."""
+        if not self._running or self._wanted() is not None or now_s < self._pinging.due_s:
+            return []
+        self._pinging.sent(now_s)
+        return [self._asking.command("ping")]
 
     def _refuse(self, reason: str, now_s: float) -> None:
         """The board will not do what it must: say so, and look afresh in a while."""

@@ -55,6 +55,8 @@ class Terms:
     confirms : bool
         It says so when it is asked, so that what it was told can be confirmed.
     has_stop : bool
+    has_ping : bool
+        Answers to pings tell when the board read the clock that dates its scans.
     token_bits : int
 
     Raises
@@ -69,6 +71,8 @@ class Terms:
         self.introduces = layout.has("hello")
         self.confirms = self.introduces and layout.has("identify")
         self.has_stop = layout.has("stop")
+        answers = layout.bits("acknowledge", "ticks") is not None
+        self.has_ping = layout.has("ping") and answers and layout.tick_s is not None
         self.token_bits = layout.bits("identify", "token") or layout.bits("start", "token") or 16
         self.configure(params)
 

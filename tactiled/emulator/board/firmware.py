@@ -19,8 +19,11 @@ A layout without commands runs from the end of boot. Rules:
    ``set_rate`` or a reset interrupts was never attempted.
 5. What arrives during boot, or is no frame, is not heard.
 6. While `preparing`, ``start`` is ``busy``; a layout without ``start`` begins to scan when that is over.
+7. A ping takes its time on the line and until the firmware's main loop comes round; then the tick is read and
+   the answer is ready. Other commands take effect at once: a scene begins when it is told to.
 """
 
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -92,6 +95,9 @@ class Board:
         self._layout = layout
         self._hello = hello
         self._drift_ppm = params.drift_ppm
+        self._answer_s = (params.answer_least_s, max(params.answer_least_s, params.answer_most_s))
+        self._ping_s = 10 * layout.wire_bytes("ping") / layout.file.baud if layout.has("ping") else 0.0
+        self._rng = np.random.default_rng(hello.boot_count)
         self._source = source
         self._on_scan = on_scan
         self._encoder = Encoder(layout)
@@ -117,7 +123,8 @@ class Board:
 
     def next_deadline_s(self) -> float:
         """True instant at which `advance` will next have something to do."""
-        return self._next_hello_s if self._scanning is None else self._scanning.end_s
+        due_s = self._next_hello_s if self._scanning is None else self._scanning.end_s
+        return min(due_s, self._pongs[0][0]) if self._pongs else due_s
 
     @property
     def next_scene_s(self) -> float:
@@ -127,7 +134,9 @@ class Board:
     def advance(self, now_s: float) -> list[Outgoing]:
         """Let time pass; frames that became ready, in order."""
         while (due_s := self.next_deadline_s()) <= now_s:
-            if self._scanning is None:
+            if self._pongs and self._pongs[0][0] <= due_s:
+                self._acknowledge(*self._pongs.popleft()[1], due_s)
+            elif self._scanning is None:
                 self._idle(due_s)
             else:
                 self._scan(self._scanning, due_s)
@@ -145,8 +154,12 @@ class Board:
                 if item.name == "identify":
                     self._say_hello(now_s)
                 self._answers = {item: result}  # only the newest: the host has one command under way
-                if self._layout.has("acknowledge") and result in self._layout.file.results:
-                    self._say(Acknowledge(item.token, item.name, result, self._ticks(now_s)), now_s)
+                if item.name == "ping" and result == "ok":
+                    took_s = self._ping_s + float(self._rng.uniform(*self._answer_s))
+                    before_s = self._pongs[-1][0] if self._pongs else now_s
+                    self._pongs.append((max(before_s, now_s + took_s), (item, result)))
+                else:
+                    self._acknowledge(item, result, now_s)
 
     def reboot(self, now_s: float) -> None:
         """Power-up or reset: ticks, sequence, rate and state begin anew; unsent frames are lost."""
@@ -194,6 +207,7 @@ class Board:
         self._to_miss = 0
         self._overrun = False
         self._answers = {}
+        self._pongs: deque[tuple[float, tuple[Command, str]]] = deque()  # answers to pings, by when they go
         self._scanning = None
         self._first_after_start = False
         self._out = []
@@ -286,6 +300,10 @@ class Board:
             }
         )
         self._say(hello, now_s)
+
+    def _acknowledge(self, command: Command, result: str, now_s: float) -> None:
+        if self._layout.has("acknowledge") and result in self._layout.file.results:
+            self._say(Acknowledge(command.token, command.name, result, self._ticks(now_s)), now_s)
 
     def _ticks(self, now_s: float) -> int:
         return self._crystal.ticks(self._crystal.board_s(now_s))

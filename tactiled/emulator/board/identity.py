@@ -23,7 +23,13 @@ class BoardParams(Params):
         default=200e-6, ge=0, description="multiplexer step: channel c is sampled c steps into the scan"
     )
     boot_count: int = Field(default=1, ge=0, description="in the first hello")
-    drift_ppm: float = Field(default=30.0, ge=-10000, le=10000, description="of the board's crystal")
+    drift_ppm: float = Field(default=30.0, ge=-50_000, le=50_000, description="of the board's crystal")
+    answer_least_s: float = Field(
+        default=1e-4, ge=0, le=1, description="from the last bit of a ping to the tick in its answer"
+    )
+    answer_most_s: float = Field(
+        default=1e-3, ge=0, le=1, description="the same at most; any time between, as a main loop comes round"
+    )
     start_ticks: int = Field(default=0, ge=0, description="tick counter at the first power-up")
     start_sequence: int = Field(default=0, ge=0, description="sequence of the first scan of all")
 

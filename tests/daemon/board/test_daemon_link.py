@@ -23,18 +23,19 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
+from tactiled.emulator.board.identity import BoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
-from tactiled.recording.contents import Header, Input, Said, load_source
+from tactiled.recording.contents import Header, Input, Read, Said, load_source
 from tactiled.recording.reader import read_items
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams
 from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.frames import Command, Frame
+from tactiled.wire.frames import Acknowledge, Command, Frame
 from tactiled.wire.layout import Layout
 
 
@@ -275,10 +276,62 @@ def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recordi
     assert (verdict.is_good, verdict.compared >= 30) == (True, True)
 
 
+def test_pings_are_answered_recorded_and_replayed_bit_for_bit(tmp_path: Path) -> None:
+    daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
+    header = Header(load_source("board-v1", "wang2019-3x3"))
+
+    async def main() -> None:
+        with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
+            service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
+            serving = asyncio.create_task(service.run())
+            await asyncio.sleep(6)
+            service.stop()
+            await serving
+
+    with emulated(daemon.link, load_scene("rest"), FaultParams()):
+        asyncio.run(main())
+    pings, answers = list[Input](), list[tuple[float, Acknowledge]]()
+    decoder = Decoder(LAYOUT)
+    for item in read_items(file):
+        if isinstance(item, Input) and item.name == "ping":
+            pings.append(item)
+        elif isinstance(item, Read):
+            frames = decoder.feed(item.data)
+            acknowledged = [frame for frame in frames if isinstance(frame, Acknowledge)]
+            answers += [(item.arrival_s, frame) for frame in acknowledged if frame.command == "ping"]
+    assert len(pings) >= 3
+    assert len(answers) >= len(pings) - 1
+    sent_s = {ping.values()["token"]: ping.time_s for ping in pings}
+    for arrival_s, answer in answers:
+        assert answer.result == "ok"
+        assert 0 < arrival_s - sent_s[answer.token] < 1.0
+    verdict = replay([file], lambda _: None)
+    assert (verdict.is_good, verdict.compared >= 300) == (True, True)
+
+
+def test_a_clock_beyond_the_limit_is_named_in_status_and_once_in_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+        await daemon.until(lambda: "max_drift_ppm = 200" in daemon.status["warning"], "the warning")
+        await asyncio.sleep(1.5)
+        assert "too slow" in daemon.status["warning"]
+        assert daemon.status["clock_sd_s"] > 0
+
+    with emulated(daemon.link, load_scene("rest"), FaultParams(), board=BoardParams(drift_ppm=-10_000.0)):
+        play(daemon, story)
+    assert caplog.text.count("set samples.clock.max_drift_ppm") == 1
+
+
 @contextmanager
-def emulated(link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAYOUT) -> Iterator[None]:
+def emulated(
+    link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAYOUT, board: BoardParams | None = None
+) -> Iterator[None]:
     """The emulator beside the daemon, in a thread of its own."""
-    emulator = Emulator(scene, layout, PtyLink(link), faults=faults, report=lambda _: None)
+    emulator = Emulator(scene, layout, PtyLink(link), board=board, faults=faults, report=lambda _: None)
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:

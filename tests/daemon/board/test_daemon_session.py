@@ -1,5 +1,6 @@
 """The session alone, against a board that only thinks, over a line that loses what it likes."""
 
+import itertools
 import math
 
 import pytest
@@ -312,6 +313,66 @@ def test_a_board_that_answers_hello_but_nothing_else_is_named() -> None:
         bench.line.framed(bench.now_s)
     assert "does not answer start: is the line to it broken?" in bench.reason
     assert bench.state() == "syncing"
+
+
+def pings(bench: Bench) -> list[Command]:
+    return [command for command in bench.sent if command.name == "ping"]
+
+
+def test_a_running_board_is_pinged_about_once_a_second_out_of_step_with_everything() -> None:
+    bench = Bench()
+    bench.plug()
+    sent_s: list[float] = []
+    for _ in range(6000):
+        before = len(pings(bench))
+        bench.run(0.01)
+        if len(pings(bench)) > before:
+            sent_s.append(bench.session._pinging.due_s)
+    waits_s = [b - a for a, b in itertools.pairwise(sent_s)]
+    assert 55 <= len(sent_s) <= 65
+    assert 0.45 < min(waits_s) < max(waits_s) < 1.55
+    for period_s in (0.001, 0.01, 0.016, 0.1, 1.0):
+        phases = sorted(at_s % period_s / period_s for at_s in sent_s)
+        assert max(b - a for a, b in itertools.pairwise([0.0, *phases, 1.0])) < 0.2, period_s
+    assert len({command.token for command in bench.sent}) == len(bench.sent)
+
+
+def test_no_ping_goes_while_a_command_waits_for_its_answer() -> None:
+    bench = Bench()
+    bench.plug()
+    bench.run(0.1)
+    bench.down_broken = True
+    bench.session.configure(SessionParams(rate_hz=50.0))
+    bench.exchange(bench.session.tick(bench.now_s))
+    before = len(pings(bench))
+    bench.run(5.0)
+    assert len(pings(bench)) == before
+    assert [command.name for command in bench.sent[-3:]] == ["identify"] * 3
+    bench.down_broken = False
+    bench.run(3.0)
+    assert (bench.state(), bench.board.rate_hz) == ("running", 50.0)
+    assert len(pings(bench)) > before
+
+
+def test_pings_that_nobody_answers_hold_nothing_up() -> None:
+    bench = Bench()
+    bench.plug()
+    bench.run(0.1)
+    bench.board.refuses["ping"] = "busy"
+    bench.run(10.0)
+    assert (bench.state(), bench.reason) == ("running", "")
+    bench.session.configure(SessionParams(rate_hz=50.0))
+    bench.exchange(bench.session.tick(bench.now_s))
+    bench.run(0.3)
+    assert (bench.state(), bench.board.rate_hz) == ("running", 50.0)
+
+
+def test_a_board_that_knows_no_ping_is_asked_once() -> None:
+    bench = Bench()
+    bench.board.refuses["ping"] = "unknown_command"
+    bench.plug()
+    bench.run(10.0)
+    assert (bench.state(), len(pings(bench))) == ("running", 1)
 
 
 def test_leaving_stops_the_board_and_restores_nothing() -> None:

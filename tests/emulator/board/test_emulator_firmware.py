@@ -126,13 +126,33 @@ def test_scene_time_starts_with_the_first_start() -> None:
     np.testing.assert_allclose([bench.source.asked[s.index][0] for s in bench.scans], began_s, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["ping", "identify", "stop"])
+@pytest.mark.parametrize("name", ["start", "identify", "stop"])
 def test_commands_are_answered_in_both_states(name: str) -> None:
     bench = Bench()
     bench.until(0.5)
     assert bench.ask(0.6, name, 1).result == "ok"
     bench.ask(0.7, "start", 2)
     assert bench.ask(0.8, name, 3) == Acknowledge(3, name, "ok", 800024)
+
+
+def test_a_ping_is_answered_after_its_time_on_the_line_with_the_tick_of_that_instant() -> None:
+    bench = Bench(drift_ppm=0.0, answer_least_s=1e-4, answer_most_s=1e-3)
+    bench.ask(0.7, "start", 1)
+    bench.until(0.8)
+    bench.ready_s.clear()
+    for token in range(50):
+        bench.board.receive(Encoder(V1).encode(Command("ping", token)), ORIGIN_S + 1.0 + 0.0103 * token)
+    frames = bench.until(2.0)
+    answers = [(at, f) for at, f in zip(bench.ready_s, frames, strict=True) if isinstance(f, Acknowledge)]
+    took_s = [at - (1.0 + 0.0103 * answer.token) for at, answer in answers]
+    assert [answer.token for _, answer in answers] == list(range(50))
+    on_the_line_s = 7 * 10 / 115200
+    assert min(took_s) >= on_the_line_s + 1e-4 - 1e-9
+    assert max(took_s) <= on_the_line_s + 1e-3 + 1e-9
+    assert np.std(took_s) > 1e-4
+    for at, answer in answers:
+        assert answer.ticks is not None
+        assert 0 <= at * 1e6 - answer.ticks <= 1
 
 
 def test_identify_says_hello_also_while_running() -> None:
@@ -242,7 +262,7 @@ def test_commands_during_boot_are_not_heard() -> None:
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=8))
 @settings(max_examples=20, deadline=None)
 def test_commands_may_come_in_pieces(cuts: list[int]) -> None:
-    data = b"".join(Encoder(V1).encode(Command("ping", token)) for token in range(20))
+    data = b"".join(Encoder(V1).encode(Command("stop", token)) for token in range(20))
     bench = Bench()
     answers: list[Frame] = []
     at = 0
