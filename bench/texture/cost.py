@@ -17,11 +17,11 @@ from bench.texture.bound import FloatArray, Wave
 from bench.texture.online import DIRECTION_SD_DEG, slip_at
 from bench.texture.signal import LEVEL_VOLTS, RATE_HZ, Case, readings, sensed_by
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
-from tactiled.detect.grooves.basis import make_window
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
-from tactiled.detect.grooves.lines import find_lines
 from tactiled.detect.grooves.model import WaveParams
-from tactiled.detect.wang2019.grooves import Motion
+from tactiled.detect.grooves.spectrum import line_spectra
+from tactiled.detect.grooves.window import make_window
+from tactiled.detect.wang2019.grooves import SlidingMotion
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.plain_table import table
 from tactiled.samples.block import ScanBlock, regular_block
@@ -99,7 +99,7 @@ def _fit_cost(array: Array, window_s: float, repeats: int) -> Cost:
         case = case_of(array, window_s, stray_rad)
         volts, offset_s = readings(case, np.random.default_rng(1)), case.sensed.offset_s
         for speed_mm_s in (_WAVE.speed_mm_s, 0.0):
-            motion = Motion(speed_mm_s, 0.0, 0.0, DIRECTION_SD_DEG)
+            motion = SlidingMotion(speed_mm_s, 0.0, 0.0, DIRECTION_SD_DEG)
             spent_ms.append(_least_ms(lambda: joint_fit(array, volts, RATE_HZ, offset_s, motion), repeats))  # noqa: B023
     recursive_ms = _least_ms(lambda: _recursive(volts, case.time_s, offset_s), repeats)
     return Cost("joint fit", array.name, array.n_channels, window_s, spent_ms, recursive_ms)
@@ -111,7 +111,7 @@ def _recursive(volts: FloatArray, time_s: FloatArray, offset_s: FloatArray) -> N
     All else is asked at a frequency that the window itself tells, anew each time.
     """
     window = make_window(volts, time_s, np.full(len(volts), _WAVE.speed_mm_s), offset_s)
-    find_lines(window, window.curved(WaveParams().trend_order))
+    line_spectra(window, window.with_trend_order(WaveParams().trend_order))
 
 
 def _large_pad() -> Array:

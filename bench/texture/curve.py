@@ -96,7 +96,7 @@ def slide(preset: Preset, seed: int) -> Slide:
 
 
 def _bound(window: Window, params: JointParams, until_s: float) -> Bound:
-    begin_s = max(params.settle_s, until_s - params.asked.max_window_s)
+    begin_s = max(params.settle_s, until_s - params.criteria.max_window_s)
     time_s = window.time_s[(window.time_s >= begin_s - 1e-9) & (window.time_s < until_s - 1e-9)]
     return bound(window.wave, window.sensed, time_s, is_speed_known=True)
 

@@ -20,7 +20,7 @@ from bench.texture.misfit import WITHIN
 from bench.texture.paper import SETTLE_S, SPEED_MM_S, First, first_answer, offsets_s, true_onset
 from bench.texture.signal import RATE_HZ
 from tactiled.array import load_array
-from tactiled.detect.wang2019.grooves import Motion
+from tactiled.detect.wang2019.grooves import SlidingMotion
 from tactiled.emulator.scene.description import Scene, paper_scenes
 from tactiled.plain_table import table
 
@@ -88,7 +88,7 @@ def _window(run: Run, seed: int, window_s: float, is_speed_known: bool) -> Drawn
     begin = int(np.searchsorted(run.time_s, onset.detected_s + SETTLE_S))
     volts: FloatArray = run.volts[begin : begin + round(window_s * RATE_HZ)]
     speed_mm_s = SPEED_MM_S if is_speed_known else 0.0
-    motion = Motion(speed_mm_s, 0.0, onset.direction_deg, onset.direction_sd_deg)
+    motion = SlidingMotion(speed_mm_s, 0.0, onset.direction_deg, onset.direction_sd_deg)
     fit = joint_fit(array, volts, RATE_HZ, offsets_s(array), motion)
     if fit.status != "ok":
         return Drawn(seed, period_mm, angle_deg, window_s, is_speed_known, fit.status)

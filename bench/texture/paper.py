@@ -20,7 +20,7 @@ from bench.texture.online import answers
 from bench.texture.signal import RATE_HZ
 from tactiled.array import Array, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, Preset
-from tactiled.detect.wang2019.grooves import Motion
+from tactiled.detect.wang2019.grooves import SlidingMotion
 from tactiled.emulator.board.identity import BoardParams
 from tactiled.emulator.scene.description import paper_scenes
 from tactiled.events.types import SlipEvent, TextureEvent
@@ -125,7 +125,7 @@ def _joint(run: Run, window_s: float) -> list[tuple[float, float] | None]:
     end = int(np.searchsorted(run.time_s, end_s))
     array = load_array("wang2019-3x3")
     n = round(window_s * RATE_HZ)
-    motion = Motion(SPEED_MM_S, 0.0, onset.direction_deg, onset.direction_sd_deg)
+    motion = SlidingMotion(SPEED_MM_S, 0.0, onset.direction_deg, onset.direction_sd_deg)
     said: list[tuple[float, float] | None] = []
     for first in range(begin, end - n + 1, n):
         fit = joint_fit(array, run.volts[first : first + n], RATE_HZ, offsets_s(array), motion)

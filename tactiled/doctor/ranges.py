@@ -13,9 +13,9 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.model import ALIASED
 from tactiled.doctor.rivals import Rivals, rivals
 
-ALIASED = 0.45  # of the scan rate: the joint fit takes no faster ripple for what it seems
 Limit = Literal["set", "aliased", "ambiguous", "too-few-periods"]
 # Channels of a real skin stray from their wave by 0.05 rad and more. Of N channels two waves that differ by d
 # (rms) are then told apart by a log-likelihood of N d^2 / (2 0.05^2), and 7 is a wrong answer in a thousand.
@@ -65,7 +65,7 @@ def ranges(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float)
         if speed_mm_s > 0:
             across_mm_s = speed_mm_s * float(np.cos(np.radians(tilt_deg)))
             finest_mm = across_mm_s / (ALIASED * rate_hz)
-            coarsest_mm = across_mm_s * params.asked.max_window_s / params.min_periods
+            coarsest_mm = across_mm_s * params.criteria.max_window_s / params.min_periods
             if finest_mm > first_mm:
                 first_mm, below = finest_mm, "aliased"
             if coarsest_mm < last_mm:

@@ -5,11 +5,11 @@ from dataclasses import asdict, replace
 from itertools import groupby
 
 from tactiled.array import Array
+from tactiled.detect.grooves.ambiguity import has_baseline
 from tactiled.detect.grooves.estimator import JointParams
-from tactiled.detect.grooves.model import WaveMotion, layout_of
-from tactiled.detect.grooves.weigh import has_lever
+from tactiled.detect.grooves.model import ALIASED, WaveMotion, channel_layout
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.ranges import ALIASED, TILTS_DEG, Range, has_direction, ranges
+from tactiled.doctor.ranges import TILTS_DEG, Range, has_direction, ranges
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 _ROUND_MM = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0)  # settings proposed
@@ -24,12 +24,12 @@ def _told(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) 
     name = "grooves"
     direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
-    if not has_lever(layout_of(array), motion):
+    if not has_baseline(channel_layout(array), motion):
         known = "" if speed_mm_s > 0 else " while the speed is not known"
         words = f"{array.name} tells no angle of grooves{known}: it has not two taxels along and two across"
         remedy = "wear an array with taxels in rows and columns"
         # Of taxels in a row along the motion no speed tells more.
-        if speed_mm_s == 0 and has_lever(layout_of(array), replace(motion, speed_mm_s=1.0)):
+        if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
             remedy = "tell the speed (detect.texture.speed_mm_s), or " + remedy
         return Finding(name, "warn", words, remedy)
     found = ranges(array, params, rate_hz, speed_mm_s)
@@ -88,7 +88,7 @@ def _narrower(
 def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
     """Which speeds suit the periods that are set."""
     name = "sliding speed"
-    window_s, low_mm, high_mm = params.asked.max_window_s, params.min_period_mm, params.max_period_mm
+    window_s, low_mm, high_mm = params.criteria.max_window_s, params.min_period_mm, params.max_period_mm
     fastest_mm_s = ALIASED * rate_hz * low_mm
     slowest_mm_s = high_mm * params.min_periods / window_s
     values = {"most_mm_s": fastest_mm_s, "least_mm_s": slowest_mm_s, "most_tilt_deg": params.max_tilt_deg}

@@ -13,7 +13,7 @@ from tactiled.cli import main
 from tactiled.config import load_config
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveFit, WaveMotion, layout_of
+from tactiled.detect.grooves.model import WaveFit, WaveMotion, channel_layout
 from tactiled.doctor.finding import as_json
 from tactiled.doctor.ranges import Range, ranges
 from tactiled.doctor.rivals import rivals
@@ -81,7 +81,7 @@ def fitted(array: Array, params: JointParams, period_mm: float, angle_deg: float
     noise = sensed.noise_volts * rng.standard_normal(ripple.shape)
     motion = WaveMotion(wave.speed_mm_s, 0.0, 0.0, 0.0)
     volts = LEVEL_VOLTS + AMPLITUDE_VOLTS * ripple + noise
-    return fit_wave(volts, time_s, sensed.offset_s, layout_of(array), motion, params)
+    return fit_wave(volts, time_s, sensed.offset_s, channel_layout(array), motion, params)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,7 +8,7 @@ import pytest
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, layout_of
+from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
 
 ARRAY = load_array("wang2019-3x3")
 SIDES = [TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]
@@ -81,7 +81,7 @@ def fit(
 ) -> WaveFit:
     offsets_s = np.linspace(0, 0.007, array.n_channels)
     volts = slide.volts(array, offsets_s) if volts is None else volts
-    return fit_wave(volts, slide.times(), offsets_s, layout_of(array), motion, params or WaveParams())
+    return fit_wave(volts, slide.times(), offsets_s, channel_layout(array), motion, params or WaveParams())
 
 
 def off(found: WaveFit, grating: Grating) -> tuple[float, float]:

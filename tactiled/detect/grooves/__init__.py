@@ -1,1 +1,1 @@
-"""The groove estimator: period and angle from phase delays between taxels in a sliding window."""
+"""The joint groove estimator: period and angle from the phases of all channels in one window."""

@@ -1,13 +1,15 @@
-"""Grooves from one window of scans: the joint maximum-likelihood fit of a plane wave to all channels.
+"""Joint maximum-likelihood fit of a plane wave to all channels in one window of scans.
 
-`wave_model` has the model. Steps: find the line in the pooled spectrum (`wave_lines`); list every wave vector
-that its phases allow (`wave_search`); climb to the maximum from the best, harmonics and all (`wave_solve`);
-weigh best against the others; state sigmas from the Fisher information.
+The steps: find the line in the pooled spectrum (`spectrum`); list every wave vector that its phases allow
+(`search`); climb to the maximum from the best, with all harmonics (`solve`, `refine`); weigh the best
+against the others (`ambiguity`) and against two waves of one frequency (`two_waves`); state the covariance
+from the Fisher information. `model` defines the wave.
 
-Each window is fitted anew. Running sums could spare what depends on scans alone, the spectrum and the
-projection of trends, and that once a window slides: while it grows, its bins move with it. `./run bench
-texture` prints their part of a fit. Starting from the last answer would spare the search; but the search is
-what finds a rival that has become as likely since, and bits would depend on which windows came before.
+Each window is fitted without knowledge of earlier ones. Running sums could save what depends on the scans
+alone, the spectrum and the projection of trends, but only once a window slides: while it grows, its bins move
+with it. `./run bench texture` prints their part of a fit. Starting from the last answer would save the
+search. But the search finds a competing reading that has since become as likely, and results would then
+depend on which windows came before.
 """
 
 from dataclasses import replace
@@ -16,40 +18,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.answer import answer
-from tactiled.detect.grooves.basis import Window, make_window, tabulate
-from tactiled.detect.grooves.beside import agree, cleared, pairs_of
-from tactiled.detect.grooves.harmonics import foreign_lines
-from tactiled.detect.grooves.model import Layout, WaveFit, WaveMotion, WaveParams
-from tactiled.detect.grooves.refine import Refined, refine
-from tactiled.detect.grooves.ripple import Ripple, strongest
-from tactiled.detect.grooves.search import search, together
-from tactiled.detect.grooves.weigh import TEMPER, by_load, has_lever, pair_candidates, weighed
+from tactiled.detect.grooves.ambiguity import TEMPERATURE, assess_ambiguity, has_baseline, rank_with_phasors
+from tactiled.detect.grooves.model import (
+    ALIASED,
+    ChannelLayout,
+    WaveFit,
+    WaveMotion,
+    WaveParams,
+    period_and_angle,
+)
+from tactiled.detect.grooves.refine import RefinedWave, refine, variance_inflation
+from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
+from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.spectrum import RippleHypothesis, foreign_lines, strongest_line
+from tactiled.detect.grooves.two_waves import pair_candidates, pairs_confirm_fit, pairs_in_line
+from tactiled.detect.grooves.window import DetrendedWindow, make_window, normal_equations
 
-_MOST_BAD_PART = 0.05  # of a channel's readings; with more, the channel is left out
-_MOST_VOLTS = 1e9  # no converter reads more; fourth powers of it, and of its noise, are finite numbers
-_MOST_STRAY_ALIASED = 0.2  # radians^2: with more, what suits no wave suits its mirror image no better
-_BROAD = 0.25 * np.pi  # of turn: what is no wave is no clean line either
-_ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
-_SAME_LINE = 0.25 * np.pi  # of turn: strong lines are known far better than by a quarter of a bin
-_MOST_LINES = 3  # hum and the like that may be stronger than the grooves, and one
+# Part of a channel's readings. A channel with more bad ones is left out.
+_MOST_BAD_PART = 0.05
+# No converter reads more. Fourth powers of it, and of its noise, are finite numbers.
+_MOST_VOLTS = 1e9
+# Variance, radians^2. With more, what suits no wave suits its mirror image no better.
+_MOST_ALIASED_MISMATCH = 0.2
+# Phase rate to either side of a line that is no wave, which is rarely a narrow line either.
+_BROAD_LINE = 0.25 * np.pi
+# Phase rate. Strong lines are known far better than to a quarter of a bin.
+_SAME_LINE = 0.25 * np.pi
+# Lines tried: hum and the like may be stronger than the grooves.
+_MOST_LINES = 3
 _WAVES = ("ok", "ambiguous")
-_OWN_HARMONICS = 8  # of a grating, none of which is a second one
-_SECOND_PART = 0.01  # of a grating's power: weaker ones may be what the model does not describe of it
-Line = tuple[float, list[int]]  # turn, and which multiples of it are its own
+# Harmonics of one grating, none of which is a second grating.
+_MOST_OWN_HARMONICS = 8
+# Part of a grating's power. A weaker second one may be what the model does not describe of the first.
+_LEAST_SECOND_PART = 0.01
+# Phase rate of a wave, and the multiples of it that are its harmonics.
+Line = tuple[float, list[int]]
 
 
 def fit_wave(
     volts: FloatArray,
     time_s: FloatArray,
     channel_offset_s: FloatArray,
-    layout: Layout,
+    layout: ChannelLayout,
     motion: WaveMotion,
     params: WaveParams,
     usable: NDArray[np.bool_] | None = None,
     speeds_mm_s: FloatArray | None = None,
 ) -> WaveFit:
-    """The joint fit for one window.
+    """Fit one window.
 
     Parameters
     ----------
@@ -57,13 +73,35 @@ def fit_wave(
     time_s : (n,) float64
         Instants at which scans began, evenly spaced or nearly so.
     channel_offset_s : (channels,) float64
-    layout : Layout
+        Delay from the beginning of a scan to the sampling of each channel.
+    layout : ChannelLayout
     motion : WaveMotion
     params : WaveParams
     usable : (n, channels) bool
-        False for readings not to go by; default: those that are finite.
+        False for readings to ignore; by default those that are not finite.
     speeds_mm_s : (n,) float64, optional
-        Speed from each scan to the next, where it is known and not steady; `motion` then has the mean.
+        Speed from each scan to the next where it is known and not constant; `motion` then holds the mean.
+
+    Returns
+    -------
+    WaveFit
+
+    Examples
+    --------
+    Grooves of 1.2 mm at 20 degrees, skin moving along +x at 2 mm/s, two seconds at 100 Hz:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+    >>> layout = channel_layout(load_array("wang2019-3x3"))
+    >>> rng, time_s, angle = np.random.default_rng(0), np.arange(200) / 100, np.radians(20)
+    >>> x_mm = layout.x_mm + 2 * time_s[:, np.newaxis]
+    >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + layout.y_mm * np.sin(angle))
+    >>> volts = 1 + 0.05 * np.cos(phase + layout.kind) + 0.005 * rng.standard_normal(phase.shape)
+    >>> motion = WaveMotion(speed_mm_s=2.0, direction_deg=0.0, direction_sd_deg=0.0)
+    >>> fit = fit_wave(volts, time_s, np.zeros(36), layout, motion, WaveParams())
+    >>> print(f"{fit.status}: {fit.period_mm:.3f} mm, {fit.angle_deg:.1f} degrees")
+    ok: 1.200 mm, 20.0 degrees
     """
     sane = np.abs(volts) <= _MOST_VOLTS
     usable = sane if usable is None else usable & sane
@@ -76,7 +114,7 @@ def fit_wave(
     readings = _filled(volts[:, chosen], usable[:, chosen])
     x_mm, y_mm = layout.x_mm[chosen], layout.y_mm[chosen]
     centre = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
-    here = Layout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
+    here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
@@ -85,7 +123,7 @@ def fit_wave(
 
 
 def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-    """Readings with the few bad ones bridged by a line."""
+    """Interpolate the few bad readings linearly."""
     volts = volts.copy()
     scans = np.arange(len(volts))
     for c in np.flatnonzero(~usable.all(axis=0)):
@@ -94,118 +132,184 @@ def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     return volts
 
 
-def _fit(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams) -> WaveFit:
-    """The strongest wave and, where there is another beside it, the second."""
+def _fit(window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, params: WaveParams) -> WaveFit:
+    """Fit the strongest wave and, where there is a second grating, that one too."""
     first, line = _strongest_wave(window, layout, motion, params)
     if line is None or first.status not in _WAVES:
         return first
-    # What bears the first wave out moves the second one too.
-    motion = motion.without_speed if first.status == "ok" and not first.is_tied else motion
-    least = _SECOND_PART * _line_power(window, line[0])
-    second, other = _strongest_wave(window.without(*line), layout, motion, params, least)
+    # Evidence against the given speed from the first wave holds for the second one, too.
+    motion = motion.without_speed if first.status == "ok" and not first.uses_given_speed else motion
+    least = _LEAST_SECOND_PART * _line_power(window, line[0])
+    second, other = _strongest_wave(window.without_lines(*line), layout, motion, params, least)
     if other is None or second.status != "ok":
         return first
-    # Anew without the other, which was noise to it.
-    first, _ = _strongest_wave(window.without(*other), layout, motion, params)
+    # Fit the first again without the second, which was noise to it.
+    first, _ = _strongest_wave(window.without_lines(*other), layout, motion, params)
     return replace(first, second=second) if first.status == "ok" else first
 
 
-def _line_power(window: Window, turn: float) -> float:
-    return float(tabulate(window, turn, 1).explained().sum())
+def _line_power(window: DetrendedWindow, phase_rate: float) -> float:
+    """Power of a line, volts^2 summed over channels and scans."""
+    return float(normal_equations(window, phase_rate, 1).explained().sum())
 
 
 def _strongest_wave(
-    window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, least: float = 0.0
+    window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, params: WaveParams, least: float = 0.0
 ) -> tuple[WaveFit, Line | None]:
-    """Fit of the strongest line that is a wave, of some power; lines that are none are taken out first."""
-    if float(window.power.sum()) < least:  # no line has more than all that is there
+    """Fit the strongest line that is a wave and has some power; remove stronger lines that are no waves."""
+    if float(window.power.sum()) < least:  # no line has more than the total power
         return WaveFit("low-snr"), None
-    gone: list[float] = []
+    removed: list[float] = []
     for _ in range(_MOST_LINES):
-        readings = strongest(window, params)
-        if not readings or max(_line_power(each.window, each.turn) for each in readings) < least:
+        readings = strongest_line(window, params)
+        if not readings or max(_line_power(each.window, each.phase_rate) for each in readings) < least:
             return WaveFit("low-snr"), None
         for line in readings:
             if line.periods < params.min_periods:
-                return WaveFit("too-few-periods", window.frequency_hz(line.turn)), None
+                return WaveFit("too-few-periods", window.frequency_hz(line.phase_rate)), None
             found = _wave(line, layout, motion, params)
-            if found is not None and found[0].status == "ok" and _is_multiple(line.turn, gone):
+            if found is not None and found[0].status == "ok" and _is_multiple(line.phase_rate, removed):
                 return WaveFit("ambiguous", found[0].frequency_hz), found[1]
             if found is not None:
                 return found
-        turn = next(each.turn for each in readings if each.is_line)
-        gone.append(turn)
-        window = window.without(turn, [1 - _BROAD / turn, 1 + _BROAD / turn])
+        phase_rate = next(each.phase_rate for each in readings if each.is_line)
+        removed.append(phase_rate)
+        window = window.without_lines(
+            phase_rate, [1 - _BROAD_LINE / phase_rate, 1 + _BROAD_LINE / phase_rate]
+        )
     return WaveFit("low-snr"), None
 
 
-def _is_multiple(turn: float, gone: list[float]) -> bool:
-    """Whether a line may be a harmonic of one that was no wave: half a period is no grating's."""
-    times = [max(round(turn / other), 2) for other in gone]
-    return any(abs(turn - n * other) < _SAME_LINE for n, other in zip(times, gone, strict=True))
+def _is_multiple(phase_rate: float, removed: list[float]) -> bool:
+    """True where a line may be a harmonic of a removed one."""
+    times = [max(round(phase_rate / other), 2) for other in removed]
+    return any(abs(phase_rate - n * other) < _SAME_LINE for n, other in zip(times, removed, strict=True))
 
 
 def _wave(
-    ripple: Ripple, layout: Layout, motion: WaveMotion, params: WaveParams
+    ripple: RippleHypothesis, layout: ChannelLayout, motion: WaveMotion, params: WaveParams
 ) -> tuple[WaveFit, Line] | None:
-    """The wave of a line, as it is or as the mirror image of one too fast to be sampled; or None."""
-    window, turn, variance = ripple.window, ripple.turn, ripple.variance
-    if not has_lever(layout, motion):
-        return WaveFit("ambiguous", window.frequency_hz(turn)), (turn, [1])
-    tables = tabulate(window, turn, 1)
-    least = together(window, tables, layout, variance)
-    found = search(window, tables, layout, motion, params, variance, least)
+    """Fit the wave of a line, directly or as the mirror image of an undersampled ripple; or None."""
+    window, phase_rate, variance = ripple.window, ripple.phase_rate, ripple.variance
+    if not has_baseline(layout, motion):
+        return WaveFit("ambiguous", window.frequency_hz(phase_rate)), (phase_rate, [1])
+    equations = normal_equations(window, phase_rate, 1)
+    least = common_mode_power(window, equations, layout, variance)
+    found = search_wave_vectors(window, equations, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
-    if best is not None and best.stray.any():
-        # Strays may have made another reading the best: of small ones both ways to take them know as little.
-        likelihood = by_load(best, found, window, layout)[1]
+    if best is not None and best.mismatch.any():
+        likelihood = rank_with_phasors(best, found, window, layout)[1]
         likeliest = int(likelihood.argmax())
-        if likelihood[likeliest] - likelihood[0] > -TEMPER * np.log(params.error_probability):
+        if likelihood[likeliest] - likelihood[0] > -TEMPERATURE * np.log(params.error_probability):
             found = found[np.argsort(-likelihood, kind="stable")]
             best = refine(window, layout, motion, params, found[0])
     is_wave = best is not None and best.is_wave
-    if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.stray.any())):
-        # Too fast to be sampled, a ripple shows as a slower one, whose phases suit no wave well.
-        whole_turn = 2 * np.pi / window.largest_step
-        for fast in (whole_turn - turn, whole_turn + turn):
-            other = search(window, tabulate(window, fast, 1), layout, motion, params, variance, least)
+    if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.mismatch.any())):
+        # An undersampled ripple appears at a lower frequency, where its phases suit no wave well.
+        whole_phase_rate = 2 * np.pi / window.largest_step
+        for fast in (whole_phase_rate - phase_rate, whole_phase_rate + phase_rate):
+            other = search_wave_vectors(
+                window, normal_equations(window, fast, 1), layout, motion, params, variance, least
+            )
             if len(other.k) and (not is_wave or other.gain[0] > found.gain[0]):
                 image = refine(window, layout, motion, params, other[0])
-                if image.is_wave and image.stray_alone.mean() < _MOST_STRAY_ALIASED:
-                    hz = window.frequency_hz(float(image.waves.turn[0]))
-                    return WaveFit("aliased", hz, image.snr_db), (turn, [1])
+                if image.is_wave and image.fundamental_mismatch.mean() < _MOST_ALIASED_MISMATCH:
+                    hz = window.frequency_hz(float(image.waves.phase_rate[0]))
+                    return WaveFit("aliased", hz, image.snr_db), (phase_rate, [1])
     if best is None or not is_wave:
-        if motion.has_speed and has_lever(layout, motion.without_speed):
+        if motion.has_speed and has_baseline(layout, motion.without_speed):
             return _wave(ripple, layout, motion.without_speed, params)
         return None
-    line = _own(window, layout, motion, params, best)
+    line = _own_lines(window, layout, motion, params, best)
     fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
-    if line[0] * window.largest_step > 2 * np.pi * _ALIASED:
+    if line[0] * window.largest_step > 2 * np.pi * ALIASED:
         return replace(fit, status="aliased"), line
-    fit = answer(fit, best, window, layout, motion)
-    colour = fit.colour
-    fit = weighed(fit, best, found, window, layout, motion, params)
-    pairs = pairs_of(colour, best, found, window, layout, motion, params)
-    if pairs and not agree(pairs, best, layout):
+    fit = with_estimates(fit, best, window, layout, motion)
+    noise_inflation = fit.noise_inflation
+    fit = assess_ambiguity(fit, best, found, window, layout, motion, params)
+    pairs = pairs_in_line(noise_inflation, best, found, window, layout, motion, params)
+    if pairs and not pairs_confirm_fit(pairs, best, layout):
         refused = WaveFit("ambiguous", fit.frequency_hz, fit.snr_db, error_probability=fit.error_probability)
         return replace(refused, candidates=pair_candidates(pairs)), line
     if pairs and fit.status == "ok":
-        return cleared(fit, best, window.less(pairs[0].second, line[0]), layout, motion, params), line
-    if pairs:  # the other wave bends the phases: they belie nothing that is said of the motion
+        return refit_without_pair(
+            fit, best, window.without_wave(pairs[0].second, line[0]), layout, motion, params
+        ), line
+    if pairs:  # the other wave distorts the phases: no evidence against the given motion
         return fit, line
-    if fit.status == "ambiguous" and motion.has_speed and has_lever(layout, motion.without_speed):
-        # Phases that leave one reading only, whatever the motion, belie what is said of it.
+    if fit.status == "ambiguous" and motion.has_speed and has_baseline(layout, motion.without_speed):
+        # Phases that allow one reading only, whatever the motion, contradict the given motion.
         loose = _wave(ripple, layout, motion.without_speed, params)
         if loose is not None and loose[0].status == "ok":
             return loose
     return fit, line
 
 
-def _own(window: Window, layout: Layout, motion: WaveMotion, params: WaveParams, best: Refined) -> Line:
-    """The lines of a wave, also those too weak to go by."""
-    turn = float(best.waves.turn[0])
-    n_most = int(np.clip(np.pi / turn / window.largest_step, 1, _OWN_HARMONICS))
-    n_most = next((h - 1 for h in range(2, n_most + 1) if window.is_gone(h * turn)), n_most)
-    tables = tabulate(window, turn, n_most)
-    foreign = foreign_lines(window, layout, motion, params, best.waves, tables, best.variance)
-    return turn, [h for h in range(1, n_most + 1) if h not in foreign or h <= best.tables.n_harmonics]
+def _own_lines(
+    window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, params: WaveParams, best: RefinedWave
+) -> Line:
+    """List the lines of a wave, including those too weak for the fit."""
+    phase_rate = float(best.waves.phase_rate[0])
+    n_most = int(np.clip(np.pi / phase_rate / window.largest_step, 1, _MOST_OWN_HARMONICS))
+    n_most = next((h - 1 for h in range(2, n_most + 1) if window.is_removed(h * phase_rate)), n_most)
+    equations = normal_equations(window, phase_rate, n_most)
+    foreign = foreign_lines(window, layout, motion, params, best.waves, equations, best.variance)
+    return phase_rate, [
+        h for h in range(1, n_most + 1) if h not in foreign or h <= best.equations.n_harmonics
+    ]
+
+
+def with_estimates(
+    fit: WaveFit, best: RefinedWave, window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion
+) -> WaveFit:
+    """Add period, angle, speed and their covariance to a fit."""
+    k, phase_rate = best.waves.k[0], float(best.waves.phase_rate[0])
+    size = float(np.hypot(k[0], k[1]))
+    period_mm, angle_deg = period_and_angle(k)
+    # Rows: period, angle, speed; columns: kx, ky, phase_rate.
+    slope = np.zeros((3, 3))
+    slope[0, :2] = -period_mm * k / size**2
+    slope[1, :2] = -k[1] / size**2, k[0] / size**2
+    speed_mm_s = motion.speed_mm_s if motion.has_speed else 0.0
+    along = float(k @ motion.heading)
+    if motion.has_direction and not motion.has_speed:
+        speed_mm_s = phase_rate / window.half_travel / along
+        slope[2, :2] = -speed_mm_s * motion.heading / along
+        slope[2, 2] = speed_mm_s / phase_rate
+    solver = WaveSolver(window, layout, motion, best.variance, best.mismatch)
+    by_noise, by_mismatch = variance_inflation(window, layout, solver, best, slope)
+    scale = np.sqrt(np.maximum(by_noise, by_mismatch))
+    covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
+    if motion.has_speed:
+        covariance[2, 2] = motion.speed_sd_mm_s**2
+    elif motion.has_direction:
+        turned = float(k[1] * motion.heading[0] - k[0] * motion.heading[1]) / along
+        covariance[2, 2] += (speed_mm_s * turned * np.radians(motion.direction_sd_deg)) ** 2
+    return replace(
+        fit,
+        period_mm=period_mm,
+        angle_deg=angle_deg,
+        speed_mm_s=speed_mm_s,
+        covariance=covariance,
+        n_harmonics=best.equations.n_harmonics,
+        uses_given_speed=motion.has_speed,
+        noise_inflation=float(by_noise.max()),
+    )
+
+
+def refit_without_pair(
+    fit: WaveFit,
+    best: RefinedWave,
+    window: DetrendedWindow,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+) -> WaveFit:
+    """Fit again in a window without the weaker wave; the change is added to the covariance."""
+    anew = refine(window, layout, motion, params, best.waves)
+    if not anew.is_wave:
+        return fit
+    alone = with_estimates(fit, anew, window, layout, motion)
+    turned = np.radians((alone.angle_deg - fit.angle_deg + 90) % 180 - 90)
+    off = np.array([alone.period_mm - fit.period_mm, turned, alone.speed_mm_s - fit.speed_mm_s])
+    return replace(alone, covariance=alone.covariance + np.outer(off, off))

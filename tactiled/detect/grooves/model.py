@@ -1,15 +1,18 @@
-"""Words of the joint estimator: what is known of the motion, what may be answered, what was found.
+"""Plane-wave model of a grooved surface, and the types of the joint estimator's inputs and results.
 
-The model. Grooves of period D with normal (cos a, sin a) are a plane wave with wave vector
-``k = (2 pi / D) (cos a, sin a)``. A channel at (x, y), sampled `offset_s` after its scan began, sees the
-phase ``psi = kappa s(t + offset_s) + kx x + ky y``, where s is the way travelled (or, where the speed is not
-known, the time) and kappa the phase for each unit of it. Its reading is a slow polynomial, plus
-``a_h cos(h psi + phi_h)`` for each harmonic h, plus noise. Amplitudes ``a_h >= 0`` are each channel's own.
-Phases ``phi_h`` are common to channels that measure the same thing (all R1, say): on a real skin R1 and R3
-of a taxel do not feel a ridge at the same time, but R1 and R1 of two taxels do, up to their distance.
+Grooves of period D with normal (cos a, sin a) are a plane wave with the wave vector
+``k = (2 pi / D) (cos a, sin a)``. A channel at (x, y) that is sampled `offset_s` after its scan began sees
+the phase ``psi = omega s(t + offset_s) + kx x + ky y``. Here s is the distance travelled (or the time, where
+the speed is unknown) and omega, the phase rate, is the phase per unit of s. The reading of a channel is a
+slow polynomial, plus ``a_h cos(h psi + phi_h)`` for each harmonic h, plus noise.
 
-With motion of speed v along direction theta, ``kappa = v |k| cos(theta - a)``: a known motion ties frequency
-to wave vector, an unknown one is found from the two.
+The amplitudes ``a_h >= 0`` belong to each channel. The phases ``phi_h`` are common to all channels of one
+kind (all R1, for example): on a real skin R1 and R3 of one taxel do not feel a ridge at the same time, but
+the R1 of two taxels do, apart from the delay that their distance makes.
+
+With motion of speed v along the direction theta, ``omega = |k| cos(theta - a)`` per millimetre and
+``v |k| cos(theta - a)`` per second. A known motion therefore ties the frequency to the wave vector; an
+unknown speed follows from both.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,40 +26,52 @@ from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_DEG, Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
+# Fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan rate.
+ALIASED = 0.45
+# Phase at the edge of the array. Wave vectors that differ by less are the same wave.
+SAME_WAVE_RAD = 0.3
+
 
 class WaveParams(Params):
-    """What the joint fit may answer, and how sure it must be.
+    """Limits of the joint fit and the error probability it must meet.
 
-    The limits are the operator's: they tell readings apart that phases cannot, and grooves outside them may
-    be taken for others inside.
+    The limits are the operator's knowledge of the surface. They exclude readings that the phases alone cannot
+    exclude; grooves outside the limits may be mistaken for others inside them.
     """
 
-    min_period_mm: float = Field(default=0.5, ge=0.05, description="grooves are not finer than this")
-    max_period_mm: float = Field(default=20.0, gt=0.05, description="nor coarser than this")
+    min_period_mm: float = Field(default=0.5, ge=0.05, description="shortest groove period considered")
+    max_period_mm: float = Field(default=20.0, gt=0.05, description="longest groove period considered")
     max_tilt_deg: float = Field(
         default=88.0,
         gt=0,
         lt=90,
-        description="between groove normal and motion; beyond, the skin slides along the grooves",
+        description="largest angle from groove normal to motion; beyond, the skin slides along grooves",
     )
-    max_harmonics: int = Field(default=3, ge=1, le=6, description="of the ripple, where they are seen")
+    max_harmonics: int = Field(
+        default=3, ge=1, le=6, description="harmonics of the ripple that are fitted, where they are visible"
+    )
     trend_order: int = Field(
         default=3,
         ge=1,
         le=8,
-        description="of the polynomial that drift and creep are; a line where ripples are few",
+        description="order of the polynomial for drift and creep; a straight line for few ripples",
     )
-    min_periods: float = Field(default=0.8, ge=0.7, le=50, description="fewer in a window are not enough")
+    min_periods: float = Field(
+        default=0.8, ge=0.7, le=50, description="ripple periods that a window must hold"
+    )
     error_probability: float = Field(
-        default=1e-3, gt=0, lt=0.5, description="of a wrong answer among all that the phases allow"
+        default=1e-3,
+        gt=0,
+        lt=0.5,
+        description="largest probability of a wrong answer among all that the phases allow",
     )
 
 
 @dataclass(frozen=True)
 class WaveMotion:
-    """What is known of the slide: that of the skin over the surface.
+    """Known motion of the skin over the surface, with standard deviations.
 
-    A speed of 0 is not known; a direction is not known where its sigma is 90 degrees or more.
+    A speed of 0 means unknown. A direction with a standard deviation of 90 degrees or more is unknown.
     """
 
     speed_mm_s: float = 0.0
@@ -66,33 +81,35 @@ class WaveMotion:
 
     @property
     def has_direction(self) -> bool:
+        """True where the direction is known."""
         return self.direction_sd_deg < 90.0
 
     @property
     def has_speed(self) -> bool:
-        """Whether frequency and wave vector are tied; a speed without its direction does not do that."""
+        """True where the motion ties the frequency to the wave vector: speed and direction are known."""
         return self.speed_mm_s > 0 and self.has_direction
 
     @property
     def without_speed(self) -> "WaveMotion":
+        """The motion with its speed made unknown."""
         return replace(self, speed_mm_s=0.0, speed_sd_mm_s=0.0)
 
     @property
     def heading(self) -> FloatArray:
-        """Unit vector of the motion."""
+        """Unit vector of the motion: (2,)."""
         theta = np.radians(self.direction_deg)
         return np.array([np.cos(theta), np.sin(theta)])
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Where channels are, and which of them measure the same thing.
+class ChannelLayout:
+    """Positions of channels, and which of them respond alike.
 
     Attributes
     ----------
     x_mm, y_mm : (channels,) float64
     kind : (channels,) int64
-        Channels of one number share the ripple's own phase.
+        Channels with the same number share the phases ``phi_h`` of the ripple.
     """
 
     x_mm: FloatArray
@@ -101,17 +118,17 @@ class Layout:
 
     @cached_property
     def is_kind(self) -> FloatArray:
-        """1 where the channel is of the kind: (channels, kinds)."""
+        """Kind membership: (channels, kinds), 1 where the channel is of the kind, else 0."""
         return np.asarray((self.kind[:, np.newaxis] == np.unique(self.kind)).astype(np.float64))
 
     @cached_property
     def places_mm(self) -> FloatArray:
-        """Where taxels are: (taxels, 2)."""
+        """Positions of the taxels: (taxels, 2)."""
         return self._places[0]
 
     @cached_property
     def taxel(self) -> NDArray[np.int64]:
-        """Which of the places each channel is at: (channels,)."""
+        """Row in `places_mm` of each channel: (channels,)."""
         return self._places[1]
 
     @cached_property
@@ -120,19 +137,19 @@ class Layout:
         return places, taxel.reshape(-1)
 
     @cached_property
-    def rim_mm(self) -> float:
-        """From the middle to the farthest channel; half a millimetre for what is smaller."""
+    def radius_mm(self) -> float:
+        """Distance from the origin to the farthest channel, at least 0.5 mm."""
         return max(float(np.hypot(self.x_mm, self.y_mm).max()), 0.5)
 
 
-def layout_of(array: Array) -> Layout:
-    """Channels of an array; those of one kind, azimuth and sign measure the same thing."""
+def channel_layout(array: Array) -> ChannelLayout:
+    """Layout of an array; channels of equal type, azimuth and sign are of one kind."""
     names = [
         (kind, -1.0 if np.isnan(azimuth) else float(azimuth), float(sign))
         for kind, azimuth, sign in zip(array.channel_kind, array.azimuth_deg, array.sign, strict=True)
     ]
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    return Layout(
+    return ChannelLayout(
         array.x_mm[array.channel_taxel],
         array.y_mm[array.channel_taxel],
         np.array([numbers[name] for name in names], dtype=np.int64),
@@ -141,20 +158,20 @@ def layout_of(array: Array) -> Layout:
 
 @dataclass(frozen=True, eq=False)
 class WaveFit:
-    """Answer for one window; zeros where `status` is not "ok".
+    """Result for one window; estimates are zero where `status` is not "ok".
 
     Attributes
     ----------
     covariance : (3, 3) float64
         Of period (mm), angle (radians) and speed (mm/s).
-    is_tied : bool
-        Whether the speed is what was given; it is not where the phases belie that.
-    colour : float
-        By which noise near the line makes the largest variance wider than white noise would.
+    uses_given_speed : bool
+        False where no speed was given, or where the phases contradict the given one.
+    noise_inflation : float
+        Factor by which coloured noise near the line widens the largest variance over that of white noise.
     error_probability : float
-        That another reading of the phases is the true one.
+        Probability that another reading of the phases is the true one.
     second : WaveFit or None
-        Another grating beside this one, with less power.
+        A second grating in view, of less power.
     """
 
     status: TextureStatus
@@ -165,30 +182,40 @@ class WaveFit:
     speed_mm_s: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     n_harmonics: int = 0
-    is_tied: bool = False
-    colour: float = 1.0
+    uses_given_speed: bool = False
+    noise_inflation: float = 1.0
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()
     second: "WaveFit | None" = None
 
     @property
     def period_sd_mm(self) -> float:
+        """Standard deviation of the period."""
         return float(np.sqrt(self.covariance[0, 0]))
 
     @property
     def angle_sd_deg(self) -> float:
+        """Standard deviation of the angle."""
         return float(np.degrees(np.sqrt(self.covariance[1, 1])))
 
     @property
     def speed_sd_mm_s(self) -> float:
+        """Standard deviation of the speed."""
         return float(np.sqrt(self.covariance[2, 2]))
 
     @property
     def gratings(self) -> tuple[Candidate, ...]:
-        """This and the second, with their shares of the ripple's power for weights."""
+        """The grating and the second one, each weighted by its share of the ripple's power."""
         both = [self] if self.second is None else [self, self.second]
         powers = np.array([10 ** (grating.snr_db / 10) for grating in both])
         return tuple(
             Candidate(period_mm=grating.period_mm, angle_deg=grating.angle_deg, weight=float(weight))
             for grating, weight in zip(both, powers / powers.sum(), strict=True)
         )
+
+
+def period_and_angle(k: FloatArray) -> tuple[float, float]:
+    """Period (mm) and angle (degrees, within -90..90) of a wave vector in radians per millimetre."""
+    angle = np.arctan2(k[1], k[0])
+    angle -= np.pi * np.round(angle / np.pi)
+    return float(2 * np.pi / np.hypot(k[0], k[1])), float(np.degrees(angle))

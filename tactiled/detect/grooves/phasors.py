@@ -1,8 +1,8 @@
-"""How likely waves make the phasors of one line, whose channels are not quite alike.
+"""Likelihood of waves given the phasors of one line, with gain and phase mismatch between channels.
 
-Gains and phases of channels stray around one complex amplitude for each kind of channel, by as much as suits
-the kind. Or they stray together: how a channel feels a ripple depends on how its taxel is pressed, and all
-channels of a taxel are pressed alike.
+Gains and phases of channels scatter around one complex amplitude for each kind of channel, with variances
+that suit the kind. Alternatively they scatter together: the response of a channel to a ripple depends on the
+load of its taxel, which is common to all channels of the taxel.
 """
 
 import numpy as np
@@ -10,42 +10,47 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import Layout
+from tactiled.detect.grooves.model import ChannelLayout
 
-MOST_ALIKE = 0.9  # overlap (squared) of two waves on a kind's channels: beyond, they are one
-_NEARBY_RAD = (0.2, 0.08, 0.03)  # of phase at the rim of the array, two steps either way
-_FACTOR_STEPS = 6  # of expectation and maximisation
-_FALSE_PAIR = 1e-2  # one wave, channels alike, is looked at for another so often
-# Of the ripple, all kinds together: no skin's channels are more alike. Where a kind feels little because its
-# parts cancel, what they stray by does not cancel.
-_LEAST_STRAY = 0.03
-# Variances of strays that are tried: (strays of gain * strays of phase, 1, 1).
-_STRAYS = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
-_GAIN, _PHASE = (each.reshape(-1, 1, 1) for each in np.meshgrid(_STRAYS, _STRAYS))
+# Squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
+MOST_ALIKE = 0.9
+# Grid steps in phase at the edge of the array, two steps either way.
+_NEARBY_RAD = (0.2, 0.08, 0.03)
+# Steps of expectation and maximisation.
+_FACTOR_STEPS = 6
+# Probability that one wave on equal channels is tested for a second one.
+_FALSE_SECOND_WAVE = 1e-2
+# Mismatch as a part of the ripple, all kinds together: no skin's channels are more alike. Where a kind has a
+# small response because its parts cancel, the mismatch does not cancel.
+_LEAST_MISMATCH = 0.03
+# Variances of mismatch that are tried; both grids are (gain mismatch * phase mismatch, 1, 1).
+_MISMATCHES = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
+_GAIN, _PHASE = (each.reshape(-1, 1, 1) for each in np.meshgrid(_MISMATCHES, _MISMATCHES))
 
 
 class Phasors:
-    """The phasors of one line.
+    """Phasors of one line, and the likelihood of waves given them.
 
     Parameters
     ----------
     z : (channels,) complex128
     variance : (channels,) float64
-        Of noise in either part of each.
-    layout : Layout
+        Of noise in the real and in the imaginary part of each.
+    layout : ChannelLayout
     """
 
-    def __init__(self, z: FloatArray, variance: FloatArray, layout: Layout) -> None:
+    def __init__(self, z: FloatArray, variance: FloatArray, layout: ChannelLayout) -> None:
         self.z = z
         self._noise = variance
-        self.variance = variance + _LEAST_STRAY**2 * float((np.abs(z) ** 2).mean())
+        self.variance = variance + _LEAST_MISMATCH**2 * float((np.abs(z) ** 2).mean())
         self.place = np.stack([layout.x_mm, layout.y_mm], axis=1)
-        self.is_kind = (layout.kind[:, np.newaxis] == np.unique(layout.kind)).astype(np.float64)
+        self.is_kind = layout.is_kind
+        self._radius_mm = layout.radius_mm
 
         together: dict[bytes, list[NDArray[np.bool_]]] = {}
         for mine in self.is_kind.T.astype(bool):
             together.setdefault(self.place[mine].tobytes(), []).append(mine)
-        # Places, and the phasors there of all kinds whose channels are at just these.
+        # Positions, and the phasors of all kinds whose channels share these positions.
         self.groups = [
             (self.place[kinds[0]], np.stack([z[mine] for mine in kinds], axis=1))
             for kinds in together.values()
@@ -53,7 +58,7 @@ class Phasors:
         self._together = list(together.values())
 
     def fit(self, k: FloatArray) -> NDArray[np.complex128]:
-        """What each wave adds to each channel, by least squares: (pairs, channels, waves).
+        """Least-squares contribution of each wave to each channel: (pairs, channels, waves).
 
         Parameters
         ----------
@@ -68,77 +73,80 @@ class Phasors:
         return np.asarray(np.einsum("pcga,pga->pca", by_kind, amplitude))
 
     def likelihood(self, k: FloatArray) -> FloatArray:
-        """Logarithm, at the likeliest strays: (pairs,), for (pairs, waves, 2)."""
+        """Log-likelihood at the likeliest mismatch: (pairs,), for wave vectors (pairs, waves, 2)."""
         each = self.fit(k)
         model = each.sum(axis=-1)
         left = self.z - model
-        beside = left * np.exp(-1j * np.angle(model))  # strays of gain are along a phasor, of phase across it
-        total = self._by_one(np.abs(model) ** 2, beside)
+        beside = left * np.exp(
+            -1j * np.angle(model)
+        )  # gain mismatch is parallel to a phasor, phase mismatch perpendicular
+        total = self._by_channel_gain(np.abs(model) ** 2, beside)
         if each.shape[-1] > 1:
-            total = np.maximum(total, self._by_each(each, left))
-        return np.maximum(total, self._by_taxel(beside))
+            total = np.maximum(total, self._by_wave_gain(each, left))
+        return np.maximum(total, self._by_taxel_factor(beside))
 
     def nearby(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The likeliest near single waves (waves, 2), and the logarithms of their likelihoods (waves,)."""
-        rim_mm = max(float(np.hypot(*self.place.T).max()), 0.5)
+        """Likeliest wave vectors near single waves (waves, 2), and their log-likelihoods (waves,)."""
         moves = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
         likelihood = np.zeros(len(k))
         for step_rad in _NEARBY_RAD:
-            near = k[:, np.newaxis] + moves * step_rad / rim_mm
+            near = k[:, np.newaxis] + moves * step_rad / self._radius_mm
             each = self.likelihood(near.reshape(-1, 1, 2)).reshape(len(k), -1)
             k = near[np.arange(len(k)), each.argmax(axis=1)]
             likelihood = each.max(axis=1)
         return k, likelihood
 
-    def _by_one(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
-        """The same where a gain is the channel's, for all waves: (pairs,).
+    def _by_channel_gain(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
+        """Log-likelihood where one gain of each channel applies to all waves: (pairs,).
 
         Parameters
         ----------
         size : (pairs, channels) float64
             Squares of what waves explain.
         left : (pairs, channels) complex128
-            What they leave, along it and across it.
+            Residual, parallel and perpendicular to the model.
         """
-        variance = _STRAYS[:, np.newaxis, np.newaxis] * size + self.variance
+        variance = _MISMATCHES[:, np.newaxis, np.newaxis] * size + self.variance
         log = np.log(variance)
         total = np.zeros(len(size))
         for part in (left.real, left.imag):
-            by_kind = (log + part**2 / variance) @ self.is_kind  # (strays, pairs, kinds)
+            by_kind = (log + part**2 / variance) @ self.is_kind  # (mismatches, pairs, kinds)
             total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
         return total
 
-    def _by_each(self, waves: NDArray[np.complex128], left: NDArray[np.complex128]) -> FloatArray:
-        """The same where a gain is each wave's own: (pairs,).
+    def _by_wave_gain(self, waves: NDArray[np.complex128], left: NDArray[np.complex128]) -> FloatArray:
+        """Log-likelihood where each wave has its own gain in each channel: (pairs,).
 
         Parameters
         ----------
         waves : (pairs, channels, waves) complex128
         left : (pairs, channels) complex128
+            Residual.
         """
         size = np.abs(waves) ** 2
         square = waves**2
-        along = (size + square.real).sum(axis=-1) / 2  # of the real part; 2 x 2 matrices of variance
+        along = (size + square.real).sum(axis=-1) / 2  # variance of the real part; 2 x 2 covariance matrices
         across = (size - square.real).sum(axis=-1) / 2
         mixed = square.imag.sum(axis=-1) / 2
         one = _GAIN * along + _PHASE * across + self.variance
         other = _GAIN * across + _PHASE * along + self.variance
         both = (_GAIN - _PHASE) * mixed
-        volume = np.maximum(one * other - both**2, self.variance**2)  # rounding may take it below
+        volume = np.maximum(one * other - both**2, self.variance**2)  # lower bound against rounding
         square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
-        by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (strays, pairs, kinds)
+        by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (mismatches, pairs, kinds)
         return np.asarray(-0.5 * by_kind.min(axis=0).sum(axis=-1))
 
-    def _by_taxel(self, left: NDArray[np.complex128]) -> FloatArray:
-        """The same where one thing about a taxel, its load, moves all its channels: (pairs,).
+    def _by_taxel_factor(self, left: NDArray[np.complex128]) -> FloatArray:
+        """Log-likelihood where one factor per taxel, its load, affects all its channels: (pairs,).
 
-        Factor analysis with one factor (Rubin, Thayer 1982): each kind follows it by its own complex amount,
-        and strays by the rest; an unknown more for each kind than by strays alone (Schwarz 1978).
+        Factor analysis with one factor (Rubin, Thayer 1982): each kind follows the factor with its own
+        complex loading and has its own residual variance. The extra unknown of each kind is penalised
+        (Schwarz 1978).
 
         Parameters
         ----------
         left : (pairs, channels) complex128
-            What the waves leave, along them and across them.
+            Residual, parallel and perpendicular to the model.
         """
         total = np.full(len(left), -self.is_kind.shape[1] / 2 * np.log(2 * len(self.z)))
         for mine in self._together:
@@ -167,13 +175,13 @@ class Phasors:
             total -= 0.5 * (z.shape[1] * (np.log(rest).sum(axis=-1) + np.log(more)) + square)
         return total
 
-    def expect_no_more_strays(self, k: FloatArray) -> None:
-        """Channels may be more alike than most where a pair (2, 2) shows that they are."""
+    def limit_mismatch_to(self, k: FloatArray) -> None:
+        """Reduce the variance where the residual of a pair (2, 2) shows that the channels are more alike."""
         left = np.abs(self.z - self.fit(k[np.newaxis])[0].sum(axis=-1)) ** 2
         self.variance = np.minimum(self.variance, self._noise + float(left.mean()) / 2)
 
-    def is_one(self, k: FloatArray) -> bool:
-        """Whether one wave, alike in all channels of a kind, leaves no more than noise."""
+    def is_single_wave(self, k: FloatArray) -> bool:
+        """True where one wave with equal channels of each kind leaves no more than noise."""
         left = np.abs(self.z - self.fit(k[np.newaxis, np.newaxis])[0, :, 0]) ** 2
         dof = 2 * (len(self.z) - self.is_kind.shape[1] - 1)
-        return bool((left / self.variance).sum() < special.chdtri(max(dof, 1), _FALSE_PAIR))
+        return bool((left / self.variance).sum() < special.chdtri(max(dof, 1), _FALSE_SECOND_WAVE))

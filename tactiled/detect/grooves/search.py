@@ -1,54 +1,62 @@
-"""All wave vectors that the phases of one frequency allow: the integer ambiguity, listed and weighed."""
+"""List every wave vector that the phases of one line allow: the integer ambiguity."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.basis import Tables, Window
-from tactiled.detect.grooves.linear import Waves
-from tactiled.detect.grooves.model import Layout, WaveMotion, WaveParams
-from tactiled.detect.grooves.solve import Solver
+from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout, WaveMotion, WaveParams
+from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
-_STEP_RAD = 0.5  # of phase at the rim of the array, from one point of the grid to the next
+# Phase at the edge of the array between neighbouring points of a search grid.
+GRID_STEP_RAD = 0.5
 _MOST_STARTS = 24
-# Starts that explain less than this part of what the best does, and less by so much, win by no refinement.
+# A start that explains less than this part of what the best one does, and less by _LEAST_GAP, cannot win by
+# refinement.
 _LEAST_PART = 0.5
 _LEAST_GAP = 100.0
 _SLACK_SIGMAS = 3.0
-_TINY = 1e-300  # what is nothing at all may be divided by
-_SAME_RAD = 0.3  # at the rim: two starts that meet this closely have found one maximum
+# Divisor in place of zero, for channels without any ripple.
+_TINY = 1e-300
 
 
-def search(
-    window: Window,
-    tables: Tables,
-    layout: Layout,
+def search_wave_vectors(
+    window: DetrendedWindow,
+    equations: NormalEquations,
+    layout: ChannelLayout,
     motion: WaveMotion,
     params: WaveParams,
     variance: FloatArray,
     least: float,
-) -> Waves:
-    """Local maxima of the likelihood over the wave vector, the best first; maybe none.
+) -> PlaneWaves:
+    """Local maxima of the likelihood over the wave vector, the best first; may be empty.
 
     Parameters
     ----------
-    tables : Tables
+    window : DetrendedWindow
+    equations : NormalEquations
         At the line's frequency, fundamental only.
+    layout : ChannelLayout
+    motion : WaveMotion
+    params : WaveParams
+    variance : (channels,) float64
+        Of each channel's noise, volts^2.
     least : float
-        The best must explain more than this (`together`).
+        The best must explain more than this (`common_mode_power`).
     """
     heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
-    slack = tables.turn_sd(variance)
-    along, across = _grid(window, tables.turn, slack, layout, motion, params)
+    slack = equations.phase_rate_sd(variance)
+    along, across = _grid(window, equations.phase_rate, slack, layout, motion, params)
     if not len(along) or not len(across):
         return _none()
-    z = phasors_at(window, tables, 1)
+    z = channel_phasors(window, equations, 1)
     scores = _scores(z, layout, heading, along, across, variance)
     if motion.has_speed and len(along) > 1:
-        # What is said of the motion counts too; without it ridges, as a column of taxels has, have no peak.
-        sigmas = (along - tables.turn / window.half_way) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
+        # The prior of a known motion counts too. Without it the ridges that one column of taxels makes have
+        # no peak.
+        sigmas = (along - equations.phase_rate / window.half_travel) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
         scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
-    # A maximum just inside the limits may have its point of the grid outside.
+    # The grid point of a maximum just inside the limits may lie outside them.
     step = _step(layout)
     starts = np.argwhere(_is_peak(scores))
     starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], motion, params, step)]
@@ -59,75 +67,84 @@ def search(
     starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
     normal = np.array([-heading[1], heading[0]])
     k = along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal
-    solver = Solver(window, layout, motion, variance)
-    found = solver.solve(tables, k, solver.likely_turn(k, tables.turn, _SLACK_SIGMAS))
+    solver = WaveSolver(window, layout, motion, variance)
+    found = solver.solve(equations, k, solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS))
     found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, motion, params, step / 2))]
     if not len(found.k):
         return _none()
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
-    return found if score(z, layout, found.k[0], variance) > least else _none()
+    return found if explained_power(z, layout, found.k[0], variance) > least else _none()
 
 
-def _step(layout: Layout) -> float:
-    """From one point of the grid to the next, radians per millimetre."""
-    return _STEP_RAD / layout.rim_mm
+def _step(layout: ChannelLayout) -> float:
+    """Distance between grid points, radians per millimetre."""
+    return GRID_STEP_RAD / layout.radius_mm
 
 
 def _is_within(
     along: FloatArray, across: FloatArray, motion: WaveMotion, params: WaveParams, margin: float
 ) -> NDArray[np.bool_]:
-    """Whether wave vectors are within the operator's limits, but for a margin (radians per millimetre)."""
+    """True for wave vectors inside the operator's limits, with a margin (radians per millimetre)."""
     size = np.hypot(along, across)
     within = size <= 2 * np.pi / params.min_period_mm + margin
     least = 2 * np.pi / params.max_period_mm
-    within &= size >= max(least - margin, least / 2)  # what all channels feel at once is none
+    # a wave vector of zero is common to all channels and no grating
+    within &= size >= max(least - margin, least / 2)
     if motion.has_direction:
         within &= (along > 0) & (np.abs(across) <= along * np.tan(np.radians(params.max_tilt_deg)) + margin)
     return np.asarray(within)
 
 
-def together(window: Window, tables: Tables, layout: Layout, variance: FloatArray) -> float:
-    """What a vibration that all channels feel at the same time would explain.
+def common_mode_power(
+    window: DetrendedWindow, equations: NormalEquations, layout: ChannelLayout, variance: FloatArray
+) -> float:
+    """Power that a vibration common to all channels would explain.
 
-    It may look like a wave whose phases are nearly whole turns; but no wave suits it better than this.
+    Such a vibration may resemble a wave whose phases are nearly whole turns, but no wave then explains more
+    power than this.
     """
-    return score(phasors_at(window, tables, 1), layout, np.zeros(2), variance)
+    return explained_power(channel_phasors(window, equations, 1), layout, np.zeros(2), variance)
 
 
-def phasors_at(window: Window, tables: Tables, harmonic: int) -> FloatArray:
-    """Amplitude and phase of each channel by itself, as if sampled at once: (channels,) complex128."""
-    parts = tables.phasors()
-    late = np.exp(-1j * harmonic * tables.turn * window.lag)
+def channel_phasors(window: DetrendedWindow, equations: NormalEquations, harmonic: int) -> FloatArray:
+    """Complex amplitude of one harmonic in each channel, corrected for scan skew: (channels,) complex128."""
+    parts = equations.phasors()
+    late = np.exp(-1j * harmonic * equations.phase_rate * window.skew)
     return np.asarray((parts[:, 2 * harmonic - 2] - 1j * parts[:, 2 * harmonic - 1]) * late)
 
 
-def score(z: FloatArray, layout: Layout, k: FloatArray, variance: FloatArray) -> float:
-    """Power over noise that a wave vector explains of phasors, in amplitudes squared."""
+def explained_power(z: FloatArray, layout: ChannelLayout, k: FloatArray, variance: FloatArray) -> float:
+    """Power over noise variance that one wave vector explains of phasors, in squared amplitudes."""
     pull = np.abs(z) * z / variance
     late = np.exp(-1j * (layout.x_mm * k[0] + layout.y_mm * k[1]))
     seen, total = (pull * late) @ layout.is_kind, np.abs(pull) @ layout.is_kind
     return float((np.abs(seen) ** 2 / np.maximum(total, _TINY)).sum())
 
 
-def best_score(
+def most_explained_power(
     z: FloatArray,
-    turn: float,
-    window: Window,
-    layout: Layout,
+    phase_rate: float,
+    window: DetrendedWindow,
+    layout: ChannelLayout,
     motion: WaveMotion,
     params: WaveParams,
     variance: FloatArray,
 ) -> tuple[float, int]:
-    """The same by the best wave vector there is, and how many were tried."""
-    along, across = _grid(window, turn, 0.0, layout, motion, params)
+    """Largest `explained_power` over the grid of wave vectors, and how many were tried."""
+    along, across = _grid(window, phase_rate, 0.0, layout, motion, params)
     scores = _scores(z, layout, motion.heading, along, across, variance)
     return float(scores.max(initial=0.0)), max(scores.size, 1)
 
 
 def _grid(
-    window: Window, turn: float, turn_sd: float, layout: Layout, motion: WaveMotion, params: WaveParams
+    window: DetrendedWindow,
+    phase_rate: float,
+    phase_rate_sd: float,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
 ) -> tuple[FloatArray, FloatArray]:
-    """Components of the wave vector along the motion and across it."""
+    """Grid of wave-vector components along the motion and across it."""
     step = _step(layout)
     largest = 2 * np.pi / params.min_period_mm + step
     n_across = int(np.ceil(largest / step))
@@ -135,10 +152,10 @@ def _grid(
     if not motion.has_speed:
         along = across[across > 0] if motion.has_direction else across
         return np.asarray(along), np.asarray(across)
-    exact = turn / window.half_way
+    exact = phase_rate / window.half_travel
     by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
     by_direction = largest * np.radians(motion.direction_sd_deg)
-    slack = float(np.linalg.norm([by_speed, by_direction, turn_sd / window.half_way]))
+    slack = float(np.linalg.norm([by_speed, by_direction, phase_rate_sd / window.half_travel]))
     reach = _SLACK_SIGMAS * slack if slack > step / _SLACK_SIGMAS else 0.0
     first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
     along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
@@ -147,13 +164,13 @@ def _grid(
 
 def _scores(
     z: FloatArray,
-    layout: Layout,
+    layout: ChannelLayout,
     heading: FloatArray,
     along: FloatArray,
     across: FloatArray,
     variance: FloatArray,
 ) -> FloatArray:
-    """What a wave would explain if amplitudes were those that channels show by themselves."""
+    """Explained power at grid points (along, across), from each channel's own amplitude."""
     x, y = layout.places_mm @ heading, layout.places_mm @ [-heading[1], heading[0]]
     by_along, by_across = np.exp(-1j * np.outer(along, x)), np.exp(-1j * np.outer(y, across))
     pull = np.zeros((layout.is_kind.shape[1], len(x)), dtype=np.complex128)
@@ -166,7 +183,7 @@ def _scores(
 
 
 def _is_peak(scores: FloatArray) -> NDArray[np.bool_]:
-    """Points no lower than their neighbours along each axis."""
+    """True for grid points no lower than their neighbours along each axis."""
     peak = np.ones(scores.shape, dtype=np.bool_)
     for axis in (0, 1):
         if scores.shape[axis] > 1:
@@ -178,16 +195,17 @@ def _is_peak(scores: FloatArray) -> NDArray[np.bool_]:
     return peak
 
 
-def _distinct(waves: Waves, layout: Layout) -> Waves:
-    """Without those that another start found before."""
+def _distinct(waves: PlaneWaves, layout: ChannelLayout) -> PlaneWaves:
+    """Drop waves that equal an earlier one."""
     kept: list[int] = []
     for i in range(len(waves.k)):
         gaps = np.abs(waves.k[kept] - waves.k[i]).max(axis=1) if kept else np.array([np.inf])
-        if gaps.min() * layout.rim_mm > _SAME_RAD:
+        if gaps.min() * layout.radius_mm > SAME_WAVE_RAD:
             kept.append(i)
     return waves[np.array(kept)]
 
 
-def _none() -> Waves:
+def _none() -> PlaneWaves:
+    """An empty result."""
     empty = np.zeros(0)
-    return Waves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
+    return PlaneWaves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))

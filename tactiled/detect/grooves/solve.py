@@ -1,214 +1,459 @@
-"""Maximum likelihood of a plane wave over its wave vector, from the tables of a window.
+"""Maximum likelihood of a plane wave over its wave vector, from the normal equations of a window.
 
-Gauss-Newton with the linear part solved exactly at each step (variable projection: Golub, Pereyra 1973).
-Several starting points go side by side, along the first axis of every array.
+Gauss-Newton steps with the linear part solved exactly at each step (variable projection: Golub, Pereyra
+1973). The amplitudes are solved for in each channel and eliminated. Several starts are refined side by side:
+starts and channels are the last axes of whatever is computed for each of them, so that small matrices are
+handled together.
 
-On a real skin no two taxels are quite alike, and at a good signal this is what limits the phases, not noise.
-So each channel's phases may stray from its kind's, with a variance of the kind that is found from the fit
-(`stray`). Strays are integrated out like any Gaussian unknown; frequencies do not depend on them.
+No two taxels of a real skin are alike, and with a good signal this phase mismatch limits the accuracy, not
+noise. Each channel's phases may therefore differ from those of its kind, with a variance that is estimated
+from the fit. The mismatch is integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.basis import Tables, Window
-from tactiled.detect.grooves.linear import Geometry, Linear, Waves, expected, linearise, spread
-from tactiled.detect.grooves.model import Layout, WaveMotion
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
+from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
-_STEPS = 3  # quadratic from a start within a quarter of a radian
-_CONVERGED = 0.03  # sigmas: after one more step, a third of that or less on any window that was tried
-_LARGEST_STEP_RAD = 0.5  # at the rim of the array: beyond, the linear model of a phase is not one
-_FALSE_STRAY = 1e-3  # noise passes for strays so often
-_ANY_PHASE = np.pi**2 / 3  # variance of phases that are anything
-_SECOND_ORDER = np.sqrt(3) / 2  # root mean square of half the square of what has unit variance
-_RIDGE = 1e-12  # what no channel tells must have a finite sigma
+# Convergence is quadratic from a start within a quarter of a radian.
+_NEWTON_STEPS = 3
+# Size of the last step. One more step would be a third of it or less on every window that was tried.
+_CONVERGED_SIGMAS = 0.03
+# Phase at the edge of the array. Beyond it the linear model of a phase does not hold.
+LARGEST_STEP_RAD = 0.5
+# Probability that noise alone passes as phase mismatch.
+_FALSE_MISMATCH = 1e-3
+# Variance of a uniformly distributed phase, radians^2.
+_ANY_PHASE = np.pi**2 / 3
+# Root mean square of half the square of a variable with unit variance.
+_SECOND_ORDER = np.sqrt(3) / 2
+# Ridge that keeps the standard deviation of an undetermined quantity finite.
+_NO_INFORMATION = 1e-12
 
 
-class Solver:
+@dataclass(frozen=True, eq=False)
+class PlaneWaves:
+    """Fitted waves, one for each start.
+
+    Attributes
+    ----------
+    k : (starts, 2) float64
+        Wave vectors, radians per millimetre.
+    phase_rate : (starts,) float64
+        Phase of the fundamental per unit of the window's scaled travel.
+    gain : (starts,) float64
+        Twice the log-likelihood ratio over no wave.
+    covariance : (starts, 3, 3) float64
+        Of wave vector and phase rate.
+    phase : (starts, kinds, harmonics) float64
+    """
+
+    k: FloatArray
+    phase_rate: FloatArray
+    gain: FloatArray
+    covariance: FloatArray
+    phase: FloatArray
+
+    def __getitem__(self, chosen: int | NDArray[np.int64]) -> "PlaneWaves":
+        index = np.atleast_1d(np.asarray(chosen, dtype=np.int64))
+        return PlaneWaves(
+            self.k[index], self.phase_rate[index], self.gain[index], self.covariance[index], self.phase[index]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Likelihood near a wave as a function of each channel's phases.
+
+    The unknowns are the phase of each harmonic and, last, the phase rate where it acts through the travel.
+
+    Attributes
+    ----------
+    gain : (starts, channels) float64
+        Twice the log-likelihood ratio over no wave.
+    gradient : (harmonics + 1, starts, channels) float64
+        Of the log-likelihood.
+    information : (harmonics + 1, harmonics + 1, starts, channels) float64
+    """
+
+    gain: FloatArray
+    gradient: FloatArray
+    information: FloatArray
+
+    def with_mismatch(self, mismatch: FloatArray) -> "Linearisation":
+        """The linearisation where each channel's phases have a Gaussian mismatch, integrated out.
+
+        Woodbury's identity, in a form that also holds for a variance of zero.
+
+        Parameters
+        ----------
+        mismatch : (harmonics, channels) float64
+            Variance, radians^2.
+        """
+        n = len(mismatch)
+        sd = np.sqrt(mismatch)[:, np.newaxis]
+        both = np.zeros((2 * n + 2, 2 * n + 2, *self.gain.shape))
+        both[n:-1, n:-1] = self.information
+        both[n:-1, -1] = both[-1, n:-1] = self.gradient
+        both[:n, n:] = sd[:, np.newaxis] * both[n:-2, n:]
+        both[n:, :n] = both[:n, n:].swapaxes(0, 1)
+        both[:n, :n] = both[:n, n:-2] * sd
+        both[range(n), range(n)] += 1.0
+        left = sweep(both, n)
+        return Linearisation(self.gain - left[-1, -1], left[n:-1, -1], left[n:-1, n:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseGeometry:
+    """Dependence of each channel's phase on the unknowns.
+
+    Attributes
+    ----------
+    place : (channels, 2) float64
+    skew : (channels,) float64
+    is_kind : (channels, kinds) float64
+        1 where the channel is of the kind.
+    weight : (channels,) float64
+        Inverse variance of the noise.
+    tie : (2,) float64
+        Phase rate per unit of the wave vector, where the motion is known; else zeros.
+    """
+
+    place: FloatArray
+    skew: FloatArray
+    is_kind: FloatArray
+    weight: FloatArray
+    tie: FloatArray
+
+    def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
+        """Phase of waves at each channel: (starts, channels)."""
+        return np.asarray(k @ self.place.T + phase_rate[:, np.newaxis] * self.skew)
+
+
+def sweep(square: FloatArray, n: int) -> FloatArray:
+    """Eliminate the first n unknowns of symmetric matrices (sweep operator: Goodnight 1979).
+
+    [[A, B], [B', C]] becomes [[1/A, 1/A B], [-B' 1/A, C - B' 1/A B]]; A must be positive definite.
+
+    Parameters
+    ----------
+    square : (unknowns, unknowns, ...) float64
+    n : int
+    """
+    square = square.copy()
+    for i in range(n):
+        pivot = 1.0 / square[i, i]
+        row = square[i] * pivot
+        column = square[:, i].copy()
+        square -= column[:, np.newaxis] * row
+        square[i] = row
+        square[:, i] = -column * pivot
+        square[i, i] = pivot
+    return square
+
+
+def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+    """Unit harmonics in terms of the functions, and their derivatives by phase and by phase rate.
+
+    Returns
+    -------
+    (3 harmonics, functions, starts, channels) float64
+    """
+    n_harmonics = equations.n_harmonics
+    psi = geometry.psi(waves.k, waves.phase_rate)
+    own = waves.phase.transpose(2, 0, 1) @ geometry.is_kind.T
+    ahead = waves.phase_rate - equations.phase_rate
+    # Axes: value or derivative, its harmonic, plain or times travel, harmonic, cosine or sine, starts,
+    # channels.
+    on = np.zeros((3, n_harmonics, 2, n_harmonics, 2, *psi.shape))
+    for h in range(n_harmonics):
+        times = h + 1.0
+        alpha = times * psi + own[h]
+        here = np.array([np.cos(alpha), -np.sin(alpha)])
+        quarter = np.array([here[1], -here[0]])
+        shift = (times * ahead)[:, np.newaxis]
+        on[0, h, 0, h], on[0, h, 1, h] = here, shift * quarter
+        on[1, h, 0, h], on[1, h, 1, h] = quarter, -shift * here
+        on[2, h, 1, h] = times * quarter
+    return on.reshape(3 * n_harmonics, 4 * n_harmonics, *psi.shape)
+
+
+def linearise(
+    geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves, product: FloatArray
+) -> Linearisation:
+    """Linearise the model near waves.
+
+    Parameters
+    ----------
+    geometry : PhaseGeometry
+    equations : NormalEquations
+    waves : PlaneWaves
+    product : (samples, channels, functions) float64
+        Used instead of the product of `equations`. Samples and waves are equal in number, or one of either.
+    """
+    m = equations.n_harmonics
+    on = _directions(geometry, equations, waves)
+    square = np.einsum("ifsc,jfsc->ijsc", on, equations.times_gram(on))
+    seen = np.einsum("ifsc,scf->isc", on, product)
+    left = sweep(square, m)
+    amplitude = np.maximum(np.einsum("ijsc,jsc->isc", left[:m, :m], seen[:m]), 0.0)
+    explained = np.einsum("ijsc,jsc->isc", square[:, :m], amplitude)
+    gain = (amplitude * (2 * seen[:m] - explained[:m])).sum(axis=0) * geometry.weight
+    by = (seen - explained)[m:].reshape(2, m, *amplitude.shape[1:]) * amplitude
+    gradient = np.concatenate([by[0], by[1].sum(axis=0, keepdims=True)]) * geometry.weight
+    rest = left[m:, m:].reshape(2, m, 2, m, *left.shape[2:])
+    rest = rest * amplitude[:, np.newaxis, np.newaxis] * amplitude * geometry.weight
+    information = np.empty((m + 1, m + 1, *amplitude.shape[1:]))
+    information[:m, :m] = rest[0, :, 0]
+    information[:m, m] = information[m, :m] = rest[0, :, 1].sum(axis=1)
+    information[m, m] = rest[1, :, 1].sum(axis=(0, 1))
+    return Linearisation(gain, gradient, information)
+
+
+def expected_products(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+    """Products that waves without noise would have: (starts, channels, functions)."""
+    m = equations.n_harmonics
+    on = _directions(geometry, equations, waves)[:m]
+    seen = equations.times_gram(on)
+    inner = np.einsum("ifsc,jfsc->ijsc", on, seen)
+    own = np.einsum("ifsc,cf->isc", on, equations.product)
+    amplitude = np.maximum(np.einsum("ijsc,jsc->isc", sweep(inner, m), own), 0.0)
+    return np.asarray(np.einsum("ifsc,isc->scf", seen, amplitude))
+
+
+def total_information(
+    geometry: PhaseGeometry, near: Linearisation, slack: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Information (starts, unknowns, unknowns) and gradient (starts, unknowns) of all channels together.
+
+    Unknowns: kx, ky, the phase rate in units of its slack, then the phases of the harmonics, kind by kind.
+    """
+    n_harmonics, is_kind = len(near.gradient) - 1, geometry.is_kind
+    n_starts, n_phases = near.gradient.shape[1], n_harmonics * is_kind.shape[1]
+    times = np.arange(1.0, n_harmonics + 1)
+    # From phases, and the phase rate through the travel, to psi and the latter.
+    both = np.zeros((2, n_harmonics + 1))
+    both[0, :-1], both[1, -1] = times, 1.0
+    half = np.einsum("ai,ijsc->ajsc", both, near.information)
+    among = np.einsum("ajsc,bj->absc", half, both)
+    pull = np.einsum("ai,isc->asc", both, near.gradient)
+    # Derivative of psi, and of the phase rate through the travel, by wave vector and slack: (3, 2, starts,
+    # channels).
+    by = np.zeros((3, 2, n_starts, len(is_kind)))
+    by[:2, 0] = (geometry.place + geometry.skew[:, np.newaxis] * geometry.tie).T[:, np.newaxis]
+    by[:2, 1] = geometry.tie[:, np.newaxis, np.newaxis]
+    by[2, 0] = slack[:, np.newaxis] * geometry.skew
+    by[2, 1] = slack[:, np.newaxis]
+    normal = np.zeros((n_starts, 3 + n_phases, 3 + n_phases))
+    normal[:, :3, :3] = np.einsum("iasc,jasc->sij", by, np.einsum("jbsc,absc->jasc", by, among))
+    crossed = np.einsum("iasc,ahsc->ihsc", by, half[:, :-1]) @ is_kind  # (3, harmonics, starts, kinds)
+    crossed = crossed.transpose(2, 0, 3, 1).reshape(n_starts, 3, n_phases)
+    normal[:, :3, 3:], normal[:, 3:, :3] = crossed, crossed.swapaxes(1, 2)
+    own = (near.information[:-1, :-1] @ is_kind).transpose(2, 3, 0, 1)  # axes: starts and kinds first
+    for g in range(is_kind.shape[1]):
+        rows = slice(3 + g * n_harmonics, 3 + (g + 1) * n_harmonics)
+        normal[:, rows, rows] = own[:, g]
+    phases = (near.gradient[:-1] @ is_kind).transpose(1, 2, 0).reshape(n_starts, n_phases)
+    return normal, np.concatenate([np.einsum("iasc,asc->si", by, pull), phases], axis=1)
+
+
+class WaveSolver:
     """Fits of one window.
 
     Parameters
     ----------
-    window : Window
-    layout : Layout
-        Of the window's channels; places are relative to their mean.
+    window : DetrendedWindow
+    layout : ChannelLayout
+        Of the window's channels; positions are relative to their centre.
     motion : WaveMotion
     variance : (channels,) float64
         Of each channel's noise, volts^2.
-    stray : (kinds, harmonics) float64, optional
+    mismatch : (kinds, harmonics) float64, optional
         Variance of phases within a kind, radians^2; zeros where left out.
     """
 
     def __init__(
         self,
-        window: Window,
-        layout: Layout,
+        window: DetrendedWindow,
+        layout: ChannelLayout,
         motion: WaveMotion,
         variance: FloatArray,
-        stray: FloatArray | None = None,
+        mismatch: FloatArray | None = None,
     ) -> None:
         place = np.stack([layout.x_mm, layout.y_mm], axis=1)
-        # Where the motion is known, turn = half_way (k . heading), but for what its sigmas allow.
-        tie = window.half_way * motion.heading * float(motion.has_speed)
-        self._geometry = Geometry(place, window.lag, layout.is_kind, 1.0 / variance, tie)
+        # A known motion gives phase_rate = half_travel (k . heading), within the uncertainty of the motion.
+        tie = window.half_travel * motion.heading * float(motion.has_speed)
+        self._geometry = PhaseGeometry(place, window.skew, layout.is_kind, 1.0 / variance, tie)
         self._rim_mm = max(float(np.abs(place).max()), 1e-3)
-        self._stray = None if stray is None or not stray.any() else (layout.is_kind @ stray).T
+        self._mismatch = None if mismatch is None or not mismatch.any() else (layout.is_kind @ mismatch).T
         self._motion = motion
 
-    def _turn_of(self, k: FloatArray) -> FloatArray:
-        """Turn that a known motion makes of wave vectors (starts, 2)."""
+    def _tied_phase_rate(self, k: FloatArray) -> FloatArray:
+        """Phase rate that a known motion gives wave vectors (starts, 2)."""
         return np.asarray(k @ self._geometry.tie)
 
-    def likely_turn(self, k: FloatArray, line: float, sigmas: float) -> FloatArray:
-        """The turn next to a line's among those that the motion lets wave vectors have: (starts,)."""
+    def likely_phase_rate(self, k: FloatArray, line: float, sigmas: float) -> FloatArray:
+        """Phase rate nearest to a line's among those that the motion allows: (starts,)."""
         if not self._motion.has_speed:
             return np.full(len(k), line)
-        tied, reach = self._turn_of(k), sigmas * self._slack(k)
+        tied, reach = self._tied_phase_rate(k), sigmas * self._slack(k)
         return np.asarray(np.clip(line, tied - reach, tied + reach))
 
     def _slack(self, k: FloatArray) -> FloatArray:
-        """Sigma by which the turn may differ from the tie; 1 where there is none."""
+        """Standard deviation of the phase rate about the tie to the motion; 1 without a tie: (starts,)."""
         if not self._motion.has_speed:
             return np.ones(len(k))
         across = self._geometry.tie[0] * k[:, 1] - self._geometry.tie[1] * k[:, 0]
-        along = self._turn_of(k)
+        along = self._tied_phase_rate(k)
         by_speed = along * (self._motion.speed_sd_mm_s / self._motion.speed_mm_s)
-        # Of cos(tilt + error), first order and second: the first is nothing where normal and motion are one.
+        # Error of cos(tilt + error) to first and second order: the first vanishes where normal and motion
+        # coincide.
         sd = np.radians(self._motion.direction_sd_deg)
         return np.asarray(np.linalg.norm([by_speed, across * sd, along * _SECOND_ORDER * sd**2], axis=0))
 
     def solve(
         self,
-        tables: Tables,
+        equations: NormalEquations,
         k: FloatArray,
-        turn: FloatArray,
-        steps: int = _STEPS,
+        phase_rate: FloatArray,
+        steps: int = _NEWTON_STEPS,
         phase: FloatArray | None = None,
-    ) -> Waves:
-        """Nearest maxima of the likelihood.
+    ) -> PlaneWaves:
+        """Climb to the nearest maxima of the likelihood.
 
         Parameters
         ----------
+        equations : NormalEquations
         k : (starts, 2) float64
-        turn : (starts,) float64
-            Near that of `tables`: a change of frequency is followed to first order.
+        phase_rate : (starts,) float64
+            Near that of `equations`: a change of frequency is followed to first order.
         steps : int
-            At the most; the last is one that hardly moves (Newton's decrement: Boyd, Vandenberghe 2004,
-            9.5.1), and then gain and covariance are those from where it began.
+            At most. The iteration ends early with a step that hardly moves (Newton's decrement: Boyd,
+            Vandenberghe 2004, 9.5.1); gain and covariance are then those of the point before it.
         phase : (starts, kinds, harmonics) float64, optional
-            Where they are known from a fit nearby.
+            Known from a fit nearby.
         """
-        k, turn = k.copy(), turn.copy()
-        phase = self._first_phase(tables, k, turn) if phase is None else phase
-        product = tables.product[np.newaxis]
+        k, phase_rate = k.copy(), phase_rate.copy()
+        phase = self._first_phase(equations, k, phase_rate) if phase is None else phase
+        product = equations.product[np.newaxis]
         for step in range(steps + 1):
             slack = self._slack(k)
-            off = (turn - self._turn_of(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
-            near = self._near(tables, Waves(k, turn, off, off, phase), product)
+            off = (phase_rate - self._tied_phase_rate(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
+            near = self._near(equations, PlaneWaves(k, phase_rate, off, off, phase), product)
             normal, gradient = self._normal(near, slack)
             gradient[:, 2] -= off * self._motion.has_speed
             if step == steps:
                 break
             move = _solved(normal, gradient[..., np.newaxis])[..., 0]
-            is_last = (move * gradient).sum(axis=1).max() < _CONVERGED**2
+            is_last = (move * gradient).sum(axis=1).max() < _CONVERGED_SIGMAS**2
             size = np.abs(move[:, :2]).max(axis=1) * self._rim_mm
-            move *= (_LARGEST_STEP_RAD / np.maximum(size, _LARGEST_STEP_RAD))[:, np.newaxis]
+            move *= (LARGEST_STEP_RAD / np.maximum(size, LARGEST_STEP_RAD))[:, np.newaxis]
             k = k + move[:, :2]
-            turn = self._turn_of(k) + slack * (off + move[:, 2])
+            phase_rate = self._tied_phase_rate(k) + slack * (off + move[:, 2])
             phase = phase + move[:, 3:].reshape(phase.shape)
             if is_last:
                 break
         gain = near.gain.sum(axis=1) - off**2 * self._motion.has_speed
-        to_turn = self._to_turn(slack)
+        to_phase_rate = self._to_phase_rate(slack)
         covariance = _solved(normal, np.eye(normal.shape[1])[:, :3])[:, :3]
-        return Waves(k, turn, gain, to_turn @ covariance @ to_turn.transpose(0, 2, 1), phase)
+        return PlaneWaves(
+            k, phase_rate, gain, to_phase_rate @ covariance @ to_phase_rate.transpose(0, 2, 1), phase
+        )
 
-    def _to_turn(self, slack: FloatArray) -> FloatArray:
-        """What makes (kx, ky, turn) of (kx, ky, turn in units of its slack): (starts, 3, 3)."""
-        to_turn = np.zeros((len(slack), 3, 3))
-        to_turn[:, 0, 0] = to_turn[:, 1, 1] = 1.0
-        to_turn[:, 2, :2] = self._geometry.tie
-        to_turn[:, 2, 2] = slack
-        return to_turn
+    def _to_phase_rate(self, slack: FloatArray) -> FloatArray:
+        """Matrix from (kx, ky, phase rate in units of slack) to (kx, ky, phase rate): (starts, 3, 3)."""
+        to_phase_rate = np.zeros((len(slack), 3, 3))
+        to_phase_rate[:, 0, 0] = to_phase_rate[:, 1, 1] = 1.0
+        to_phase_rate[:, 2, :2] = self._geometry.tie
+        to_phase_rate[:, 2, 2] = slack
+        return to_phase_rate
 
-    def moves(self, tables: Tables, waves: Waves, noise: FloatArray) -> FloatArray:
-        """How far noise moves a wave: (samples, 3), in wave vector and turn.
+    def displacements(self, equations: NormalEquations, waves: PlaneWaves, noise: FloatArray) -> FloatArray:
+        """Change of a wave that noise causes: (samples, 3), in wave vector and phase rate.
 
         Parameters
         ----------
-        waves : Waves
-            One.
+        equations : NormalEquations
+        waves : PlaneWaves
+            One wave.
         noise : (samples, channels, functions) float64
-            What it adds to the products of the tables.
+            Added to the products of the equations.
         """
         slack = self._slack(waves.k)
-        noisy = expected(self._geometry, tables, waves) + noise
-        normal, gradient = self._normal(self._near(tables, waves, noisy), slack)
-        return np.asarray(_solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_turn(slack)[0].T)
+        noisy = expected_products(self._geometry, equations, waves) + noise
+        normal, gradient = self._normal(self._near(equations, waves, noisy), slack)
+        return np.asarray(
+            _solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_phase_rate(slack)[0].T
+        )
 
-    def surprise(self, tables: Tables, waves: Waves) -> FloatArray:
-        """What the wave does not explain of the products: (channels, functions)."""
-        return np.asarray(tables.product - expected(self._geometry, tables, waves)[0])
+    def residual_products(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+        """Part of the products that the wave does not explain: (channels, functions)."""
+        return np.asarray(equations.product - expected_products(self._geometry, equations, waves)[0])
 
-    def stray_of(self, tables: Tables, waves: Waves) -> FloatArray:
-        """Variance of phases within each kind that noise does not account for: (kinds, harmonics).
+    def mismatch_variance(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+        """Variance of phases within each kind that exceeds the noise: (kinds, harmonics), radians^2.
 
-        The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any at all.
+        The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any mismatch.
         """
-        near = linearise(self._geometry, tables, waves, tables.product[np.newaxis])
+        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
         known = np.einsum("hhsc->ch", near.information[:-1, :-1])
-        excess = np.where(known > 0, near.push[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
+        excess = np.where(known > 0, near.gradient[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
         seen = (known > 0).astype(np.float64)
-        # Each kind spends a phase of its own for each harmonic, and all of them two for the wave vector.
-        spent = 1.0 + 2.0 / max(tables.n_harmonics * self._geometry.is_kind.shape[1], 1)
+        # Each kind uses one degree of freedom for each harmonic's phase; all kinds together two for the wave
+        # vector.
+        spent = 1.0 + 2.0 / max(equations.n_harmonics * self._geometry.is_kind.shape[1], 1)
         dof = np.maximum(self._geometry.is_kind.T @ seen - spent, 0.0)
         q, total = self._geometry.is_kind.T @ excess, self._geometry.is_kind.T @ known
-        if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_STRAY):
+        if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_MISMATCH):
             return np.zeros_like(q)
         share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
         found = (q > dof) & (dof > 0)
         own = np.where(found, (q - dof) / np.where(found, np.maximum(total * share, 1e-200), 1.0), 0.0)
-        # A kind has few channels: what all kinds show is worth one more of them.
+        # A kind has few channels: the pooled estimate of all kinds counts as one more channel.
         pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-200), 0.0)
-        # Harmonics of a channel stray together, and then all of them tell no more than one.
-        stray = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
-        return np.asarray(tables.n_harmonics * stray)
+        # The mismatch of a channel is common to its harmonics, which then count as one observation.
+        mismatch = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
+        return np.asarray(equations.n_harmonics * mismatch)
 
-    def strays(self, tables: Tables, waves: Waves) -> FloatArray:
-        """How far each channel's fundamental is from its kind's, in sigmas of what it may: (channels,)."""
-        near = linearise(self._geometry, tables, waves, tables.product[np.newaxis])
+    def standardised_mismatch(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+        """Deviation of each channel's fundamental from its kind, in standard deviations: (channels,)."""
+        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
         known = near.information[0, 0, 0]
-        allowed = 0.0 if self._stray is None else self._stray[0]
-        return np.asarray(near.push[0, 0] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
+        allowed = 0.0 if self._mismatch is None else self._mismatch[0]
+        return np.asarray(near.gradient[0, 0] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
 
-    def _first_phase(self, tables: Tables, k: FloatArray, turn: FloatArray) -> FloatArray:
+    def _first_phase(self, equations: NormalEquations, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
-        parts = tables.phasors()
-        z = parts[:, 0::2] - 1j * parts[:, 1::2]  # a cos(h t + p) has the phasor a exp(i p)
-        psi = self._geometry.psi(k, turn)
-        times = np.arange(1, tables.n_harmonics + 1)
+        parts = equations.phasors()
+        z = parts[:, 0::2] - 1j * parts[:, 1::2]
+        psi = self._geometry.psi(k, phase_rate)
+        times = np.arange(1, equations.n_harmonics + 1)
         turned = (
             np.abs(z) * z * np.exp(-1j * psi[..., np.newaxis] * times) * self._geometry.weight[:, np.newaxis]
         )
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._geometry.is_kind)))
 
-    def _near(self, tables: Tables, waves: Waves, product: FloatArray) -> Linear:
-        """What channels say near waves, but for strays."""
-        near = linearise(self._geometry, tables, waves, product)
-        return near if self._stray is None else near.strayed(self._stray)
+    def _near(self, equations: NormalEquations, waves: PlaneWaves, product: FloatArray) -> Linearisation:
+        """Linearise near waves and integrate out the mismatch."""
+        near = linearise(self._geometry, equations, waves, product)
+        return near if self._mismatch is None else near.with_mismatch(self._mismatch)
 
-    def _normal(self, near: Linear, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Information and gradient; a motion that is known has one unit of the slack's."""
-        normal, gradient = spread(self._geometry, near, slack)
+    def _normal(self, near: Linearisation, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Information and gradient, with the prior of a known motion: unit information on the slack."""
+        normal, gradient = total_information(self._geometry, near, slack)
         normal[:, 2, 2] += float(self._motion.has_speed)
         return normal, gradient
 
 
 def _solved(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution for information matrices; finite, and very large where there is no information."""
+    """Solve with information matrices; finite, and very large where there is no information."""
     diagonal = np.einsum("sii->si", normal)
-    least = np.maximum(_RIDGE * diagonal.max(axis=1, keepdims=True), 1e-30)
+    least = np.maximum(_NO_INFORMATION * diagonal.max(axis=1, keepdims=True), 1e-30)
     scale = (1.0 / np.sqrt(np.maximum(diagonal, least)))[..., np.newaxis]
-    scaled = normal * scale * scale.swapaxes(1, 2) + _RIDGE * np.eye(normal.shape[1])
+    scaled = normal * scale * scale.swapaxes(1, 2) + _NO_INFORMATION * np.eye(normal.shape[1])
     return np.asarray(np.linalg.solve(scaled, right * scale) * scale)

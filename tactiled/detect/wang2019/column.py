@@ -1,4 +1,4 @@
-"""The column of taxels that the published groove procedure samples, and through which resistor."""
+"""The column of taxels that the published groove procedure samples, and the resistor it reads."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,25 +8,27 @@ from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.samples.block import ScanBlock
 
-_MAX_BAD_PART = 0.01  # held readings that a spectrum does not notice
+# Part of the readings. A spectrum does not notice so few interpolated ones.
+_MAX_BAD_PART = 0.01
 
 
-class Column:
-    """Three taxels (or two) of a column.
+class TaxelColumn:
+    """Three taxels (or two) of one column.
 
     Parameters
     ----------
     array : Array
     number : int
-        Which column, counted as `Array.columns` does; the last where there are fewer.
+        Number of the column, counted as in `Array.columns`; the last where there are fewer.
     low_pass_hz : float
 
     Attributes
     ----------
     y_mm : (taxels,) float64
-        Where they are.
+        Positions along the column.
     resistors : list of (taxels,) int64
-        Channels that measure the same in each: R1 of all, R2 of all, ... Empty for an array without a column.
+        Channels that measure the same quantity in each taxel: all R1, all R2, ... Empty for an array without
+        a column.
     """
 
     def __init__(self, array: Array, number: int, low_pass_hz: float) -> None:
@@ -38,8 +40,8 @@ class Column:
         self.volts_per_step = self._grid.volts_per_step
         self._low_pass_hz = low_pass_hz
 
-    def good(self, block: ScanBlock) -> NDArray[np.bool_]:
-        """Readings to go by; NaN compares false."""
+    def usable(self, block: ScanBlock) -> NDArray[np.bool_]:
+        """True for valid readings within full scale; NaN compares false: (n, channels)."""
         return block.valid & (np.abs(block.volts) <= self._grid.full_scale_volts)
 
     def strongest(
@@ -47,8 +49,7 @@ class Column:
     ) -> tuple[NDArray[np.int64], FloatArray, Spectrum] | None:
         """Channels, signals (n, taxels) and spectrum of the resistor with the largest peak.
 
-        None when every resistor is bad in some taxel. The few bad readings of the others are bridged by a
-        line.
+        Few bad readings are interpolated linearly. None where each resistor is bad in some taxel.
         """
         best = None
         scans = np.arange(len(volts))
@@ -66,11 +67,12 @@ class Column:
 
 
 def _strength(seen: Spectrum) -> tuple[bool, float]:
-    # Beyond the band or not, a ripple that is there counts for more than a trend or nothing.
+    """Sort key: a ripple, inside the band or beyond it, ranks above a trend or noise."""
     return seen.status in ("ok", "aliased"), float((seen.amplitude_volts[seen.peak] ** 2).sum())
 
 
 def _resistors(array: Array, taxels: list[int]) -> list[NDArray[np.int64]]:
+    """Channels of equal kind and azimuth that are present in all taxels."""
     found: dict[tuple[str, float], list[int]] = {}
     for taxel in taxels:
         for channel in np.flatnonzero(array.channel_taxel == taxel).tolist():

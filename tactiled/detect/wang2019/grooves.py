@@ -1,25 +1,34 @@
-"""Period and angle of grooves from the voltages of one column, as Wang, Chen, Mei 2019 do it (eqs 3 to 6).
+"""Period and inclination of grooves from the voltages of one column (Wang, Chen, Mei 2019, eqs 3 to 6).
 
 A taxel at (x, y) sees the phase ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D``. With motion of
-speed v along direction theta its frequency is ``f = v |cos(theta - a)| / D``, and a taxel that is l further
+speed v along the direction theta its frequency is ``f = v |cos(theta - a)| / D``. A taxel that is l further
 along the column sees each ridge earlier by ``t = l sin a / (v cos(theta - a))``. With ``rho = v t / l``::
 
     tan a = rho cos(theta) / (1 - rho sin(theta))         D = v |cos(theta - a)| / f
 
-For motion along +x these are the paper's ``a = atan(v t / l)`` and ``D = v cos(a) / f``. Delays are known
-modulo the ripple's period only, and every period that may be added to one is another answer. The paper's
-``t1 - t2`` over ``l1 - l2`` has the shortest lever l, so its answers lie furthest apart; where the gaps are
-equal, ``t1`` over ``l1`` must do. An answer must be no more inclined than `max_angle_deg` and no finer than
-`min_period_mm`, and every other must miss that by three of its sigmas or more; else it is "ambiguous". The
-limits are the operator's: grooves outside them may be taken for others inside.
+Equations of the paper, which are these for motion along +x (theta = 0); its alpha is our angle a, its MAF
+our f::
 
-For motion along x, answers lie ``D / (l cos a)`` apart in ``tan a``, so that there is one within +-A at any
-angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm. With A = 65 degrees that is 0.71 mm, and
-leaves the finest of the paper's plates, 0.9 mm, the sigmas; 75 would ask for 1.16 mm and more.
+    D = v / f                                             grooves perpendicular to the motion
+    alpha = atan(v t1 / l1)                               where the delay is unambiguous
+    alpha = atan(v (t1 - t2) / (l1 - l2))                 with unequal gaps l1 = 3.5 mm, l2 = 3.8 mm
+    D = v cos(alpha) / f
 
-What limits it: the frequency is one bin of the spectrum, delays are whole scans. The stated sigmas are those
-of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage that a frequency between
-two bins brings, and of white noise, carried through the equations.
+A delay is known modulo the period of the ripple only, and each period that may be added is another answer.
+The ``t1 - t2`` over ``l1 - l2`` of the paper has the shortest baseline, so its answers are the furthest
+apart; where the gaps are equal, ``t1`` over ``l1`` is used. An answer must be no more inclined than
+`max_angle_deg` and no finer than `min_period_mm`, and every other answer must miss these limits by at least
+three of its standard deviations; otherwise the result is "ambiguous". The limits are the operator's knowledge
+of the surface: grooves outside them may be mistaken for others inside.
+
+For motion along x, answers are ``D / (l cos a)`` apart in ``tan a``, so that one answer lies within +-A at
+any angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm. With A = 65 degrees that is 0.71 mm,
+which leaves the standard deviations room on the finest plate of the paper, 0.9 mm; 75 degrees would need
+1.16 mm and more.
+
+Accuracy: the frequency is one bin of the spectrum, and delays are whole scans. The stated standard deviations
+are those of the two grids (uniform errors of one step, ``step / sqrt(12)``), of the leakage of a frequency
+between two bins, and of white noise, propagated through the equations.
 """
 
 from collections.abc import Sequence
@@ -34,18 +43,23 @@ from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.events.types import Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
-_MIN_COS_COLUMN = 0.5  # motion within 30 degrees of the column: its delays say little about the angle
+# Within 30 degrees of the column, delays along it say little about the angle.
+_MIN_COS_COLUMN = 0.5
+# Candidates in an event.
 _MAX_CANDIDATES = 8
-_COUNTED_SIGMAS = 3.0  # an answer that may be is one more, even where it is not likely
-# A sine between two bins, d of a bin from the nearest, k, leaks its mirror image at -f into that bin: d / 2k
-# of it, at a phase that differs from taxel to taxel. Over d in +-1/2 and all phases: 0.102 / k radians rms.
-# The largest there is, all three taxels against each other, is four times the sigma that comes of it.
+# An answer that is less than this outside the limits counts as one more, even where it is unlikely.
+_COUNTED_SIGMAS = 3.0
+# A sine between two bins, d of a bin from the nearest bin k, leaks its mirror image at -f into that bin: d /
+# 2k of it, at a phase that differs between taxels. Over d in +-1/2 and all phases that is 0.102 / k radians
+# rms. The largest possible error, all three taxels against each other, is four times the standard deviation
+# from it.
 _IMAGE_RAD = 0.102
-_EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
+# Gaps that differ by less are equal: array files have two decimals.
+_EQUAL_MM = 1e-6
 
 
 class GrooveParams(Params):
-    """The flow chart's numbers."""
+    """Parameters of the flow chart."""
 
     low_pass_hz: float = Field(default=20.0, gt=0, description="ripples above are not looked for")
     agreement_mm: float = Field(
@@ -56,13 +70,13 @@ class GrooveParams(Params):
     max_angle_deg: float = Field(
         default=65.0, gt=0, lt=90, description="grooves are not inclined by more than this"
     )
-    # A third of the paper's finest plate; a skin 0.8 mm thick hardly feels anything finer.
+    # A third of the finest plate in the paper; a skin 0.8 mm thick hardly responds to anything finer.
     min_period_mm: float = Field(default=0.3, ge=0.01, description="grooves are not finer than this")
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What is known of the slide: that of the skin over the surface."""
+class SlidingMotion:
+    """Known motion of the skin over the surface, with standard deviations."""
 
     speed_mm_s: float
     speed_sd_mm_s: float
@@ -71,8 +85,8 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Grooves:
-    """Answer for one window; zeros where `status` is not "ok"."""
+class GrooveEstimate:
+    """Result for one window; zeros where `status` is not "ok"."""
 
     status: TextureStatus
     frequency_hz: float = 0.0
@@ -90,33 +104,48 @@ def estimate(
     volts_per_step: float,
     places_mm: FloatArray,
     offsets_s: FloatArray,
-    motion: Motion,
+    motion: SlidingMotion,
     params: GrooveParams,
-) -> Grooves:
-    """The flow chart for one window.
+) -> GrooveEstimate:
+    """Estimate period and inclination from one window, as the flow chart does.
 
     Parameters
     ----------
     volts : (n, taxels) float64
-        Two or three taxels of one column, in growing y.
+        Two or three taxels of one column, in ascending y.
     rate_hz : float
     volts_per_step : float
+        Resolution of the readings.
     places_mm : (taxels,) float64
-        Their y.
+        Positions y of the taxels.
     offsets_s : (taxels,) float64
-        How long after the scan began each is sampled.
-    motion : Motion
+        Delay from the beginning of a scan to the sampling of each.
+    motion : SlidingMotion
     params : GrooveParams
+
+    Examples
+    --------
+    Grooves of 1.2 mm inclined by 15 degrees, sliding along +x at 1 mm/s, 10 s at 100 Hz:
+
+    >>> import numpy as np
+    >>> rng, y_mm, angle = np.random.default_rng(0), np.array([0.0, 3.5, 7.3]), np.radians(15)
+    >>> x_mm = 1.0 * np.arange(1000)[:, np.newaxis] / 100
+    >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + y_mm * np.sin(angle))
+    >>> volts = 1 + 0.05 * np.cos(phase) + 0.005 * rng.standard_normal((1000, 3))
+    >>> motion = SlidingMotion(1.0, 0.0, 0.0, 0.0)
+    >>> found = estimate(volts, 100.0, 1e-6, y_mm, np.zeros(3), motion, GrooveParams())
+    >>> print(f"{found.status}: {found.period_mm:.2f} mm, {found.angle_deg:.1f} degrees")
+    ok: 1.21 mm, 14.0 degrees
     """
     seen = spectrum(volts, rate_hz, volts_per_step, params.low_pass_hz)
-    found = Grooves(seen.status, seen.peak_hz, seen.snr_db)
+    found = GrooveEstimate(seen.status, seen.peak_hz, seen.snr_db)
     if seen.status != "ok":
         return found
     if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
-        return replace(found, status="ambiguous")  # the sense of the motion gives the angle its sign
+        return replace(found, status="ambiguous")  # the sign of the angle follows from that of the motion
     period_s = 1.0 / seen.peak_hz
     bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
-    # Sampled later by the skew, a taxel seems to lead by it.
+    # A taxel that is sampled later seems to lead by the skew.
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
     gaps_mm = np.diff(places_mm)
@@ -124,18 +153,20 @@ def estimate(
     phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
     if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
         gap_mm = float(gaps_mm[0] - gaps_mm[1])
-        delays_s = _into_half(leads_s[:, 0] - leads_s[:, 1], period_s)
+        delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
         delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
     else:
         gap_mm = float(gaps_mm[0])
-        delays_s = _into_half(leads_s[:, 0], period_s)
+        delays_s = _wrap_delays(leads_s[:, 0], period_s)
         delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
-    readings = _readings(float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params)
-    if len(readings) != 1 or not readings[0].fits(params, 0.0):
+    readings = _possible_readings(
+        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params
+    )
+    if len(readings) != 1 or not readings[0].is_within(params, 0.0):
         return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
     (reading,) = readings
     delays_s = delays_s + reading.turns * period_s
-    answers = [_solve(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
+    answers = [_angle_and_period(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
     (angle_max, period_max), (angle_min, period_min) = answers
     if abs(period_max - period_min) > params.agreement_mm:
         both = [
@@ -152,10 +183,10 @@ def estimate(
 
 
 def _leads_scans(seen: Spectrum, n: int) -> FloatArray:
-    """By how many scans each taxel sees a ridge before its neighbour.
+    """Number of scans by which each taxel sees a ridge before its neighbour.
 
     The band-pass leaves one bin, a pure sine of a whole number of periods, so the correlation of two of them
-    is circular. Within half a period it has one maximum and one minimum; the minimum is half a period off.
+    is circular. Within half a period it has one maximum and one minimum, half a period apart.
 
     Returns
     -------
@@ -175,25 +206,27 @@ def _leads_scans(seen: Spectrum, n: int) -> FloatArray:
     return leads
 
 
-def _into_half(delays_s: FloatArray, period_s: float) -> FloatArray:
-    """Delays modulo the period, into half a period to either side; the second next to the first."""
+def _wrap_delays(delays_s: FloatArray, period_s: float) -> FloatArray:
+    """Wrap delays into half a period to either side of zero; the second next to the first."""
     first = delays_s[0] - period_s * np.round(delays_s[0] / period_s)
     apart = delays_s - delays_s[0]
     return np.asarray(first + apart - period_s * np.round(apart / period_s))
 
 
-def _solve(delay_s: float, gap_mm: float, frequency_hz: float, motion: Motion) -> tuple[float, float]:
-    """Angle (degrees, within -90..90) and period (mm): the equations of the module's docstring."""
+def _angle_and_period(
+    delay_s: float, gap_mm: float, frequency_hz: float, motion: SlidingMotion
+) -> tuple[float, float]:
+    """Angle (degrees, within -90..90) and period (mm) by the equations of the module's docstring."""
     theta = np.radians(motion.direction_deg)
     rho = motion.speed_mm_s * delay_s / gap_mm
     angle = np.arctan2(rho * np.cos(theta), 1 - rho * np.sin(theta))
-    angle -= np.pi * np.round(angle / np.pi)  # a groove normal has no sense
+    angle -= np.pi * np.round(angle / np.pi)  # a groove normal has no sign
     period_mm = motion.speed_mm_s * abs(np.cos(theta - angle)) / frequency_hz
     return float(np.degrees(angle)), float(period_mm)
 
 
 class _Reading(NamedTuple):
-    """An answer, and how many periods of the ripple were added to the delay for it."""
+    """One answer, with the number of ripple periods that were added to the delay."""
 
     angle_deg: float
     period_mm: float
@@ -201,50 +234,53 @@ class _Reading(NamedTuple):
     period_sd_mm: float
     turns: int
 
-    def fits(self, params: GrooveParams, sigmas: float) -> bool:
-        """Whether it lies within the limits, or no further outside than so many of its sigmas."""
+    def is_within(self, params: GrooveParams, sigmas: float) -> bool:
+        """True within the limits, or outside them by no more than so many standard deviations."""
         return (
             abs(self.angle_deg) <= params.max_angle_deg + sigmas * self.angle_sd_deg
             and self.period_mm >= params.min_period_mm - sigmas * self.period_sd_mm
         )
 
 
-def _readings(
+def _possible_readings(
     delay_s: float,
     delay_sd_s: float,
     gap_mm: float,
     frequency_hz: float,
     frequency_sd_hz: float,
-    motion: Motion,
+    motion: SlidingMotion,
     params: GrooveParams,
 ) -> list[_Reading]:
-    """Every answer that may fit, for a delay known modulo the period; smallest angle first."""
-    # |sin a| / D = |t| f / l is at most 1 / D. One more for the sigmas, one for rounding.
+    """Every answer within or near the limits for a delay known modulo the period; smallest angle first."""
+    # |sin a| / D = |t| f / l is at most 1 / D. One more for the standard deviations, one for rounding.
     most = int(abs(gap_mm) / params.min_period_mm) + 2
     readings = []
     for turns in range(-most, most + 1):
         turned_s = delay_s + turns / frequency_hz
-        answer = _solve(turned_s, gap_mm, frequency_hz, motion)
-        sigmas = _sigmas(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
+        answer = _angle_and_period(turned_s, gap_mm, frequency_hz, motion)
+        sigmas = _standard_deviations(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
         readings.append(_Reading(*answer, *sigmas, turns))
-    return sorted((r for r in readings if r.fits(params, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg))
+    return sorted(
+        (r for r in readings if r.is_within(params, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg)
+    )
 
 
 def _candidates(readings: Sequence[_Reading]) -> tuple[Candidate, ...]:
+    """Readings as equally weighted candidates."""
     return tuple(
         Candidate(period_mm=r.period_mm, angle_deg=r.angle_deg, weight=1 / len(readings)) for r in readings
     )
 
 
-def _sigmas(
+def _standard_deviations(
     delay_s: float,
     delay_sd_s: float,
     gap_mm: float,
     frequency_hz: float,
     frequency_sd_hz: float,
-    motion: Motion,
+    motion: SlidingMotion,
 ) -> tuple[float, float]:
-    """Sigma of angle (degrees) and period (mm): each input moved by its own sigma to both sides."""
+    """Standard deviations of angle (degrees) and period (mm), from each input moved by its own."""
 
     def spread(*ends: tuple[float, float]) -> tuple[float, float]:
         (angle_a, period_a), (angle_b, period_b) = ends
@@ -260,8 +296,10 @@ def _sigmas(
             direction_deg=motion.direction_deg + direction * motion.direction_sd_deg,
         )
         moved_hz = frequency_hz + frequency * frequency_sd_hz
-        # A phase makes a delay by way of the frequency, so the two go together.
-        return _solve(delay_s * frequency_hz / moved_hz + delay * delay_sd_s, gap_mm, moved_hz, moved)
+        # The measured phase yields the delay through the frequency, so the two change together.
+        return _angle_and_period(
+            delay_s * frequency_hz / moved_hz + delay * delay_sd_s, gap_mm, moved_hz, moved
+        )
 
     parts = [
         spread(at(**{name: 1.0}), at(**{name: -1.0})) for name in ("delay", "frequency", "speed", "direction")

@@ -1,16 +1,16 @@
-"""Which way a slip goes on: a turn without a stop, seen in the shear response.
+"""Detect a change of the slip's direction without a stop, from the shear response.
 
 The summed pair response of a sliding contact points along the motion. When the motion turns, the response
-turns with it within some tenths of a millimetre of travel: friction drags the skin round (Dahl's law in its
-vector form, ``ds/dL = (d - s) / L0`` for the state s along the way L in direction d). So while a slip lasts
-its response is compared with the slip's direction; grooves, load and a stop change its length, not its
-direction.
+follows within some tenths of a millimetre of travel, because friction drags the skin (Dahl's law in vector
+form, ``ds/dL = (d - s) / L0`` for the state s after the travel L in the direction d). While a slip lasts, its
+response is therefore compared with the slip's direction. Grooves, load and a stop change the length of the
+response, not its direction.
 
-A turn is more than `turn_deg` for `_HELD_S`, in which the response has settled and not shrunk. By the law it
-then went from what it was to what it is along a straight chord, as ``1 - exp(-(t - t0) / tau)``: it passed
-0.2 and 0.5 of the chord 0.223 and 0.693 tau after t0, which gives t0 back.
+A direction change is more than `turn_deg` for `_HELD_S`, after which the response has settled and not shrunk.
+By Dahl's law it then moved from its old to its new value along a straight chord, as ``1 - exp(-(t - t0) /
+tau)``. It passed 0.2 and 0.5 of the chord 0.223 and 0.693 tau after t0, which yields t0.
 
-Smaller turns are not seen. At 0.1 mm/s some are taken for a stop, below it most.
+Smaller changes are not detected. At 0.1 mm/s some are mistaken for a stop; at lower speeds most are.
 """
 
 from typing import NamedTuple
@@ -21,31 +21,38 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.signal.pairs import PairResponse, mean_response
 
-_HELD_S = 0.2  # a tap or a bump that shoves the skin aside is over sooner
-_TRACE_S = 5.0  # at 0.1 mm/s a skin needs the half of it to turn over
-_SETTLED_DEG = 3.0  # what may be left of the turn, and goes into its sigma; waiting longer makes it no truer
-_SETTLED_PART = 0.2  # by which the response may grow in `_HELD_S`: a reversal that begins shrinks it by more
-_KEPT_PART = 0.5  # of the largest response in the trace: a stop or a lift leaves less, and no direction
-# Least part of the response that has come since the slip began, or turned last. Shear that is left of a slide
-# before, under a slip said in error, is no turn.
+# A tap or a bump that pushes the skin aside is over sooner.
+_HELD_S = 0.2
+# Length of the recorded response. At 0.1 mm/s a skin needs half of it to reverse.
+_TRACE_S = 5.0
+# Angle still to turn, which is part of the stated standard deviation; a longer wait gains nothing.
+_SETTLED_DEG = 3.0
+# Growth of the response allowed in `_HELD_S`: the beginning of a reversal shrinks the response by more.
+_SETTLED_PART = 0.2
+# Part of the largest recorded response. A stop or a lift leaves less, and no direction.
+_KEPT_PART = 0.5
+# Part of the response that must have come since the slip began or last changed direction. Shear that remains
+# from an earlier slide, under a false slip, is no change of direction.
 _DRAGGED_PART = 0.1
-_LARGEST_EXPONENT = 700.0  # exp overflows above 709, which fast scans reach: nothing is left of the turn then
-_EARLY, _LATE = 0.2, 0.5  # parts of the chord: above the ripple of grooves, and where it is still steep
+# exp overflows above 709, which high scan rates reach; nothing is left to turn then.
+_LARGEST_EXPONENT = 700.0
+# parts of the chord: above the ripple of grooves, and where the curve is still steep
+_EARLY, _LATE = 0.2, 0.5
 
 
-class Turn(NamedTuple):
-    """A turn, seen from the newest scan.
+class DirectionChange(NamedTuple):
+    """A change of direction, seen from the newest scan.
 
     Attributes
     ----------
     delay_scans, delay_sd_scans : float
-        How far back it began.
+        Scans since it began.
     along : (2,) float64
         Unit vector of the new direction.
     direction_sd_deg : float
-        With what is left of the turn: an exponential that still turned by so much in `_HELD_S`.
+        Includes the angle still to turn: an exponential at its rate of change over `_HELD_S`.
     turned_deg : float
-        Between the old direction and the new, 0 to 180.
+        Angle between old and new direction, 0 to 180.
     """
 
     delay_scans: float
@@ -55,22 +62,22 @@ class Turn(NamedTuple):
     turned_deg: float
 
 
-class Heading:
-    """Direction of a slip's response from scan to scan.
+class HeadingTracker:
+    """Track the direction of a slip's shear response from scan to scan.
 
     Parameters
     ----------
     pairs : PairResponse
     taxels : (taxels,) bool
-        Those whose response it is.
+        Taxels whose response is summed.
     rest_steps : (scans, channels) float64
         Readings of the contact without shear.
     before : (2,) float64
-        Response before the slip, which is not that at rest if the contact has slid already.
+        Response before the slip. It differs from that at rest if the contact has slid already.
     along : (2,) float64
         Unit vector of the slip's direction.
     turn_deg : float
-        Least turn.
+        Smallest change of direction that is reported.
     rate_hz : float
     """
 
@@ -96,8 +103,8 @@ class Heading:
         self._n_seen = 0
         self._n_turned = 0
 
-    def follow(self, steps: FloatArray) -> Turn | None:
-        """Take in one scan's readings (channels,), as grid steps; the turn that it completes."""
+    def follow(self, steps: FloatArray) -> DirectionChange | None:
+        """Process one scan's readings (channels,), in grid steps; return a completed direction change."""
         response = self._weights @ steps - self._rest
         self._ring[self._n_seen % len(self._ring)] = response
         self._n_seen += 1
@@ -112,12 +119,12 @@ class Heading:
         return turn
 
     @property
-    def is_off(self) -> bool:
-        """Whether the newest response is off the slip's direction, be it a turn or not."""
+    def is_off_direction(self) -> bool:
+        """True while the newest response deviates from the slip's direction, turning or not."""
         return self._n_turned > 0
 
-    def _turn(self, trace: FloatArray, moved: FloatArray) -> Turn | None:
-        """The turn at the end of a trace (n, 2), oldest first, if the response has come to rest there."""
+    def _turn(self, trace: FloatArray, moved: FloatArray) -> DirectionChange | None:
+        """Direction change at the end of a trace (n, 2), oldest first, if the response has settled there."""
         sizes = np.hypot(*trace.T)
         held = sizes[-self._held_scans :]
         if held.min() < max(_KEPT_PART * sizes.max(), (1 - _SETTLED_PART) * held.max()):
@@ -128,8 +135,8 @@ class Heading:
         course = trace[int(np.argmax(trace @ self._along)) :]
         chord = now - course[0]
         part = (course - course[0]) @ chord / max(float(chord @ chord), 1.0)
-        early, late = _passed(part, _EARLY), _passed(part, _LATE)
-        # -log(1 - q) tau after t0 the part is q.
+        early, late = _last_crossing(part, _EARLY), _last_crossing(part, _LATE)
+        # The part reaches q at -log(1 - q) tau after t0.
         since_early, since_late = -np.log(1 - _EARLY), -np.log(1 - _LATE)
         tau_scans = (late - early) / (since_late - since_early)
         drift_deg = np.ptp(_between_deg(now, trace[-self._held_scans :].T))
@@ -138,9 +145,9 @@ class Heading:
         if left_deg > _SETTLED_DEG:
             return None
         along = now / sizes[-1]
-        return Turn(
+        return DirectionChange(
             delay_scans=len(course) - 1 - (early - since_early * tau_scans),
-            # Anywhere between two scans; a response that does not rise by the law begins a fifth elsewhere.
+            # Half a scan of rounding; a response that does not follow the law begins up to a fifth elsewhere.
             delay_sd_scans=float(np.hypot(0.5, (late - early) / 5)),
             along=along,
             direction_sd_deg=self._pairs.direction_sd_deg(moved, self._taxels, along, left_deg),
@@ -149,12 +156,12 @@ class Heading:
 
 
 def _between_deg(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle from a vector to others (2, ...)."""
+    """Angles from one vector to others (2, ...)."""
     return np.asarray(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])))
 
 
-def _passed(part: FloatArray, level: float) -> float:
-    """Where a series rose through a level for good, between scans; 0 where it never was below."""
+def _last_crossing(part: FloatArray, level: float) -> float:
+    """Position, between scans, where a series finally exceeded a level; 0 where it was never below."""
     below = int(np.flatnonzero(part < level)[-1]) if (part < level).any() else 0
     if below + 1 >= len(part):
         return float(below)

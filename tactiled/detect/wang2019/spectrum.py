@@ -1,9 +1,9 @@
-"""Amplitude spectrum of a window, and the ripple in it: the 2019 paper's frequency of largest amplitude.
+"""Amplitude spectrum of a window and its ripple: the frequency of largest amplitude (MAF in the 2019 paper).
 
-Ripples above the low-pass are beyond what the procedure looks for. Where the largest one is, what lies below
+Ripples above the low-pass are outside the procedure's range. Where the largest ripple is there, peaks below
 may be its harmonics mirrored at half the scan rate: "aliased". A ripple whose own frequency is above half the
-scan rate shows its mirror image alone, and no spectrum can tell that from a ripple: grooves finer than
-``2 v / rate`` (1 mm at 50 mm/s and 100 Hz) may be taken for coarser ones.
+scan rate shows its mirror image only, which no spectrum can distinguish from a ripple: grooves finer than
+``2 v / rate`` (1 mm at 50 mm/s and 100 Hz) may be mistaken for coarser ones.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.model import ALIASED
 from tactiled.events.types import TextureStatus
 
-_MIN_PERIODS = 3  # fewer, and a trend or creep passes for a ripple
-_ALIASED = 0.45  # of the scan rate: above, a ripple cannot be told from its mirror image
-# Peak power over the median of the spectrum, summed over three taxels: white noise in 500 bins passes 10 less
-# than once in a million windows (gamma distribution of 3).
+# With fewer, a trend or creep passes for a ripple.
+_MIN_PERIODS = 3
+# Peak power over the median of the spectrum, summed over three taxels. White noise in 500 bins exceeds 10
+# less than once in a million windows (gamma distribution of shape 3).
 _MIN_PEAK_RATIO = 10.0
 
 
@@ -30,11 +31,11 @@ class Spectrum:
     frequency_hz : (bins,) float64
     amplitude_volts : (bins, taxels) float64
     phasors : (bins, taxels) complex128
-        The transform itself.
+        Fourier transform.
     peak : int
         Bin of the ripple; 0 where there is none.
     status : str
-        "ok", or why there is no ripple to speak of.
+        "ok", or the reason why there is no ripple.
     snr_db : float
         Power of the ripple over that of white noise of the median bin's density.
     """
@@ -48,21 +49,22 @@ class Spectrum:
 
     @property
     def peak_hz(self) -> float:
+        """Frequency of the ripple; 0 where there is none."""
         return float(self.frequency_hz[self.peak])
 
 
 def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_hz: float) -> Spectrum:
-    """Spectrum of a window and the peak in it: the bin of the taxels' largest summed power.
+    """Spectrum of a window and its peak: the bin with the largest power, summed over the taxels.
 
     Parameters
     ----------
     volts : (n, taxels) float64
-        One signal a taxel; finite.
+        One signal per taxel; finite.
     rate_hz : float
     volts_per_step : float
-        Grid of the readings: what a noiseless signal has for noise.
+        Resolution of the readings: the noise floor of a noiseless signal.
     low_pass_hz : float
-        Ripples above are not looked for; where the largest one is there, that is "aliased".
+        Upper end of the band. A largest ripple above it is "aliased".
     """
     n, n_taxels = volts.shape
     time = np.arange(n) - (n - 1) / 2
@@ -71,18 +73,19 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     phasors = np.fft.rfft(volts - level - np.outer(time, trend), axis=0)
     frequency_hz = np.arange(len(phasors)) * (rate_hz / n)
     power = (np.abs(phasors) ** 2).sum(axis=1)
-    in_band = frequency_hz <= min(low_pass_hz, _ALIASED * rate_hz)
+    in_band = frequency_hz <= min(low_pass_hz, ALIASED * rate_hz)
     # The median of a gamma distribution of shape m is near 1 - 1 / (3 m) of its mean (Wilson-Hilferty).
     noise_power = n * volts_per_step**2 / 12 * n_taxels
     if in_band.sum() > 1:
         noise_power = max(noise_power, float(np.median(power[1:][in_band[1:]])) / (1 - 1 / (3 * n_taxels)))
     clear = power > _MIN_PEAK_RATIO * noise_power
     peak = 1 + int(np.argmax(power[1:][in_band[1:]])) if in_band.sum() > 1 else 0
-    # The last bin in the band may be the foot of a ripple beyond it.
+    # The last bin in the band may be the flank of a ripple above the band.
     if not clear[peak] or (peak + 1 < len(power) and power[peak + 1] > power[peak]):
         peak = 0
     status: TextureStatus = "ok"
-    # Slow bins left out: beside creep, a ripple above would pass for a slow one of too few periods.
+    # Without the slowest bins: next to creep, a ripple above the band would pass for a slow one of too few
+    # periods.
     top = int(np.argmax(power[_MIN_PERIODS:])) + _MIN_PERIODS if len(power) > _MIN_PERIODS else 0
     if clear[top] and not in_band[top]:
         status, peak = "aliased", top

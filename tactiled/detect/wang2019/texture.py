@@ -1,18 +1,19 @@
 """The published procedure for grooved surfaces, online ("wang2019"); `grooves` has the equations.
 
 Flow chart of Wang, Chen, Mei 2019: wait for slip; sample three taxels of a column for 10 s; estimate; if the
-two periods disagree, sample again; else output their mean, and go on while slip lasts. Ours are:
+two periods disagree, sample again; otherwise output their mean, and continue while slip lasts. Added here:
 
-* Windows begin `settle_s` after the scan that detected slip, so that the onset itself is not in them, and
+* Windows begin `settle_s` after the scan that detected slip, so that they do not contain the onset, and
   follow one another without overlap. They are counted in scans, so chunking does not matter.
-* The signal of a taxel is one resistor, as in the paper's plots: the one (R1, say, in all three taxels) with
-  the largest peak. The mean of four would do for pressure, but ripples of opposed resistors cancel in it.
-* The speed is given. Without it (0) the procedure cannot answer: "no-slip", since a skin not known to move
-  does not slide. A speed that changes within a window starts a new one.
+* The signal of a taxel is one resistor, as in the paper's plots: the one (R1 in all three taxels, say) with
+  the largest peak. The mean of four would suit pressure, but ripples of opposed resistors cancel in it.
+* The speed is given. Without it (0) the procedure cannot answer: "no-slip", since a skin that is not known to
+  move does not slide. A speed that changes within a window starts a new one.
 * The direction is that of the slip event, unless configured. Towards the column (beyond 60 degrees from x),
-  or where it is unknown, delays say nothing of the angle: "ambiguous", as for an array without a column.
-* A slip that ends before any window was full is "no-slip"; a window whose last scan came late is "stale"; no
-  resistor with all but 1 % of its readings good in all three taxels is "saturated".
+  or where the direction is unknown, delays do not determine the angle: "ambiguous". The same holds for an
+  array without a column.
+* A slip that ends before any window was full is "no-slip". A window whose last scan came late is "stale". A
+  window in which no resistor has 99 % good readings in all three taxels is "saturated".
 """
 
 from collections.abc import Sequence
@@ -24,49 +25,75 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.slip_gate import Ended, Gate, Slid
 from tactiled.detect.wang2019 import grooves
-from tactiled.detect.wang2019.column import Column
-from tactiled.detect.wang2019.grooves import GrooveParams, Grooves, Motion
+from tactiled.detect.wang2019.column import TaxelColumn
+from tactiled.detect.wang2019.grooves import GrooveEstimate, GrooveParams, SlidingMotion
 from tactiled.detect.wang2019.spectrum import Spectrum
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "wang2019"
-_MIN_WINDOW_SCANS = 8  # a spectrum of fewer has no peaks to find
+# A spectrum of fewer has no peaks.
+_MIN_WINDOW_SCANS = 8
 
 
 class TextureParams(GrooveParams):
-    """The published procedure; the defaults are the paper's."""
+    """Parameters of the published procedure; the defaults are the paper's."""
 
     window_s: float = Field(default=10.0, gt=0, le=120, description="length of a window")
-    settle_s: float = Field(default=1.0, ge=0, le=60, description="from detected slip to the first window")
+    settle_s: float = Field(
+        default=1.0, ge=0, le=60, description="time from detected slip to the first window"
+    )
     column: int = Field(default=0, ge=0, description="which column, counted along x within each pad")
     speed_mm_s: float = Field(default=0.0, ge=0, le=1000, description="sliding speed; 0: not known")
-    speed_sd_mm_s: float = Field(default=0.0, ge=0, description="its standard deviation")
+    speed_sd_mm_s: float = Field(default=0.0, ge=0, description="standard deviation of the speed")
     direction_deg: float | None = Field(
         default=None,
         ge=-180,
         le=180,
-        description="of the skin's motion, from +x towards +y; left out: as slip says",
+        description="direction of the skin's motion, +x towards +y; left out: from the slip event",
     )
 
 
 class PaperTexture:
-    """Texture events by the published procedure.
+    """Report texture events by the published procedure.
 
     Parameters
     ----------
     array : Array
     params : TextureParams
+
+    Examples
+    --------
+    Grooves of 1.2 mm inclined by 30 degrees under a slip along +x that is detected at the first scan:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.events.types import SlipEvent
+    >>> from tactiled.samples.block import regular_block
+    >>> array, rng, angle = load_array("wang2019-3x3"), np.random.default_rng(0), np.radians(30)
+    >>> x_mm = array.x_mm[array.channel_taxel] + 1.0 * np.arange(1200)[:, np.newaxis] / 100
+    >>> y_mm = array.y_mm[array.channel_taxel]
+    >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + y_mm * np.sin(angle)) + np.arange(36) % 4
+    >>> volts = 1 + 0.05 * np.cos(phase) + 0.005 * rng.standard_normal(phase.shape)
+    >>> slip = SlipEvent(
+    ...     time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01,
+    ...     direction_deg=0.0, direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="wang2019",
+    ...     statistic=1.0, threshold=0.0, valid=True, detected_s=0.0,
+    ... )
+    >>> texture = PaperTexture(array, TextureParams(speed_mm_s=1.0))
+    >>> for event in texture.process(regular_block(volts, 100.0), [slip]):
+    ...     print(f"{event.time_s:.2f} s: {event.period_mm:.2f} mm, {event.angle_deg:.1f} degrees")
+    10.99 s: 1.24 mm, 29.4 degrees
     """
 
     def __init__(self, array: Array, params: TextureParams | None = None) -> None:
         self._array = array
         self._params = params or TextureParams()
-        self._column = Column(array, self._params.column, self._params.low_pass_hz)
+        self._column = TaxelColumn(array, self._params.column, self._params.low_pass_hz)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen, and every speed set since; keep the parameters."""
+        """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
         self._speed_mm_s = self._params.speed_mm_s
         self._stop()
@@ -76,18 +103,18 @@ class PaperTexture:
         self._n_gathered = 0
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Speed that holds from a scan on (or from the next scan to come, if that one is past)."""
+        """Set the speed from a scan on, or from the next scan if that one is past."""
         self._gate.set_speed(speed_mm_s, from_index)
 
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
-        """Events that the item completes.
+        """Return the events that an item completes.
 
         Parameters
         ----------
         item : ScanBlock or Gap
-            A gap discards the window, and waits for slip anew.
+            A gap discards the window; the procedure then waits for the next slip.
         slip : sequence of Event
-            What the slip detector said of the same item; events of other topics are passed over.
+            Events of the slip detector for the same item; other topics are ignored.
         """
         if isinstance(item, Gap):
             self._gate.close()
@@ -100,12 +127,14 @@ class PaperTexture:
                 continue
             if isinstance(piece, Ended) and not self._answered:
                 self._speed_mm_s = self._gate.speed_mm_s
-                events.append(self._event(piece.time_s, self._n_gathered / piece.rate_hz, Grooves("no-slip")))
+                events.append(
+                    self._event(piece.time_s, self._n_gathered / piece.rate_hz, GrooveEstimate("no-slip"))
+                )
             self._stop()
         return events
 
     def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
-        """Fill windows; where the speed changes, a new one begins."""
+        """Fill windows; a change of speed begins a new one."""
         events: list[Event] = []
         edges = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(block)]
         for first, last in pairwise(edges):
@@ -126,8 +155,9 @@ class PaperTexture:
             part = block[done : done + n_window - self._n_gathered]
             rows = slice(self._n_gathered, self._n_gathered + len(part))
             self._volts[rows] = part.volts
-            self._good[rows] = self._column.good(part)
-            self._late = bool(part.late[-1])  # earlier backlog is in the past by now, and its volts are good
+            self._good[rows] = self._column.usable(part)
+            # only the last scan counts: an earlier backlog is over, and its readings are good
+            self._late = bool(part.late[-1])
             self._n_gathered += len(part)
             done += len(part)
             if self._n_gathered == n_window:
@@ -136,17 +166,17 @@ class PaperTexture:
                 self._answered, self._n_gathered = True, 0
         return events
 
-    def _estimate(self, rate_hz: float, channel_offset_s: FloatArray) -> Grooves:
+    def _estimate(self, rate_hz: float, channel_offset_s: FloatArray) -> GrooveEstimate:
         if self._late:
-            return Grooves("stale")
+            return GrooveEstimate("stale")
         slip = self._gate.slip
         if self._speed_mm_s <= 0 or slip is None:
-            return Grooves("no-slip")
+            return GrooveEstimate("no-slip")
         if not self._column.resistors:
-            return Grooves("ambiguous")
+            return GrooveEstimate("ambiguous")
         strongest = self._column.strongest(self._volts, self._good, rate_hz)
         if strongest is None:
-            return Grooves("saturated")
+            return GrooveEstimate("saturated")
         channels, volts, _ = strongest
         direction_deg, direction_sd_deg = slip.direction_deg, slip.direction_sd_deg
         if self._params.direction_deg is not None:
@@ -157,11 +187,11 @@ class PaperTexture:
             self._column.volts_per_step,
             self._column.y_mm,
             channel_offset_s[channels],
-            Motion(self._speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg),
+            SlidingMotion(self._speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg),
             self._params,
         )
 
-    def _event(self, time_s: float, window_s: float, found: Grooves) -> TextureEvent:
+    def _event(self, time_s: float, window_s: float, found: GrooveEstimate) -> TextureEvent:
         return TextureEvent(
             time_s=time_s,
             status=found.status,
@@ -181,8 +211,8 @@ class PaperTexture:
 
 
 def window_spectrum(array: Array, block: ScanBlock, params: TextureParams | None = None) -> Spectrum | None:
-    """Spectrum of a whole block as the procedure sees it, for pictures; None where it says "saturated"."""
+    """Spectrum of a whole block by this procedure, for plots; None where the status is "saturated"."""
     params = params or TextureParams()
-    column = Column(array, params.column, params.low_pass_hz)
-    strongest = column.strongest(block.volts, column.good(block), block.rate_hz)
+    column = TaxelColumn(array, params.column, params.low_pass_hz)
+    strongest = column.strongest(block.volts, column.usable(block), block.rate_hz)
     return None if strongest is None else strongest[2]

@@ -9,14 +9,14 @@ from bench.texture.online import DIRECTION_SD_DEG
 from bench.texture.signal import RATE_HZ, readings
 from tactiled.array import load_array
 from tactiled.detect.grooves.model import WaveFit
-from tactiled.detect.wang2019.grooves import Motion
+from tactiled.detect.wang2019.grooves import SlidingMotion
 
 ARRAY = load_array("wang2019-3x3")
 
 
 def fit(stray_rad: float, speed_mm_s: float) -> WaveFit:
     case = case_of(ARRAY, 2.0, stray_rad)
-    motion = Motion(speed_mm_s, 0.0, case.wave.direction_deg, DIRECTION_SD_DEG)
+    motion = SlidingMotion(speed_mm_s, 0.0, case.wave.direction_deg, DIRECTION_SD_DEG)
     return joint_fit(ARRAY, readings(case, np.random.default_rng(1)), RATE_HZ, case.sensed.offset_s, motion)
 
 

@@ -172,7 +172,7 @@ def test_presets_trade_time_for_sigma() -> None:
     assert all(right(e, ride.grating) for e in firsts)
     assert [e.time_s for e in firsts] == sorted({e.time_s for e in firsts})
     assert firsts[0].angle_sd_deg > firsts[1].angle_sd_deg > firsts[2].angle_sd_deg
-    told = JointParams(preset="fine", max_window_s=3.0).asked
+    told = JointParams(preset="fine", max_window_s=3.0).criteria
     assert told == PRESETS["fine"]._replace(max_window_s=3.0)
 
 

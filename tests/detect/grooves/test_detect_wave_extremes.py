@@ -22,9 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.basis import make_window, tabulate
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, layout_of
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.window import make_window, normal_equations
 
 LSB = 3.0 / 4096
 OFFSETS_S = np.linspace(0, 0.007, 36)
@@ -170,7 +170,7 @@ def test_the_clock_may_read_anything() -> None:
     slide = Slide()
     volts, times = slide.volts(ARRAY, OFFSETS_S), slide.times()
     early, late = (
-        fit_wave(volts, times + start_s, OFFSETS_S, layout_of(ARRAY), known(slide), WaveParams())
+        fit_wave(volts, times + start_s, OFFSETS_S, channel_layout(ARRAY), known(slide), WaveParams())
         for start_s in (0.0, 1e7)
     )
     assert_right(late, slide.gratings[0])
@@ -193,7 +193,7 @@ def test_anything_gives_finite_numbers_or_a_refusal(
     volts = size * rng.normal(size=(n, 36)).cumsum(axis=0)
     volts[rng.random(volts.shape) < bad] = np.nan
     motion = WaveMotion(speed, 0.01 * speed, float(rng.uniform(-180, 180)), direction_sd_deg)
-    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, layout_of(ARRAY), motion, WaveParams())
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, WaveParams())
     numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
     assert np.all(np.isfinite([*numbers, *found.covariance.ravel(), found.error_probability]))
     assert np.all(np.diag(found.covariance) >= 0)
@@ -229,7 +229,7 @@ def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
     volts = size * DEGENERATE[what](n, np.random.default_rng(seed))
     motion = WaveMotion(speed, 0.0, 10.0, 0.0)
     params = WaveParams(trend_order=trend_order, max_harmonics=max_harmonics)
-    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, layout_of(ARRAY), motion, params)
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, params)
     assert np.all(np.isfinite([*found.covariance.ravel(), found.period_mm, found.error_probability]))
 
 
@@ -238,8 +238,8 @@ def test_a_line_that_the_trend_has_taken_has_no_part_left(n_harmonics: int) -> N
     rng = np.random.default_rng(0)
     times = np.arange(40) / 100
     window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))
-    left = window.without(5.0, [1.0])
-    assert tabulate(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
+    left = window.without_lines(5.0, [1.0])
+    assert normal_equations(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
 
 
 @motions

@@ -20,8 +20,8 @@ from gratings import (
 from scipy import signal
 
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, layout_of
-from tactiled.detect.grooves.noise import design_effect
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.refine import design_effect
 
 
 @motions
@@ -101,7 +101,7 @@ def test_a_direction_off_by_its_sigma_is_allowed_for_in_windows_of_many_periods(
     slide = Slide((Grating(1.0, tilt_deg),), speed_mm_s=9.0)
     found = fit(slide, WaveMotion(9.0, 0.0, off_deg, 3.0))
     assert_right(found, slide.gratings[0])
-    assert found.is_tied
+    assert found.uses_given_speed
 
 
 def test_way_travelled_undoes_acceleration() -> None:
@@ -111,7 +111,7 @@ def test_way_travelled_undoes_acceleration() -> None:
     speeds = 1.0 + 1.5 * (times + 0.005)  # mean from each scan to the next
     motion = WaveMotion(float(speeds.mean()), 0.0, 0.0, 0.0)
     volts = slide.volts(ARRAY, offsets_s)
-    found = fit_wave(volts, times, offsets_s, layout_of(ARRAY), motion, WaveParams(), speeds_mm_s=speeds)
+    found = fit_wave(volts, times, offsets_s, channel_layout(ARRAY), motion, WaveParams(), speeds_mm_s=speeds)
     assert_right(found, slide.gratings[0])
 
 
@@ -156,7 +156,7 @@ def test_noise_and_random_textures_are_no_grooves(motion_of: MotionOf) -> None:
 
 
 def test_channels_that_stray_as_one_count_as_one() -> None:
-    rng, layout = np.random.default_rng(3), layout_of(ARRAY)
+    rng, layout = np.random.default_rng(3), channel_layout(ARRAY)
     effect, dof = design_effect(rng.normal(size=36), layout)
     assert 1.0 <= effect < 2.0
     assert dof == pytest.approx(30 / effect)

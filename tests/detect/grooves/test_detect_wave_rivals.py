@@ -39,7 +39,7 @@ def test_drift_that_is_random_makes_no_slower_fundamental(motion_of: MotionOf, p
         if found.status == "ok":
             n_ok += 1
             assert is_near(found, grating)
-            assert found.colour > 1.0
+            assert found.noise_inflation > 1.0
     assert n_ok > 4
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import detrend, periodogram
 
 from tactiled.array import FloatArray
-from tactiled.detect.wang2019.grooves import GrooveParams, Grooves, Motion, estimate
+from tactiled.detect.wang2019.grooves import GrooveEstimate, GrooveParams, SlidingMotion, estimate
 from tactiled.detect.wang2019.spectrum import spectrum
 
 STEP = 8.0 / 2**23
@@ -45,19 +45,19 @@ class Sines:
         volts: FloatArray = 1.0 + 0.002 * t + wave + noise
         return volts
 
-    def estimate(self, params: GrooveParams | None = None, direction_sd_deg: float = 0.0) -> Grooves:
+    def estimate(self, params: GrooveParams | None = None, direction_sd_deg: float = 0.0) -> GrooveEstimate:
         return estimate(
             self.volts(),
             self.rate_hz,
             STEP,
             np.array(self.places_mm),
             np.array(self.offsets_s),
-            Motion(self.speed_mm_s, 0.0, self.direction_deg, direction_sd_deg),
+            SlidingMotion(self.speed_mm_s, 0.0, self.direction_deg, direction_sd_deg),
             params or GrooveParams(),
         )
 
 
-def answers(sines: list[Sines]) -> list[tuple[Sines, Grooves]]:
+def answers(sines: list[Sines]) -> list[tuple[Sines, GrooveEstimate]]:
     return [(s, found) for s in sines if (found := s.estimate()).status == "ok"]
 
 
@@ -135,7 +135,7 @@ def test_scan_skew_is_taken_off() -> None:
         STEP,
         COLUMN_MM,
         np.zeros(3),
-        Motion(4.0, 0.0, 0.0, 0.0),
+        SlidingMotion(4.0, 0.0, 0.0, 0.0),
         GrooveParams(agreement_mm=1.0),
     )
     assert abs(ignored.angle_deg - 10.0) > 3 * ignored.angle_sd_deg
@@ -250,7 +250,9 @@ def test_anything_finite_gives_something_finite(n: int, kind: str) -> None:
         "impulse": (k == n // 2) * 1.0,
         "nyquist": np.cos(np.pi * k),
     }[kind]
-    found = estimate(volts, 100.0, STEP, COLUMN_MM, np.zeros(3), Motion(1.0, 0.0, 0.0, 0.0), GrooveParams())
+    found = estimate(
+        volts, 100.0, STEP, COLUMN_MM, np.zeros(3), SlidingMotion(1.0, 0.0, 0.0, 0.0), GrooveParams()
+    )
     numbers = [
         found.frequency_hz,
         found.snr_db,
