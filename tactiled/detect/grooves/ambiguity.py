@@ -6,11 +6,12 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, period_and_angle
 from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.refine import RefinedWave, design_effect, refine
 from tactiled.detect.grooves.search import channel_phasors, search_wave_vectors
-from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, normal_equations
 from tactiled.events.types import Candidate
 
@@ -119,6 +120,7 @@ def _contradicts_motion(
         return False
     shared = len(layout.x_mm) / len(layout.places_mm)
     least = shared * special.chdtri(1, _FALSE_CONFLICT)
+    # Allowing for mismatch improves both fits: a free motion gains more without mismatch than with it.
     likeliest = found[int(found.gain.argmax())]
     plain = WaveSolver(window, layout, motion, best.variance).solve(
         equations, likeliest.k, likeliest.phase_rate, 2

@@ -198,6 +198,8 @@ def _wave(
     found = search_wave_vectors(window, equations, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
     if best is not None and best.mismatch.any():
+        # Mismatch may have made another reading the best; where it is small, the two mismatch models differ
+        # too little to decide.
         likelihood = rank_with_phasors(best, found, window, layout)[1]
         likeliest = int(likelihood.argmax())
         if likelihood[likeliest] - likelihood[0] > -TEMPERATURE * np.log(params.error_probability):

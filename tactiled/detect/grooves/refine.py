@@ -16,8 +16,9 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams
-from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.spectrum import (
     FALSE_LINE,
     foreign_lines,

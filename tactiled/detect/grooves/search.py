@@ -4,12 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout, WaveMotion, WaveParams
-from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # Phase at the edge of the array between neighbouring points of a search grid.
 GRID_STEP_RAD = 0.5
+# Peaks of the grid that are refined, the highest first.
 _MOST_STARTS = 24
 # A start that explains less than this part of what the best one does, and less by _LEAST_GAP, cannot win by
 # refinement.

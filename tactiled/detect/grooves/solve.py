@@ -1,22 +1,25 @@
 """Maximum likelihood of a plane wave over its wave vector, from the normal equations of a window.
 
 Gauss-Newton steps with the linear part solved exactly at each step (variable projection: Golub, Pereyra
-1973). The amplitudes are solved for in each channel and eliminated. Several starts are refined side by side:
-starts and channels are the last axes of whatever is computed for each of them, so that small matrices are
-handled together.
+1973). Several starts are refined side by side, along the first axis of every array.
 
 No two taxels of a real skin are alike, and with a good signal this phase mismatch limits the accuracy, not
 noise. Each channel's phases may therefore differ from those of its kind, with a variance that is estimated
 from the fit. The mismatch is integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import (
+    Linearisation,
+    PhaseGeometry,
+    PlaneWaves,
+    expected_products,
+    linearise,
+    total_information,
+)
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
@@ -34,232 +37,6 @@ _ANY_PHASE = np.pi**2 / 3
 _SECOND_ORDER = np.sqrt(3) / 2
 # Ridge that keeps the standard deviation of an undetermined quantity finite.
 _NO_INFORMATION = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class PlaneWaves:
-    """Fitted waves, one for each start.
-
-    Attributes
-    ----------
-    k : (starts, 2) float64
-        Wave vectors, radians per millimetre.
-    phase_rate : (starts,) float64
-        Phase of the fundamental per unit of the window's scaled travel.
-    gain : (starts,) float64
-        Twice the log-likelihood ratio over no wave.
-    covariance : (starts, 3, 3) float64
-        Of wave vector and phase rate.
-    phase : (starts, kinds, harmonics) float64
-    """
-
-    k: FloatArray
-    phase_rate: FloatArray
-    gain: FloatArray
-    covariance: FloatArray
-    phase: FloatArray
-
-    def __getitem__(self, chosen: int | NDArray[np.int64]) -> "PlaneWaves":
-        index = np.atleast_1d(np.asarray(chosen, dtype=np.int64))
-        return PlaneWaves(
-            self.k[index], self.phase_rate[index], self.gain[index], self.covariance[index], self.phase[index]
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Linearisation:
-    """Likelihood near a wave as a function of each channel's phases.
-
-    The unknowns are the phase of each harmonic and, last, the phase rate where it acts through the travel.
-
-    Attributes
-    ----------
-    gain : (starts, channels) float64
-        Twice the log-likelihood ratio over no wave.
-    gradient : (harmonics + 1, starts, channels) float64
-        Of the log-likelihood.
-    information : (harmonics + 1, harmonics + 1, starts, channels) float64
-    """
-
-    gain: FloatArray
-    gradient: FloatArray
-    information: FloatArray
-
-    def with_mismatch(self, mismatch: FloatArray) -> "Linearisation":
-        """The linearisation where each channel's phases have a Gaussian mismatch, integrated out.
-
-        Woodbury's identity, in a form that also holds for a variance of zero.
-
-        Parameters
-        ----------
-        mismatch : (harmonics, channels) float64
-            Variance, radians^2.
-        """
-        n = len(mismatch)
-        sd = np.sqrt(mismatch)[:, np.newaxis]
-        both = np.zeros((2 * n + 2, 2 * n + 2, *self.gain.shape))
-        both[n:-1, n:-1] = self.information
-        both[n:-1, -1] = both[-1, n:-1] = self.gradient
-        both[:n, n:] = sd[:, np.newaxis] * both[n:-2, n:]
-        both[n:, :n] = both[:n, n:].swapaxes(0, 1)
-        both[:n, :n] = both[:n, n:-2] * sd
-        both[range(n), range(n)] += 1.0
-        left = sweep(both, n)
-        return Linearisation(self.gain - left[-1, -1], left[n:-1, -1], left[n:-1, n:-1])
-
-
-@dataclass(frozen=True, eq=False)
-class PhaseGeometry:
-    """Dependence of each channel's phase on the unknowns.
-
-    Attributes
-    ----------
-    place : (channels, 2) float64
-    skew : (channels,) float64
-    is_kind : (channels, kinds) float64
-        1 where the channel is of the kind.
-    weight : (channels,) float64
-        Inverse variance of the noise.
-    tie : (2,) float64
-        Phase rate per unit of the wave vector, where the motion is known; else zeros.
-    """
-
-    place: FloatArray
-    skew: FloatArray
-    is_kind: FloatArray
-    weight: FloatArray
-    tie: FloatArray
-
-    def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
-        """Phase of waves at each channel: (starts, channels)."""
-        return np.asarray(k @ self.place.T + phase_rate[:, np.newaxis] * self.skew)
-
-
-def sweep(square: FloatArray, n: int) -> FloatArray:
-    """Eliminate the first n unknowns of symmetric matrices (sweep operator: Goodnight 1979).
-
-    [[A, B], [B', C]] becomes [[1/A, 1/A B], [-B' 1/A, C - B' 1/A B]]; A must be positive definite.
-
-    Parameters
-    ----------
-    square : (unknowns, unknowns, ...) float64
-    n : int
-    """
-    square = square.copy()
-    for i in range(n):
-        pivot = 1.0 / square[i, i]
-        row = square[i] * pivot
-        column = square[:, i].copy()
-        square -= column[:, np.newaxis] * row
-        square[i] = row
-        square[:, i] = -column * pivot
-        square[i, i] = pivot
-    return square
-
-
-def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
-    """Unit harmonics in terms of the functions, and their derivatives by phase and by phase rate.
-
-    Returns
-    -------
-    (3 harmonics, functions, starts, channels) float64
-    """
-    n_harmonics = equations.n_harmonics
-    psi = geometry.psi(waves.k, waves.phase_rate)
-    own = waves.phase.transpose(2, 0, 1) @ geometry.is_kind.T
-    ahead = waves.phase_rate - equations.phase_rate
-    # Axes: value or derivative, its harmonic, plain or times travel, harmonic, cosine or sine, starts,
-    # channels.
-    on = np.zeros((3, n_harmonics, 2, n_harmonics, 2, *psi.shape))
-    for h in range(n_harmonics):
-        times = h + 1.0
-        alpha = times * psi + own[h]
-        here = np.array([np.cos(alpha), -np.sin(alpha)])
-        quarter = np.array([here[1], -here[0]])
-        shift = (times * ahead)[:, np.newaxis]
-        on[0, h, 0, h], on[0, h, 1, h] = here, shift * quarter
-        on[1, h, 0, h], on[1, h, 1, h] = quarter, -shift * here
-        on[2, h, 1, h] = times * quarter
-    return on.reshape(3 * n_harmonics, 4 * n_harmonics, *psi.shape)
-
-
-def linearise(
-    geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves, product: FloatArray
-) -> Linearisation:
-    """Linearise the model near waves.
-
-    Parameters
-    ----------
-    geometry : PhaseGeometry
-    equations : NormalEquations
-    waves : PlaneWaves
-    product : (samples, channels, functions) float64
-        Used instead of the product of `equations`. Samples and waves are equal in number, or one of either.
-    """
-    m = equations.n_harmonics
-    on = _directions(geometry, equations, waves)
-    square = np.einsum("ifsc,jfsc->ijsc", on, equations.times_gram(on))
-    seen = np.einsum("ifsc,scf->isc", on, product)
-    left = sweep(square, m)
-    amplitude = np.maximum(np.einsum("ijsc,jsc->isc", left[:m, :m], seen[:m]), 0.0)
-    explained = np.einsum("ijsc,jsc->isc", square[:, :m], amplitude)
-    gain = (amplitude * (2 * seen[:m] - explained[:m])).sum(axis=0) * geometry.weight
-    by = (seen - explained)[m:].reshape(2, m, *amplitude.shape[1:]) * amplitude
-    gradient = np.concatenate([by[0], by[1].sum(axis=0, keepdims=True)]) * geometry.weight
-    rest = left[m:, m:].reshape(2, m, 2, m, *left.shape[2:])
-    rest = rest * amplitude[:, np.newaxis, np.newaxis] * amplitude * geometry.weight
-    information = np.empty((m + 1, m + 1, *amplitude.shape[1:]))
-    information[:m, :m] = rest[0, :, 0]
-    information[:m, m] = information[m, :m] = rest[0, :, 1].sum(axis=1)
-    information[m, m] = rest[1, :, 1].sum(axis=(0, 1))
-    return Linearisation(gain, gradient, information)
-
-
-def expected_products(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
-    """Products that waves without noise would have: (starts, channels, functions)."""
-    m = equations.n_harmonics
-    on = _directions(geometry, equations, waves)[:m]
-    seen = equations.times_gram(on)
-    inner = np.einsum("ifsc,jfsc->ijsc", on, seen)
-    own = np.einsum("ifsc,cf->isc", on, equations.product)
-    amplitude = np.maximum(np.einsum("ijsc,jsc->isc", sweep(inner, m), own), 0.0)
-    return np.asarray(np.einsum("ifsc,isc->scf", seen, amplitude))
-
-
-def total_information(
-    geometry: PhaseGeometry, near: Linearisation, slack: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Information (starts, unknowns, unknowns) and gradient (starts, unknowns) of all channels together.
-
-    Unknowns: kx, ky, the phase rate in units of its slack, then the phases of the harmonics, kind by kind.
-    """
-    n_harmonics, is_kind = len(near.gradient) - 1, geometry.is_kind
-    n_starts, n_phases = near.gradient.shape[1], n_harmonics * is_kind.shape[1]
-    times = np.arange(1.0, n_harmonics + 1)
-    # From phases, and the phase rate through the travel, to psi and the latter.
-    both = np.zeros((2, n_harmonics + 1))
-    both[0, :-1], both[1, -1] = times, 1.0
-    half = np.einsum("ai,ijsc->ajsc", both, near.information)
-    among = np.einsum("ajsc,bj->absc", half, both)
-    pull = np.einsum("ai,isc->asc", both, near.gradient)
-    # Derivative of psi, and of the phase rate through the travel, by wave vector and slack: (3, 2, starts,
-    # channels).
-    by = np.zeros((3, 2, n_starts, len(is_kind)))
-    by[:2, 0] = (geometry.place + geometry.skew[:, np.newaxis] * geometry.tie).T[:, np.newaxis]
-    by[:2, 1] = geometry.tie[:, np.newaxis, np.newaxis]
-    by[2, 0] = slack[:, np.newaxis] * geometry.skew
-    by[2, 1] = slack[:, np.newaxis]
-    normal = np.zeros((n_starts, 3 + n_phases, 3 + n_phases))
-    normal[:, :3, :3] = np.einsum("iasc,jasc->sij", by, np.einsum("jbsc,absc->jasc", by, among))
-    crossed = np.einsum("iasc,ahsc->ihsc", by, half[:, :-1]) @ is_kind  # (3, harmonics, starts, kinds)
-    crossed = crossed.transpose(2, 0, 3, 1).reshape(n_starts, 3, n_phases)
-    normal[:, :3, 3:], normal[:, 3:, :3] = crossed, crossed.swapaxes(1, 2)
-    own = (near.information[:-1, :-1] @ is_kind).transpose(2, 3, 0, 1)  # axes: starts and kinds first
-    for g in range(is_kind.shape[1]):
-        rows = slice(3 + g * n_harmonics, 3 + (g + 1) * n_harmonics)
-        normal[:, rows, rows] = own[:, g]
-    phases = (near.gradient[:-1] @ is_kind).transpose(1, 2, 0).reshape(n_starts, n_phases)
-    return normal, np.concatenate([np.einsum("iasc,asc->si", by, pull), phases], axis=1)
 
 
 class WaveSolver:
@@ -430,7 +207,7 @@ class WaveSolver:
     def _first_phase(self, equations: NormalEquations, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
         parts = equations.phasors()
-        z = parts[:, 0::2] - 1j * parts[:, 1::2]
+        z = parts[:, 0::2] - 1j * parts[:, 1::2]  # a cos(h t + p) has the phasor a exp(i p)
         psi = self._geometry.psi(k, phase_rate)
         times = np.arange(1, equations.n_harmonics + 1)
         turned = (

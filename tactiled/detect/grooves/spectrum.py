@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveMotion, WaveParams
 from tactiled.detect.grooves.search import channel_phasors, explained_power, most_explained_power
-from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations, normal_equations
 
 # Bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.

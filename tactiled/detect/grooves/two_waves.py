@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import (
     SAME_WAVE_RAD,
     ChannelLayout,
@@ -33,7 +34,7 @@ from tactiled.detect.grooves.model import (
 from tactiled.detect.grooves.phasors import MOST_ALIKE, Phasors
 from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.search import GRID_STEP_RAD, channel_phasors
-from tactiled.detect.grooves.solve import LARGEST_STEP_RAD, PlaneWaves
+from tactiled.detect.grooves.solve import LARGEST_STEP_RAD
 from tactiled.detect.grooves.window import DetrendedWindow
 from tactiled.events.types import Candidate
 

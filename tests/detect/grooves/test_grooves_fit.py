@@ -1,14 +1,29 @@
-"""The joint fit of one window: it reaches the bound, its sigmas hold, and it knows when it does not know."""
+"""The joint fit of one window: it reaches the bound, its intervals hold, and doubtful windows are refused."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from gratings import Grating, MotionOf, Slide, assert_right, fit, grid, known, motions, off
+from gratings import (
+    ARRAY,
+    Grating,
+    MotionOf,
+    Slide,
+    assert_right,
+    fit,
+    grid,
+    known,
+    motions,
+    off,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tactiled.array import FloatArray, load_array
+from tactiled.array import FloatArray
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
 
-ARRAY = load_array("wang2019-3x3")
+OFFSETS_S = np.linspace(0, 0.007, 36)
 
 
 @motions
@@ -65,3 +80,25 @@ def test_stated_sigma_is_the_inverse_of_the_fisher_information() -> None:
     found = fit(noisy, known(slide), array, noisy.volts(array))
     assert_right(found, slide.gratings[0])
     assert (found.period_sd_mm, found.angle_sd_deg) == pytest.approx(tuple(bound), rel=0.05)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 300),
+    size=st.sampled_from([1e-9, 1e-3, 1.0, 1e6, 1e150]),
+    bad=st.floats(0, 0.2),
+    speed=st.sampled_from([0.0, 1e-6, 1.0, 1e4]),
+    direction_sd_deg=st.sampled_from([0.0, 5.0, 180.0]),
+)
+@settings(max_examples=60, deadline=None)
+def test_anything_gives_finite_numbers_or_a_refusal(
+    seed: int, n: int, size: float, bad: float, speed: float, direction_sd_deg: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    volts = size * rng.normal(size=(n, 36)).cumsum(axis=0)
+    volts[rng.random(volts.shape) < bad] = np.nan
+    motion = WaveMotion(speed, 0.01 * speed, float(rng.uniform(-180, 180)), direction_sd_deg)
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, WaveParams())
+    numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
+    assert np.all(np.isfinite([*numbers, *found.covariance.ravel(), found.error_probability]))
+    assert np.all(np.diag(found.covariance) >= 0)

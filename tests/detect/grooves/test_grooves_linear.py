@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.solve import (
+from tactiled.detect.grooves.linear import (
     Linearisation,
     PhaseGeometry,
     PlaneWaves,

@@ -1,0 +1,121 @@
+"""Readings of a window: distance travelled, clock, converter steps, bad channels, and removed lines."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from gratings import (
+    ARRAY,
+    Grating,
+    MotionOf,
+    Slide,
+    assert_refused,
+    assert_right,
+    fit,
+    known,
+    motions,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import FloatArray
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.window import make_window, normal_equations
+
+LSB = 3.0 / 4096
+OFFSETS_S = np.linspace(0, 0.007, 36)
+RIPPLE = np.cos(0.3 * np.arange(400)[:, np.newaxis] + np.arange(36) ** 2)
+DEGENERATE: dict[str, Callable[[int, np.random.Generator], FloatArray]] = {
+    "in step": lambda n, _: np.repeat(RIPPLE[:n, :1], 36, axis=1),
+    "noiseless": lambda n, _: RIPPLE[:n],
+    "alternating": lambda n, _: np.resize([1.0, -1.0], (n, 1)) * np.ones(36),
+    "square": lambda n, _: np.sign(RIPPLE[:n]),
+    "one channel": lambda n, rng: rng.normal(size=(n, 1)) * (np.arange(36) == 7),
+    "one reading": lambda n, rng: np.eye(n)[:, [int(rng.integers(n))]] * np.ones(36),
+    "a steep curve": lambda n, _: RIPPLE[:n] + 1e6 * np.linspace(-1, 1, n)[:, np.newaxis] ** 5,
+    "pairs alike": lambda n, rng: np.repeat(rng.normal(size=(n, 18)), 2, axis=1),
+    "constant": lambda n, _: np.full((n, 36), 0.1),
+}
+
+
+def test_way_travelled_undoes_acceleration() -> None:
+    slide = Slide(speed_mm_s=1.0, acceleration_mm_s2=1.5)
+    offsets_s = np.linspace(0, 0.007, 36)
+    times = slide.times()
+    speeds = 1.0 + 1.5 * (times + 0.005)  # mean from each scan to the next
+    motion = WaveMotion(float(speeds.mean()), 0.0, 0.0, 0.0)
+    volts = slide.volts(ARRAY, offsets_s)
+    found = fit_wave(volts, times, offsets_s, channel_layout(ARRAY), motion, WaveParams(), speeds_mm_s=speeds)
+    assert_right(found, slide.gratings[0])
+
+
+@motions
+def test_one_step_of_the_converter_under_three_volts(motion_of: MotionOf) -> None:
+    slide = Slide((Grating(amplitude=LSB),), level=2.99, noise=LSB / 2, duration_s=6.0)
+    volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_a_noiseless_signal_on_a_coarse_converter(motion_of: MotionOf) -> None:
+    slide = Slide((Grating(amplitude=4 * LSB),), noise=0.0)
+    volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_dead_and_saturated_channels_are_left_out_and_lost_readings_bridged(motion_of: MotionOf) -> None:
+    slide = Slide()
+    volts = slide.volts(ARRAY, OFFSETS_S)
+    rng = np.random.default_rng(3)
+    volts[:, rng.choice(36, 12, replace=False)] = np.nan
+    volts[:, 5] = 3.0
+    volts[rng.random(volts.shape) < 0.01] = np.nan
+    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
+
+
+@motions
+def test_nothing_usable_is_saturated(motion_of: MotionOf) -> None:
+    slide = Slide()
+    assert_refused(fit(slide, motion_of(slide), volts=np.full((400, 36), np.nan)), "saturated")
+
+
+def test_the_clock_may_read_anything() -> None:
+    slide = Slide()
+    volts, times = slide.volts(ARRAY, OFFSETS_S), slide.times()
+    early, late = (
+        fit_wave(volts, times + start_s, OFFSETS_S, channel_layout(ARRAY), known(slide), WaveParams())
+        for start_s in (0.0, 1e7)
+    )
+    assert_right(late, slide.gratings[0])
+    assert late.angle_deg == pytest.approx(early.angle_deg, abs=0.01 * early.angle_sd_deg)
+
+
+@given(
+    what=st.sampled_from([*DEGENERATE]),
+    n=st.sampled_from([14, 15, 16, 17, 18, 20, 25, 30, 60, 200]),
+    size=st.sampled_from([1e-12, 1e-6, 1.0, 1e6]),
+    seed=st.integers(0, 10**6),
+    speed=st.sampled_from([0.0, 1.0, 30.0]),
+    trend_order=st.sampled_from([1, 3, 8]),
+    max_harmonics=st.sampled_from([1, 3, 6]),
+)
+@settings(max_examples=80, deadline=None)
+def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
+    what: str, n: int, size: float, seed: int, speed: float, trend_order: int, max_harmonics: int
+) -> None:
+    volts = size * DEGENERATE[what](n, np.random.default_rng(seed))
+    motion = WaveMotion(speed, 0.0, 10.0, 0.0)
+    params = WaveParams(trend_order=trend_order, max_harmonics=max_harmonics)
+    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, params)
+    assert np.all(np.isfinite([*found.covariance.ravel(), found.period_mm, found.error_probability]))
+
+
+@pytest.mark.parametrize("n_harmonics", [1, 2])
+def test_a_line_that_the_trend_has_taken_has_no_part_left(n_harmonics: int) -> None:
+    rng = np.random.default_rng(0)
+    times = np.arange(40) / 100
+    window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))
+    left = window.without_lines(5.0, [1.0])
+    assert normal_equations(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
