@@ -1,4 +1,4 @@
-"""What an array reads that slides over gratings, plane waves and noise; and what the joint fit says of it."""
+"""Readings of an array that slides over gratings modelled as plane waves, and their joint fit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ class Grating:
 
 @dataclass(frozen=True)
 class Slide:
-    """Every channel has a gain of its own, every kind of channel a phase."""
+    """A slide over gratings; each channel has its own gain, each kind of channel its own phase."""
 
     gratings: tuple[Grating, ...] = field(default=(Grating(),))
     speed_mm_s: float = 2.0

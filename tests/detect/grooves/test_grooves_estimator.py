@@ -81,7 +81,7 @@ def test_reset_equals_new_and_a_gap_forgets() -> None:
     detector.reset()
     assert textures(detector.process(block)) == whole
     detector.process(Gap(5, "missing", 5000))
-    assert detector.texture.process(block[450:]) == []  # no slip has been said since
+    assert detector.texture.process(block[450:]) == []  # no slip has been reported since
 
 
 def test_a_slip_too_short_to_answer_ends_with_the_reason() -> None:
@@ -105,7 +105,7 @@ def test_backlog_is_stale() -> None:
     assert {e.status for e in events} == {"stale"}
 
 
-def test_saturation_of_all_channels_is_said() -> None:
+def test_saturation_of_all_channels_is_reported() -> None:
     block = TOUCH.block(ARRAY, 100.0, SKEW_S)
     valid = block.valid.copy()
     slip = WaveletSlip(ARRAY).process(block)
@@ -118,7 +118,7 @@ def test_saturation_of_all_channels_is_said() -> None:
 
 @dataclass(frozen=True)
 class Ride:
-    """A block that slides all the time at speeds of its own, and the slip that says so."""
+    """A block of sliding at a given speed profile, and its slip event."""
 
     speeds_mm_s: FloatArray
     grating: Grating = field(default=Grating())
@@ -188,7 +188,7 @@ def test_a_streamed_speed_profile_does_not_smear() -> None:
     assert all(right(e, ride.grating) for e in fine)
 
 
-def test_a_speed_that_turns_round_begins_a_new_window_and_turns_the_direction() -> None:
+def test_a_reversed_speed_begins_a_new_window_and_reverses_the_direction() -> None:
     speeds = np.where(np.arange(1000) < 500, 2.0, -2.0)
     ride = Ride(speeds, direction_deg=25.0)
     for direction_deg in (None, 25.0):
@@ -232,7 +232,7 @@ def test_two_gratings_are_candidates_of_one_answer() -> None:
     assert last.candidates[0].weight > last.candidates[1].weight
 
 
-def test_ten_million_scans_from_now_it_says_the_same() -> None:
+def test_the_answer_is_the_same_after_ten_million_scans() -> None:
     params = JointParams(preset="quick", speed_mm_s=2.0, hop_s=0.5)
     early = Ride(np.full(500, 2.0))
     late = dataclasses.replace(early, index=10**7, start_s=1e5)
@@ -246,7 +246,7 @@ def test_ten_million_scans_from_now_it_says_the_same() -> None:
 
 def test_a_slide_that_never_ends_does_not_drift() -> None:
     """Windows of the same scans, one after the other, give one answer."""
-    ride = Ride(np.full(600, 2.0), Grating(1.0, 0.0))  # 2 periods a second: 600 scans are 12 of them
+    ride = Ride(np.full(600, 2.0), Grating(1.0, 0.0))  # 2 periods a second: 12 periods in 600 scans
     block = ride.block()
     texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, max_window_s=3.0, hop_s=6.0))
     answers: list[TextureEvent] = []
@@ -259,8 +259,8 @@ def test_a_slide_that_never_ends_does_not_drift() -> None:
     assert np.ptp(settled, axis=0) == pytest.approx([0.0, 0.0], abs=1e-7)
 
 
-def test_ten_million_scans_of_a_slide_leave_the_answer_as_it_is() -> None:
-    """All go through window and hops; those that come late (a backlog) are not fitted, which takes long."""
+def test_ten_million_scans_of_one_slide_do_not_change_the_answer() -> None:
+    """All scans pass through window and hops; late ones (a backlog) are not fitted, to save time."""
     column, n = grid([0.0], [0.0, 3.5, 7.3]), 20_000
     grating = Grating(1.0, 20.0)
     # A whole number of periods of 10 s, so that scans may be repeated.

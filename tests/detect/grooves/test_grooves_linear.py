@@ -1,4 +1,4 @@
-"""The wave near a point: slopes are those of the likelihood; strays cost what a Gaussian unknown costs."""
+"""The linearised model: gradients match the likelihood; mismatch acts as a Gaussian unknown."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ N_CHANNELS, N = 6, 200
 
 
 def case(seed: int) -> tuple[PhaseGeometry, NormalEquations, PlaneWaves]:
-    """Ripples of two harmonics under noise, and a wave that is nearly theirs."""
+    """Ripples of two harmonics in noise, and a wave that nearly fits them."""
     rng = np.random.default_rng(seed)
     kinds = np.eye(2)[np.arange(N_CHANNELS) % 2]
     place = rng.uniform(-3, 3, (N_CHANNELS, 2))
@@ -44,7 +44,7 @@ def near(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 4))
-def test_swept_solves_for_the_first(seed: int, n: int, n_more: int) -> None:
+def test_sweep_eliminates_the_first_unknowns(seed: int, n: int, n_more: int) -> None:
     factor = np.random.default_rng(seed).standard_normal((n + n_more, n + n_more + 3))
     square = factor @ factor.T + np.eye(n + n_more)
     left = sweep(square, n)
@@ -56,7 +56,7 @@ def test_swept_solves_for_the_first(seed: int, n: int, n_more: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_push_is_the_slope_of_the_gain(seed: int) -> None:
+def test_gradient_is_the_slope_of_the_gain(seed: int) -> None:
     geometry, equations, waves = case(seed)
     here = near(geometry, equations, waves)
     step = 1e-6
@@ -77,7 +77,7 @@ def test_push_is_the_slope_of_the_gain(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_waves_see_themselves_where_there_is_no_noise(seed: int) -> None:
+def test_gradient_vanishes_at_the_wave_without_noise(seed: int) -> None:
     geometry, equations, waves = case(seed)
     same = linearise(geometry, equations, waves, expected_products(geometry, equations, waves))
     scale = np.sqrt(np.einsum("hhsc->hsc", same.information))
@@ -85,7 +85,7 @@ def test_waves_see_themselves_where_there_is_no_noise(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_strays_are_gaussian_unknowns(seed: int) -> None:
+def test_mismatch_is_a_gaussian_unknown(seed: int) -> None:
     geometry, equations, waves = case(seed)
     plain = near(geometry, equations, waves)
     rng = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def test_strays_are_gaussian_unknowns(seed: int) -> None:
         variance = np.zeros((3, 3))
         variance[[0, 1], [0, 1]] = mismatch[:, c]
         information, gradient = plain.information[..., 0, c], plain.gradient[:, 0, c]
-        # What is measured of the unknowns is off by the strays: variances add (without inverting either).
+        # The mismatch adds its variance to that of the measured unknowns (without inverting either).
         softened = np.linalg.inv(np.eye(3) + information @ variance)
         assert mismatched.information[..., 0, c] == pytest.approx(softened @ information, rel=1e-6, abs=1e-6)
         assert mismatched.gradient[:, 0, c] == pytest.approx(softened @ gradient, rel=1e-6, abs=1e-6)

@@ -21,8 +21,8 @@ from tactiled.detect.grooves.model import channel_layout
 from tactiled.detect.grooves.refine import design_effect
 
 
-def test_phases_that_stray_from_taxel_to_taxel_widen_the_sigmas() -> None:
-    """Taxels displaced at random by 0.01 mm: angles miss by more than noise makes them, and sigmas say so."""
+def test_phase_mismatch_between_taxels_widens_the_sigmas() -> None:
+    """Taxels displaced at random by 0.01 mm: angle errors exceed those of noise; sigmas include them."""
     grating = Grating(angle_deg=30.0)
     z, sigmas = [], []
     for seed in range(40):
@@ -59,7 +59,7 @@ def test_noise_that_is_stronger_near_the_line_widens_the_sigmas() -> None:
     assert np.mean(np.abs(z) < 2) > 0.85
 
 
-def test_channels_that_stray_as_one_count_as_one() -> None:
+def test_channels_with_common_mismatch_count_as_one() -> None:
     rng, layout = np.random.default_rng(3), channel_layout(ARRAY)
     effect, dof = design_effect(rng.normal(size=36), layout)
     assert 1.0 <= effect < 2.0
@@ -68,7 +68,7 @@ def test_channels_that_stray_as_one_count_as_one() -> None:
     assert (together, few) == (4.0, 7.5)
 
 
-def test_strays_of_a_tenth_of_a_radian_are_answered_and_held() -> None:
+def test_mismatch_of_a_tenth_of_a_radian_is_answered_with_correct_sigmas() -> None:
     grating, held = Grating(1.4, 25.0), []
     for seed in range(20):
         slide = Slide((grating,), duration_s=3.0, seed=seed)
@@ -83,7 +83,7 @@ def test_strays_of_a_tenth_of_a_radian_are_answered_and_held() -> None:
 
 
 @motions
-def test_one_frequency_with_phases_that_are_anything_is_no_wave(motion_of: MotionOf) -> None:
+def test_one_frequency_with_random_phases_is_no_wave(motion_of: MotionOf) -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
         slide = Slide((), seed=seed)
@@ -93,8 +93,8 @@ def test_one_frequency_with_phases_that_are_anything_is_no_wave(motion_of: Motio
 
 
 @pytest.mark.parametrize("period_mm", [1.75, 1.8, 1.85])
-def test_rounding_does_not_choose_the_noise_that_counts(period_mm: float) -> None:
-    # A fourth harmonic, which is not fitted, is noise of very uneven density: sigmas show where it was read.
+def test_rounding_does_not_select_the_noise_frequencies(period_mm: float) -> None:
+    # A fourth harmonic, which is not fitted, is noise of uneven density: sigmas depend on where it is read.
     grating = Grating(period_mm, 20.0, 0.05, (1.0, 0.3, 0.2, 0.2))
     slide = Slide((grating,), duration_s=3.6, noise=0.002)
     volts = slide.volts(ARRAY)

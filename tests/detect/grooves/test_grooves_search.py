@@ -21,16 +21,16 @@ from gratings import (
 from tactiled.detect.grooves.model import WaveMotion, WaveParams
 
 
-def test_a_speed_of_stated_sigma_widens_the_period_by_it() -> None:
+def test_an_uncertain_speed_widens_the_period() -> None:
     slide = Slide((Grating(angle_deg=0.0),))
     sure, unsure = fit(slide, known(slide)), fit(slide, WaveMotion(2.0, 0.01, 0.0, 0.0))
-    # Not by all of it: delays alone tell the period too, and a speed said to be unsure counts for less.
+    # Not by all of it: delays alone determine the period too, and an uncertain speed has less weight.
     assert sure.period_sd_mm < 0.9 * unsure.period_sd_mm
     assert unsure.period_sd_mm < 1.01 * fit(slide, unknown(slide)).period_sd_mm
     assert_right(fit(slide, WaveMotion(2.02, 0.02, 0.0, 0.0)), slide.gratings[0])
 
 
-def test_a_direction_of_stated_sigma_may_be_wrong_by_it() -> None:
+def test_a_direction_may_be_wrong_by_its_sigma() -> None:
     slide = Slide((Grating(angle_deg=40.0),))
     assert_right(fit(slide, WaveMotion(2.0, 0.0, 3.0, 2.0)), slide.gratings[0])
 
@@ -40,7 +40,7 @@ def test_a_direction_of_stated_sigma_may_be_wrong_by_it() -> None:
 def test_a_direction_off_by_its_sigma_is_allowed_for_in_windows_of_many_periods(
     tilt_deg: float, off_deg: float
 ) -> None:
-    """Along the normal too, where the frequency answers to a turn in second order only."""
+    """Also along the normal, where the frequency depends on the direction in second order only."""
     slide = Slide((Grating(1.0, tilt_deg),), speed_mm_s=9.0)
     found = fit(slide, WaveMotion(9.0, 0.0, off_deg, 3.0))
     assert_right(found, slide.gratings[0])
@@ -64,7 +64,7 @@ def test_equal_gaps_leave_every_reading_that_they_cannot_tell_apart(motion_of: M
     found = fit(slide, motion_of(slide), grid([0.0, 3.5, 7.0], [0.0, 3.5, 7.0]), params=few)
     assert_refused(found, "ambiguous")
     weights = [c.weight for c in found.candidates]
-    # All the same, since phases differ by whole turns.
+    # All equal, since phases differ by whole periods.
     assert weights == pytest.approx([weights[0]] * len(weights), rel=0.05)
     assert any(
         c.period_mm == pytest.approx(1.2, abs=0.01) and c.angle_deg == pytest.approx(20.0, abs=1)
@@ -121,7 +121,7 @@ def test_periods_that_are_a_spacing(motion_of: MotionOf, period_mm: float, angle
 def test_grooves_just_within_the_limits_are_not_taken_for_others(
     motion_of: MotionOf, angle_deg: float
 ) -> None:
-    """Their maximum is inside the limits where the nearest point of a grid is not."""
+    """The maximum is inside the limits although the nearest grid point is not."""
     grating = Grating(6.54, angle_deg)
     slide = Slide((grating,), speed_mm_s=15.0, duration_s=2.0)
     limits = WaveParams(min_period_mm=5.0, max_tilt_deg=30.0)
@@ -130,10 +130,10 @@ def test_grooves_just_within_the_limits_are_not_taken_for_others(
 
 @pytest.mark.parametrize("angle_deg", [20.0, 40.0])
 @pytest.mark.parametrize("direction_sd_deg", [1.0, 3.0])
-def test_a_column_whose_direction_is_unsure_finds_the_wave_that_suits_it(
+def test_a_column_with_an_uncertain_direction_finds_the_wave(
     angle_deg: float, direction_sd_deg: float
 ) -> None:
-    """Taxels of one column say nothing of the component along the motion: only the motion does."""
+    """Taxels of one column do not determine the component along the motion; only the motion does."""
     slide = Slide((Grating(1.0, angle_deg),), speed_mm_s=2.0, duration_s=3.0)
     motion = WaveMotion(2.0, 0.0, 0.0, direction_sd_deg)
     assert_right(fit(slide, motion, grid([0.0], [0.0, 3.5, 7.3])), slide.gratings[0])

@@ -24,7 +24,7 @@ OFFSETS_S = np.linspace(0, 0.007, 36)
 
 
 def drifting(slide: Slide, pole: float, snr_db: float) -> FloatArray:
-    """Readings in noise of first order, each channel's own."""
+    """Readings in first-order autoregressive noise, independent between channels."""
     rng = np.random.default_rng(7000 + slide.seed)
     white = rng.normal(size=(len(slide.times()) + 500, 36))
     noise = signal.lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)[500:]
@@ -68,7 +68,7 @@ def test_noise_and_random_textures_are_no_grooves(motion_of: MotionOf) -> None:
     for seed in range(10):
         slide = Slide((), seed=seed, duration_s=3.0)
         assert_refused(fit(slide, motion_of(slide)), "low-snr")
-        # Sand paper: each row of taxels runs over a profile of its own.
+        # Sandpaper: each row of taxels slides over its own profile.
         rng = np.random.default_rng(seed)
         profile = signal.lfilter([1.0], [1, -1.7, 0.75], rng.normal(size=(3, 4000)), axis=1)
         place = ARRAY.x_mm[ARRAY.channel_taxel] + 2.0 * slide.times()[:, np.newaxis]
@@ -86,7 +86,7 @@ def test_noise_and_random_textures_are_no_grooves(motion_of: MotionOf) -> None:
 @motions
 @pytest.mark.parametrize("pole", [0.9, 0.97])
 def test_drift_that_is_random_makes_no_slower_fundamental(motion_of: MotionOf, pole: float) -> None:
-    """Below a line such noise is strong, and may pass for what the line is a harmonic of."""
+    """Below a line such noise is strong, and may pass for the fundamental of the line."""
     n_ok = 0
     for seed in range(8):
         grating = Grating(1.0 + 0.1 * seed, -40 + 10.0 * seed)

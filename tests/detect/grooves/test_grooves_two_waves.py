@@ -27,7 +27,7 @@ def is_near(found: WaveFit, grating: Grating) -> bool:
 
 
 def gains(slide: Slide) -> FloatArray:
-    """Those that a slide over one grating draws for its channels, over the mean."""
+    """Channel gains that a slide over one grating draws, divided by their mean."""
     return np.random.default_rng(slide.seed).uniform(0.6, 1.4, 36)
 
 
@@ -37,7 +37,7 @@ def gains(slide: Slide) -> FloatArray:
 def test_crossed_grooves_are_not_taken_for_others_between_them(
     motion_of: MotionOf, ratio: float, angle_deg: float
 ) -> None:
-    """Both make ripples of one frequency; amplitudes of channels are free, and alone could tell."""
+    """Both cause ripples of one frequency; channel amplitudes are free and could alone explain them."""
     gratings = Grating(1.3, angle_deg, 0.05), Grating(1.3, -angle_deg, 0.05 * ratio, phase_rad=1.0)
     slide = Slide(gratings, duration_s=4.0)
     found = fit(slide, motion_of(slide))
@@ -45,8 +45,8 @@ def test_crossed_grooves_are_not_taken_for_others_between_them(
 
 
 @motions
-def test_crossed_grooves_are_both_named(motion_of: MotionOf) -> None:
-    """Of channels that are alike: gains of each channel's own may leave more pairs than one."""
+def test_both_crossed_gratings_are_reported(motion_of: MotionOf) -> None:
+    """Equal channels; with individual gains more than one pair may remain."""
     slide = Slide((), duration_s=4.0)
     x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
     y = ARRAY.y_mm[ARRAY.channel_taxel]
@@ -64,9 +64,7 @@ def test_crossed_grooves_are_both_named(motion_of: MotionOf) -> None:
 
 @motions
 @pytest.mark.parametrize("part", [0.3, 0.7])
-def test_a_vibration_at_the_ripples_frequency_is_no_gratings_business(
-    motion_of: MotionOf, part: float
-) -> None:
+def test_a_vibration_at_the_ripples_frequency_is_no_grating(motion_of: MotionOf, part: float) -> None:
     for angle_deg in (-20.0, 10.0, 45.0):
         grating = Grating(1.2, angle_deg)
         slide = Slide((grating,))
@@ -79,7 +77,7 @@ def test_a_vibration_at_the_ripples_frequency_is_no_gratings_business(
 
 @motions
 def test_gains_may_differ_from_channel_to_channel_by_any_amount(motion_of: MotionOf) -> None:
-    """One wave whose gains are anything is one wave."""
+    """One wave with arbitrary gains is one wave."""
     for seed in range(12):
         grating = Grating(1.4, -30.0 + 5 * seed)
         slide = Slide((grating,), noise=0.0, duration_s=3.0, seed=seed)
@@ -94,7 +92,7 @@ def test_gains_may_differ_from_channel_to_channel_by_any_amount(motion_of: Motio
 @motions
 @pytest.mark.parametrize("seed", range(6))
 def test_taxels_that_are_pressed_unevenly_feel_one_grating(motion_of: MotionOf, seed: int) -> None:
-    """All channels of a taxel share its gain, and gains vary smoothly: no beat of two waves."""
+    """All channels of a taxel share its gain, and gains vary smoothly: not the beat of two waves."""
     grating = Grating(1.05, -35.0 + 12 * seed)
     slide = Slide((grating,), duration_s=5.0, speed_mm_s=1.5, noise=0.0, seed=seed)
     x, y = ARRAY.x_mm[ARRAY.channel_taxel], ARRAY.y_mm[ARRAY.channel_taxel]
@@ -108,10 +106,8 @@ def test_taxels_that_are_pressed_unevenly_feel_one_grating(motion_of: MotionOf, 
 @motions
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("part", [0.002, 0.006])
-def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(
-    motion_of: MotionOf, part: float, seed: int
-) -> None:
-    """Load turns and scales each kind's response by its own amount; one kind feels next to nothing."""
+def test_taxel_loads_are_not_taken_for_a_second_wave(motion_of: MotionOf, part: float, seed: int) -> None:
+    """Load rotates and scales each kind's response differently; one kind has almost no response."""
     rng = np.random.default_rng(seed)
     grating = Grating(float(rng.uniform(0.9, 1.6)), float(rng.uniform(-45, 45)))
     slide = Slide((), duration_s=5.0, noise=0.0003)
@@ -122,7 +118,7 @@ def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(
     kind = np.arange(36) % 4
     response = np.array([0.05, 0.03, 0.007, 0.02]) * np.exp(1j * rng.uniform(-3, 3, 4))
     by_load = part * np.exp(1j * rng.uniform(-3, 3, 4))
-    middle_mm = rng.uniform(2.0, 5.0, 2)  # of a pad that is round, or taxels that are not alike
+    middle_mm = rng.uniform(2.0, 5.0, 2)  # of a round pad, or of unequal taxels
     round_load = 1.5 - ((ARRAY.x_mm - middle_mm[0]) ** 2 + (ARRAY.y_mm - middle_mm[1]) ** 2) / 12
     load = rng.standard_normal(9) if seed % 2 else round_load
     own = 0.0006 * (rng.standard_normal(36) + 1j * rng.standard_normal(36))
@@ -137,7 +133,7 @@ def test_what_a_taxels_load_does_to_its_channels_is_no_second_wave(
 @motions
 @pytest.mark.parametrize("off_deg", [-2.0, 2.0])
 @pytest.mark.parametrize("angle_deg", [20.0, 35.0, 50.0])
-def test_a_direction_that_is_a_little_off_hides_no_crossed_grooves(
+def test_a_slightly_wrong_direction_hides_no_crossed_grooves(
     motion_of: MotionOf, off_deg: float, angle_deg: float
 ) -> None:
     gratings = Grating(1.3, angle_deg), Grating(1.3, -angle_deg)
@@ -157,8 +153,8 @@ def test_a_direction_that_is_a_little_off_hides_no_crossed_grooves(
 
 @motions
 @pytest.mark.parametrize("angle_deg", [15.0, 30.0, 35.0, 45.0, 60.0])
-def test_crossed_grooves_alike_are_the_pair_that_is_named(motion_of: MotionOf, angle_deg: float) -> None:
-    """Of steep ones too many pairs suit as well: none is named then, and so no false one."""
+def test_equal_crossed_gratings_are_the_pair_reported(motion_of: MotionOf, angle_deg: float) -> None:
+    """At steep angles too many pairs fit: none is reported, so no false one is."""
     slide = Slide((), duration_s=6.0, noise=0.001)
     x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
     y = ARRAY.y_mm[ARRAY.channel_taxel]
@@ -175,7 +171,7 @@ def test_crossed_grooves_alike_are_the_pair_that_is_named(motion_of: MotionOf, a
 
 
 @motions
-def test_a_weak_vibration_at_the_ripples_frequency_is_taken_out(motion_of: MotionOf) -> None:
+def test_a_weak_vibration_at_the_ripples_frequency_is_removed(motion_of: MotionOf) -> None:
     for angle_deg in (-35.0, 30.0):
         grating = Grating(1.2, angle_deg)
         slide = Slide((grating,), duration_s=8.0, noise=0.001)

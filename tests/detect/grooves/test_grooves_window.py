@@ -39,7 +39,7 @@ DEGENERATE: dict[str, Callable[[int, np.random.Generator], FloatArray]] = {
 }
 
 
-def test_way_travelled_undoes_acceleration() -> None:
+def test_distance_travelled_compensates_acceleration() -> None:
     slide = Slide(speed_mm_s=1.0, acceleration_mm_s2=1.5)
     offsets_s = np.linspace(0, 0.007, 36)
     times = slide.times()
@@ -113,7 +113,7 @@ def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
 
 
 @pytest.mark.parametrize("n_harmonics", [1, 2])
-def test_a_line_that_the_trend_has_taken_has_no_part_left(n_harmonics: int) -> None:
+def test_a_line_absorbed_by_the_trend_has_no_amplitude(n_harmonics: int) -> None:
     rng = np.random.default_rng(0)
     times = np.arange(40) / 100
     window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))

@@ -18,7 +18,7 @@ EQUAL_MM = np.array([0.0, 4.0, 8.0])
 
 @dataclass(frozen=True)
 class Sines:
-    """What taxels of a column see of grooves; written apart from the estimators."""
+    """Readings of a column of taxels over grooves; independent of the estimators' code."""
 
     period_mm: float = 1.2
     angle_deg: float = 0.0
@@ -101,7 +101,7 @@ def test_any_motion_any_angle_within_four_sigma(
     grooves = sines.estimate()
     true_hz = speed_mm_s * abs(np.cos(np.radians(direction_deg - angle_deg))) / period_mm
     if true_hz < 0.35:
-        return  # three periods or less: whatever it says is said in its own test
+        return  # three periods or less: covered by another test
     assert grooves.status in ("ok", "ambiguous")
     if grooves.status == "ok":
         assert abs(grooves.angle_deg - angle_deg) <= 4 * grooves.angle_sd_deg
@@ -118,7 +118,7 @@ def test_sigmas_cover() -> None:
     angle = np.array([(g.angle_deg - s.angle_deg) / g.angle_sd_deg for s, g in found])
     period = np.array([(g.period_mm - s.period_mm) / g.period_sd_mm for s, g in found])
     assert len(found) > 100
-    # Grid errors are uniform, not normal: coverage is asked of their rms, to neither side by more than half.
+    # Grid errors are uniform, not normal: the rms must lie between half and 1.5 times its value.
     assert 0.5 < np.sqrt((angle**2).mean()) < 1.5
     assert 0.5 < np.sqrt((period**2).mean()) < 1.5
 
@@ -224,7 +224,7 @@ def test_the_limits_decide_what_is_ambiguous() -> None:
 
 
 def test_every_plate_above_the_stated_period_has_one_reading() -> None:
-    """At 65 degrees l / cos A is 0.71 mm; maximum and minimum may disagree, which is not asked here."""
+    """At 65 degrees l / cos A is 0.71 mm; maximum and minimum may disagree, which is not tested here."""
     rng = np.random.default_rng(8)
     for seed in range(100):
         sines = Sines(rng.uniform(0.95, 2.5), rng.uniform(-60, 60), seed=seed, snr_db=30.0)

@@ -1,4 +1,4 @@
-"""Directions of slips and of their turns, against the emulator's truth."""
+"""Directions of slips and their changes, against the emulator's truth."""
 
 import functools
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ def felt(
     array: Array = WANG,
     noise_v: float = 0.3e-3,
 ) -> ScanBlock:
-    """What the board reads of a scene, its channels sampled 0.2 ms apart."""
+    """Readings of a scene, with channels sampled 0.2 ms apart."""
     document = {"name": "turns", "array": array.name, "seed": seed, "surface": surface}
     scene = parse(document | {"electronics": {"noise_v": noise_v}, "phases": list(phases)}, Scene, "test")
     offsets_s = np.arange(float(array.n_channels)) * 200e-6
@@ -68,7 +68,7 @@ def grooves(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def test_direction_sigma_covers_any_direction_at_any_speed() -> None:
-    """Unequal taxels and a divider that saturates, at directions that no symmetry makes right."""
+    """Unequal taxels and a saturating divider, at directions without symmetry."""
     rng = np.random.default_rng(11)
     z = []
     for seed, speed_mm_s in enumerate([0.25, 1.0, 5.0, 20.0] * 6):
@@ -115,7 +115,7 @@ def test_a_turn_ends_a_slip_and_begins_another(array: Array, is_grooved: bool, s
         assert contact_states(events) == ["loading", "holding", "sliding"]
 
 
-def test_to_and_fro_is_a_slip_each_way() -> None:
+def test_reciprocating_motion_is_one_slip_per_stroke() -> None:
     way = [slide(2.0, 2.0, 10.0 + 180.0 * (k % 2)) for k in range(5)]
     events = WaveletSlip(WANG).process(felt([PRESS, HOLD, *way, HOLD, LIFT], seed=3))
     states = [e.state for e in slips(events)]
@@ -133,7 +133,7 @@ def test_to_and_fro_is_a_slip_each_way() -> None:
         [slide(5.0, 0.25, 25.0), HOLD, slide(4.0, 0.25, 25.0), HOLD, LIFT],
         [slide(6.0, 2.0, -70.0, ramp_s=1.0, ripple_mm_s=1.6, ripple_hz=1.5), LIFT],
         [slide(4.0, 1.0, 140.0), {**PRESS, "force_n": 8.0}, slide(3.0, 1.0, 140.0), LIFT],
-        [slide(3.0, 1.0, 0.0), slide(3.0, 1.0, 20.0), LIFT],  # a turn, but a small one
+        [slide(3.0, 1.0, 0.0), slide(3.0, 1.0, 20.0), LIFT],  # a small change of direction
     ],
     ids=["stop", "resume", "stutter", "load", "small"],
 )
@@ -146,8 +146,8 @@ def test_stops_loads_and_lifts_are_no_turns(phases: list[dict[str, Any]], is_gro
         assert turns(events) == []
 
 
-def test_a_slip_said_in_error_before_a_slide_is_put_right_and_after_it_does_not_turn() -> None:
-    """At 0.5 mV of noise the rule fires by itself in a hold; shear that is left of a slide is no motion."""
+def test_a_false_slip_before_a_slide_is_corrected_and_one_after_it_does_not_turn() -> None:
+    """At 0.5 mV of noise the rule raises false alarms in a hold; shear left by a slide is no motion."""
     n_put_right = 0
     for seed in range(1, 9):
         phases = [PRESS, HOLD, slide(4.0, 1.0, 70.0), {**HOLD, "duration_s": 12.0}]

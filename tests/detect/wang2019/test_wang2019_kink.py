@@ -1,4 +1,4 @@
-"""Onsets read back from kinks of known place."""
+"""Onsets estimated from kinks of known position."""
 
 import numpy as np
 import pytest

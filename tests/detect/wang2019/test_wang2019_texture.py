@@ -63,7 +63,7 @@ def test_period_and_angle_whichever_way_it_slides(direction_deg: float, angle_de
         touch = dataclasses.replace(SLIDE, grooves=(1.2, angle_deg), direction_deg=direction_deg, seed=seed)
         good += [event for event in detect(touch) if event.status == "ok"]
     assert good
-    for event in good:  # leakage is bounded by four of its sigmas: see `grooves`
+    for event in good:  # leakage is at most four of its sigmas: see `grooves`
         assert abs(event.angle_deg - angle_deg) <= 4 * event.angle_sd_deg
         assert abs(event.period_mm - 1.2) <= 4 * event.period_sd_mm
 
@@ -112,7 +112,7 @@ def test_a_speed_set_later_starts_a_window_at_its_scan() -> None:
 
 
 def test_a_window_that_ends_with_a_late_scan_is_stale_and_no_other() -> None:
-    """An answer of long ago must not look fresh; one scan that came late ten seconds ago is good data."""
+    """An old answer must not look fresh; one scan that came late ten seconds ago is good data."""
     block = SLIDE.block(WANG)
 
     def statuses(late_scan: int) -> list[bool]:
@@ -182,10 +182,10 @@ def test_an_array_without_a_column_cannot_tell_an_angle() -> None:
     assert {event.status for event in detect(SLIDE, array=lonely)} == {"ambiguous"}
 
 
-def test_the_picture_shows_what_the_procedure_saw() -> None:
+def test_window_spectrum_is_that_of_the_procedure() -> None:
     block = SLIDE.block(WANG)[600:1600]
     seen = window_spectrum(WANG, block)
     assert seen is not None
-    # 0.783 Hz: the nearest of bins 0.1 Hz apart is 0.8.
+    # 0.783 Hz: the nearest bin, at a spacing of 0.1 Hz, is 0.8.
     assert seen.peak_hz == pytest.approx(0.8)
     assert seen.amplitude_volts[seen.peak].mean() > 0.02
