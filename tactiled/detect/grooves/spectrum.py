@@ -245,8 +245,8 @@ def strongest_line(window: DetrendedWindow, params: WaveParams) -> list[RippleHy
     """
     curved = window.with_trend_order(params.trend_order)
     straight_lines, curved_lines = line_spectra(window, curved)
-    slow = _strongest(window, straight_lines, params, 0.0)
-    fast = _strongest(curved, curved_lines, params, _FEW_PERIODS)
+    slow = _hypotheses(window, straight_lines, params, 0.0)
+    fast = _hypotheses(curved, curved_lines, params, _FEW_PERIODS)
     if not slow or slow[0].periods >= _FEW_PERIODS:
         return fast
     if not fast:
@@ -254,7 +254,7 @@ def strongest_line(window: DetrendedWindow, params: WaveParams) -> list[RippleHy
     return sorted((*slow, *fast), key=lambda ripple: ripple.aic(fast[0].variance, params))
 
 
-def _strongest(
+def _hypotheses(
     window: DetrendedWindow, spectrum: LineSpectrum, params: WaveParams, least_periods: float
 ) -> list[RippleHypothesis]:
     """Interpretations of the strongest line that has enough periods."""

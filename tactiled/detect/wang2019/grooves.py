@@ -61,17 +61,17 @@ _EQUAL_MM = 1e-6
 class GrooveParams(Params):
     """Parameters of the flow chart."""
 
-    low_pass_hz: float = Field(default=20.0, gt=0, description="ripples above are not looked for")
+    low_pass_hz: float = Field(
+        default=20.0, gt=0, description="upper end of the band in which ripples are looked for"
+    )
     agreement_mm: float = Field(
         default=0.01,
         gt=0,
-        description="two periods, from maximum and minimum of the correlation, may differ by",
+        description="largest difference of the periods from maximum and minimum of the correlation",
     )
-    max_angle_deg: float = Field(
-        default=65.0, gt=0, lt=90, description="grooves are not inclined by more than this"
-    )
+    max_angle_deg: float = Field(default=65.0, gt=0, lt=90, description="largest inclination considered")
     # A third of the finest plate in the paper; a skin 0.8 mm thick hardly responds to anything finer.
-    min_period_mm: float = Field(default=0.3, ge=0.01, description="grooves are not finer than this")
+    min_period_mm: float = Field(default=0.3, ge=0.01, description="shortest groove period considered")
 
 
 @dataclass(frozen=True)
@@ -137,20 +137,23 @@ def estimate(
     >>> print(f"{found.status}: {found.period_mm:.2f} mm, {found.angle_deg:.1f} degrees")
     ok: 1.21 mm, 14.0 degrees
     """
+    # Flow chart: low-pass; frequency of largest amplitude.
     seen = spectrum(volts, rate_hz, volts_per_step, params.low_pass_hz)
     found = GrooveEstimate(seen.status, seen.peak_hz, seen.snr_db)
     if seen.status != "ok":
         return found
     if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
         return replace(found, status="ambiguous")  # the sign of the angle follows from that of the motion
+    # Flow chart: pure sines at that frequency; cross-correlation of neighbours, its maximum and its minimum.
     period_s = 1.0 / seen.peak_hz
     bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
-    # A taxel that is sampled later seems to lead by the skew.
+    # Ours: a taxel that is sampled later seems to lead by the skew.
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
     gaps_mm = np.diff(places_mm)
     phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
     phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
+    # Flow chart: delays t1 - t2 over l1 - l2. Ours: t1 over l1 where the gaps are equal.
     if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
         gap_mm = float(gaps_mm[0] - gaps_mm[1])
         delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
@@ -159,6 +162,7 @@ def estimate(
         gap_mm = float(gaps_mm[0])
         delays_s = _wrap_delays(leads_s[:, 0], period_s)
         delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
+    # Ours: refuse where more than one period may have been added to the delay.
     readings = _possible_readings(
         float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params
     )
@@ -167,6 +171,7 @@ def estimate(
     (reading,) = readings
     delays_s = delays_s + reading.turns * period_s
     answers = [_angle_and_period(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
+    # Flow chart: two values of D, which must agree within 0.01 mm; the result is their mean.
     (angle_max, period_max), (angle_min, period_min) = answers
     if abs(period_max - period_min) > params.agreement_mm:
         both = [

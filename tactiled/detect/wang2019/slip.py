@@ -65,15 +65,17 @@ class SlipParams(Params):
         le=MAX_LEVEL,
         description="wavelet level; 0: level 3 at 100 Hz, the same span elsewhere",
     )
-    quiet_s: float = Field(default=0.8, gt=0, le=60, description="no crossing for so long before a slip ends")
+    quiet_s: float = Field(
+        default=0.8, gt=0, le=60, description="time without a crossing after which a slip may end"
+    )
     # A skin that stops keeps much of its shear; 15 % is well above creep (2 %) and below the relaxation of a
     # stop.
     relaxed_part: float = Field(
-        default=0.15, gt=0, lt=1, description="part of the shear response that an ended slip has given back"
+        default=0.15, gt=0, lt=1, description="part of the shear response that is lost when a slip ends"
     )
     # Well above the error of a direction that unequal taxels and a saturating divider cause.
     turn_deg: float = Field(
-        default=30.0, ge=10, le=180, description="a slip that turns by more is a new one in its new direction"
+        default=30.0, ge=10, le=180, description="change of direction from which on a slip is a new one"
     )
     contact: ContactParams = ContactParams()
 
