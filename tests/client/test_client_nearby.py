@@ -2,6 +2,7 @@
 
 import os
 import socket
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -33,9 +34,11 @@ class Host:
 
 
 @pytest.fixture
-def host(tmp_path: Path) -> Iterator[Host]:
+def host() -> Iterator[Host]:
     with ExitStack() as stack:
-        yield Host(tmp_path, stack)
+        root = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        root.chmod(0o755)  # pytest's own folders are closed to other users
+        yield Host(root, stack)
 
 
 def test_the_one_daemon_is_found_whoever_started_it(host: Host) -> None:
@@ -73,8 +76,6 @@ def test_where_none_runs_it_is_said(host: Host) -> None:
 def test_who_is_not_in_the_group_is_told_how_to_join(host: Host) -> None:
     host.listen(host.units / "TS0001")
     (host.units / "TS0001").chmod(0o750)
-    for folder in host.units.parents[:1]:
-        folder.chmod(0o755)
     child = os.fork()
     if child == 0:
         try:

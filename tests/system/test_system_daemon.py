@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -12,6 +13,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
+
+from tactiled.client import Item, Message, Recovered, Restarted, Subscription
 
 pytestmark = pytest.mark.system
 PATIENCE_S = 20.0
@@ -154,3 +157,63 @@ def test_a_recording_of_the_run_finds_the_slip_again(setup: Setup, tmp_path: Pat
         out, _ = again.communicate(timeout=PATIENCE_S)
     onset = next(e for e in map(json.loads, out.splitlines()) if e["topic"] == "slip")
     assert [onset["direction_deg"], onset["statistic"]] == [slips[0]["direction_deg"], slips[0]["statistic"]]
+
+
+STORM = """
+import os, sys, time, zmq
+with zmq.Context() as context, context.socket(zmq.SUB) as sock:
+    sock.sndhwm = sock.linger = 0
+    sock.connect(sys.argv[1])
+    for _ in range(40_000):
+        sock.subscribe(os.urandom(125).hex())
+    time.sleep(60)
+"""
+
+
+def test_a_storm_of_subscriptions_under_a_memory_limit_costs_others_the_time_of_a_restart(
+    setup: Setup, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """libzmq bounds no subscriptions: a limit ends the daemon, as MemoryMax= does, and a client gets on."""
+    items: list[Item] = []
+
+    def until_scan(subscription: Subscription, run: object) -> Message:
+        until_s = time.monotonic() + 3 * PATIENCE_S  # two programs start
+        while (item := subscription.next_item(until_s)) is not None:
+            items.append(item)
+            if isinstance(item, Message) and item.topic == "scan" and item.data["run"] != run:
+                return item
+        raise AssertionError(f"no scan, last {items[-3:]}")
+
+    with setup.emulate(), Subscription(setup.endpoint) as subscription:
+        with setup.run() as daemon:
+            setup.told("READY=1")
+            first = until_scan(subscription, None)
+            limit = int(_status_of(daemon, "VmData")) * 1024 + 200_000_000
+            resource.prlimit(daemon.pid, resource.RLIMIT_DATA, (limit, limit))
+            began_s = time.monotonic()
+            with subprocess.Popen([sys.executable, "-c", STORM, setup.endpoint]) as storm:
+                try:
+                    daemon.communicate(timeout=3 * PATIENCE_S)
+                finally:
+                    storm.kill()
+            assert daemon.returncode not in (0, 2)  # the unit starts it again
+            ended_s = time.monotonic()
+        items.clear()
+        with setup.run() as daemon:
+            second = until_scan(subscription, first.data["run"])
+            took_s = time.monotonic() - ended_s
+            end(daemon)
+    assert any(isinstance(item, Restarted) for item in items)
+    messages = [item.message if isinstance(item, Recovered) else item for item in items]
+    scans = [item.seq for item in messages if isinstance(item, Message) and item.topic == "scan"]
+    fresh = scans[scans.index(0) :]  # of the new run, behind what was still on the way
+    assert fresh == list(range(second.seq + 1))
+    assert subscription.lost == 0
+    with capsys.disabled():
+        print(f"\nstorm: ended within {ended_s - began_s:.1f} s; the next scan came {took_s:.1f} s later")
+
+
+def _status_of(child: "subprocess.Popen[str]", name: str) -> str:
+    """A value of /proc/PID/status."""
+    lines = Path(f"/proc/{child.pid}/status").read_text().splitlines()
+    return next(line.split()[1] for line in lines if line.startswith(f"{name}:"))

@@ -1,7 +1,7 @@
 """Recordings that earlier runs left unfinished, recovered in a process of its own.
 
 To recover a file takes seconds of computing, which would hold up the event loop even from a thread (Python
-runs one thread at a time). The process has the lowest priority, and `recover` locks each file, so that what
+runs one thread at a time). The process has a low priority, and `recover` locks each file, so that what
 another process still writes is left alone.
 """
 
@@ -17,6 +17,7 @@ from tactiled.recording.rotation import Progress
 
 logger = logging.getLogger(__name__)
 
+_NICE = 19  # the least share of a busy processor that is never none, as SCHED_IDLE's may be
 _CLOSE_S = 1.0  # what is half copied then is begun anew by the next run
 
 
@@ -56,6 +57,8 @@ class Leftovers:
             self._child.wait(_CLOSE_S)
         except subprocess.TimeoutExpired:  # it waits for the disk, where no signal reaches it
             self._child.kill()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.wait(_CLOSE_S)
 
     def _start(self) -> None:
         try:
@@ -72,4 +75,4 @@ class Leftovers:
             logger.warning("unfinished recordings in %s: not recovered: %s", self._directory, error.strerror)
             return
         with contextlib.suppress(OSError):  # it has ended already
-            os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))
+            os.setpriority(os.PRIO_PROCESS, self._child.pid, _NICE)
