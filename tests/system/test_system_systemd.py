@@ -223,65 +223,6 @@ def test_a_member_of_the_group_commands_and_is_named(container: Container) -> No
             assert mode == ["660", "tactiled", "tactiled"]
 
 
-@contextmanager
-def memory_limited(container: Container) -> Iterator[str]:
-    """Give the name of the limit that ends the daemon: MemoryMax= where there is a memory controller.
-
-    Where it has none (cgroups version 1), a limit of the same size on the data of the process.
-    """
-    controllers = Path(container.seen("/sys/fs/cgroup/cgroup.controllers"))
-    if controllers.exists() and "memory" in controllers.read_text().split():
-        yield "MemoryMax"
-        return
-    folder = container.root / UNITS / f"{unit()}.d"
-    folder.mkdir()
-    (folder / "limit.conf").write_text("[Service]\nLimitDATA=512M\n")
-    container.run("systemctl", "daemon-reload")
-    try:
-        yield "LimitDATA"
-    finally:
-        shutil.rmtree(folder)
-        container.run("systemctl", "daemon-reload")
-
-
-def test_a_storm_of_subscriptions_ends_the_daemon_and_others_get_on(
-    container: Container, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Only MemoryMax bounds the subscriptions of a client: the daemon is ended, started and caught up with.
-
-    Over loopback TCP, from a user who may do nothing else.
-    """
-    storm = (
-        "import os, time, zmq; sock = zmq.Context().socket(zmq.SUB); sock.sndhwm = 0; "
-        f"sock.connect('tcp://127.0.0.1:{PORTS[LEFT]}'); "
-        "[sock.subscribe(os.urandom(125).hex()) for _ in range(80000)]; time.sleep(60)"
-    )
-
-    def restarts() -> int:
-        return int(container.shown(unit(), "NRestarts")[0])
-
-    with memory_limited(container) as limit, started(container), listening(container) as subscription:
-        until_fresh_scans(subscription)
-        (pid,) = container.shown(unit(), "MainPID")
-        container.run(
-            "systemd-run", "--quiet", "--unit=storm", f"--uid={STRANGER}", "--property=KillSignal=KILL",
-            "/opt/tactiled/bin/python", "-c", storm,
-        )  # fmt: skip
-        try:
-            wait_until(lambda: restarts() > 0, f"ended by {limit}", 4 * PATIENCE_S)
-        finally:
-            container.run("systemctl", "stop", "storm")
-        began_s = time.monotonic()
-        items = until(subscription, lambda item: isinstance(item, Restarted), "restarted")
-        items += until_fresh_scans(subscription)
-        took_s = time.monotonic() - began_s
-        assert sum(isinstance(item, Stale) for item in items) == 1
-        assert subscription.lost == 0
-        assert container.shown(unit(), "MainPID") != [pid]
-    with capsys.disabled():
-        print(f"\nsystemd: fresh scans {took_s:.1f} s after {limit} ended the daemon in a storm")
-
-
 def test_stop_ends_well_and_the_board_is_told(container: Container) -> None:
     with started(container) as truth:
         with listening(container) as subscription:
