@@ -148,9 +148,7 @@ class Bucket:
         answer = self._answer
         if answer is not None and tightest < answer and timer_s != 0:
             tightest = answer
-        elif timer_s != 0 and is_pinged:
-            tightest = tightest if lows else (least - self._width_s, x)
-        elif not lows or (timer_s is None and self._is_unbunched()):
+        elif timer_s == 0 or (not is_pinged and (not lows or (timer_s is None and self._is_unbunched()))):
             mean_late_s = fmean(arrival.delay for arrival in self._kept) - least
             return Band(x, least - EARLIEST_PER_MEAN * mean_late_s - SLACK_S, x, least, timer_s != 0)
         return Band(tightest[1], tightest[0] - SLACK_S, x, least)

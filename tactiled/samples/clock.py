@@ -28,7 +28,7 @@ from collections import deque
 
 from pydantic import Field
 
-from tactiled.samples.bucket import Arrival, Bucket
+from tactiled.samples.bucket import UNKNOWN_WAIT_S, Arrival, Bucket
 from tactiled.samples.envelope import Band, Lines, lines_through
 from tactiled.tomlfile import Params
 
@@ -184,7 +184,7 @@ class ClockFit:
             self._is_pinged = True
             for k, band in enumerate(self._bands):
                 if band.is_assumed:
-                    self._bands[k] = band._replace(low=band.high - self._params.bucket_s)
+                    self._bands[k] = band._replace(low=-math.inf)
 
     def time_of(self, board_s: float) -> tuple[float, float]:
         """Host instant of a board instant, and its standard deviation.
@@ -210,7 +210,8 @@ class ClockFit:
         """Bounds of all bands while there is no line through them; they meet where they contradict."""
         bands = [*self._bands, self._running] if self._running is not None else self._bands
         high = min(band.high for band in bands)
-        return min(max(band.low for band in bands), high), high
+        low = max(band.low for band in bands)
+        return (min(low, high) if low > -math.inf else high - UNKNOWN_WAIT_S), high
 
     def _sd(self, x: float) -> float:
         bands = [*self._bands, self._running] if self._running is not None else self._bands
@@ -229,6 +230,8 @@ class ClockFit:
     def _is_backlog(self, band: Band, newest: float) -> bool:
         """Whether all of a bucket was held back; `newest`: when its last arrived, since the origin."""
         lines = self._lines
+        if band.low == -math.inf:
+            return False  # late or not, it bounds the line from above only
         if lines is None or band.low <= self._params.gate_s + max(
             lines.line.at(band.low_x) + self._drop, lines.free.at(band.low_x)
         ):

@@ -53,7 +53,7 @@ class Line:
 
 
 class Band(NamedTuple):
-    """What the line must pass: over `low` at `low_x`, under `high` at `high_x`."""
+    """What the line must pass: over `low` (perhaps minus infinity) at `low_x`, under `high` at `high_x`."""
 
     low_x: float
     low: float
@@ -85,6 +85,7 @@ class Lines(NamedTuple):
         return math.hypot(math.sqrt(self.line.variance_at(x)), self.free.at(x) - self.line.at(x))
 
 
+OPEN_S = 1.0  # where nothing at all bounds lines from below: an adapter's timer is no longer
 # Contradictions of a few bands may be a step of the clock or a stall. A slope is a better explanation where
 # it explains at least so many bands, and at least so many times as many as lines within the limit do.
 STEEP_BANDS = 3
@@ -122,7 +123,8 @@ def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int
     """Polygon of the lines through the bands, and how many of the newest they pass before a contradiction."""
     x0, x1 = bands[0].high_x, bands[-1].high_x
     span = x1 - x0
-    floor = min(band.low for band in bands) - max_slope * span
+    least = min((band.low for band in bands if band.low > -math.inf), default=bands[-1].high - OPEN_S)
+    floor = least - max_slope * span
     top = max(band.high for band in bands) + max_slope * span
     polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
     polygon = _clip(polygon, -1.0, 1.0, max_slope * span)
@@ -133,7 +135,7 @@ def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int
         under = _clip(polygon, 1 - u, u, band.high)
         polygon = under or polygon
         u = (band.low_x - x0) / span
-        over = _clip(polygon, u - 1, -u, -band.low)
+        over = _clip(polygon, u - 1, -u, -band.low) if band.low > -math.inf else polygon
         polygon = over or polygon
         contradicted = contradicted or not (under and over)
         held += not contradicted

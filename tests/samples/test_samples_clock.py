@@ -269,6 +269,21 @@ def test_a_round_trip_through_a_backlog_and_ticks_of_another_clock_move_nothing(
     assert fit.time_of(4.995) == pytest.approx(before, abs=1e-5)
 
 
+def test_a_stall_longer_than_a_bucket_moves_nothing_once_pings_are_answered() -> None:
+    """A whole bucket of backlog has no bound from below, and no bound that is made up in its place."""
+    fit = ClockFit(ClockParams(), 0.0)
+    for k in range(1200):
+        true_s = 100 + k * 0.05
+        stalled = 130.3 <= true_s < 134.3
+        fit.add(k * 0.05, 134.3 if stalled else true_s + 0.004, math.inf if stalled else 0.05)
+        if k % 20 == 10 and not stalled:
+            fit.answered(k * 0.05 + 0.01, true_s + 0.0095, true_s + 0.03)
+        if k > 200:
+            time_s, sd_s = fit.time_of(k * 0.05)
+            assert abs(time_s - true_s) < 5e-3
+            assert sd_s < 5e-3
+
+
 def test_a_ping_takes_back_what_was_assumed_of_perfect_reads() -> None:
     """Whole frames each 10 ms from a 10 ms timer look like a line that nothing bunches, and are 6 ms late."""
     fit = ClockFit(ClockParams(), 0.0)
