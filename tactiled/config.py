@@ -25,7 +25,7 @@ from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
 
-class BoardParams(Params):
+class BoardFiles(Params):
     """What stands at the other end of the cable."""
 
     protocol: str = Field(default="board-v1", description="frame layout: a shipped name or a TOML file")
@@ -36,7 +36,7 @@ class Config(Params):
     """Schema of ``tactiled.toml``; its tables are explained in ``config/tactiled.toml``."""
 
     port: PortParams
-    board: BoardParams = BoardParams()
+    board: BoardFiles = BoardFiles()
     session: SessionParams = SessionParams()
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()

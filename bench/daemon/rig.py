@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.emulator.board.identity import BoardParams
@@ -69,7 +69,7 @@ class Rig:
         line = LineWatch(layout.name, layout.file.baud)
         terms = Terms(session or SessionParams(), layout, lambda hello: check_hello(hello, layout, array))
         self.session = Session(terms, line)
-        self.link = Link(self.pipeline, self.session, line)
+        self.link = BoardLink(self.pipeline, self.session, line)
         self.connects = 0
         self.bytes_read = 0
         self.bytes_unread = 0

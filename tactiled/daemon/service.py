@@ -15,7 +15,7 @@ from typing import Any, Self
 from tactiled.array import Array
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.diagnosis import LineWatch, other_layouts
-from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.report import Report
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
@@ -28,8 +28,7 @@ from tactiled.daemon.serial.port import PortParams, check_url
 from tactiled.daemon.zmq.commands import Commands, Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import Command as Request
-from tactiled.daemon.zmq.requests import Requester
+from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.errors import TactiledError
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline, check_hello
@@ -95,7 +94,7 @@ class Service:
         line = LineWatch(layout.name, self._baud, other_layouts(layout))
         terms = Terms(params.session, layout, lambda hello: check_hello(hello, layout, array))
         self._session = session = Session(terms, line)
-        link = Link(pipeline, session, line)
+        link = BoardLink(pipeline, session, line)
         self._connection = connection = Connection(params.port.url, self._baud)
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
         self._commands = Commands(pipeline, session, self._tuned, switch)
@@ -182,7 +181,7 @@ class Service:
         if not self._end.done():
             self._end.set_exception(error)
 
-    def _asked(self, request: Request, requester: Requester, now_s: float, done: Done) -> None:
+    def _asked(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
         """Do a command, say in the events what came of it, and tell who asked."""
 
         def finish(reason: str) -> None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from tactiled.config import Setup
 from tactiled.daemon.board.diagnosis import LineWatch, frames_of, other_layouts
-from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import Terms
 from tactiled.daemon.serial.device import is_url
-from tactiled.daemon.serial.port import Port, open_port_in_thread
+from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import ScanEvent, StatusEvent
@@ -31,7 +31,7 @@ _NOISY_PART = 0.01
 
 
 @dataclass
-class Heard:
+class BoardObservation:
     """What came of listening."""
 
     status: StatusEvent
@@ -57,13 +57,13 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
     return findings, heard.health.rate_hz
 
 
-async def _listen(setup: Setup, url: str, baud: int) -> Heard:
+async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     """Be the daemon for `LISTEN_S`, then put the board back as it was."""
     layout, pipeline = setup.layout, setup.make_pipeline()
     line = LineWatch(layout.name, baud, other_layouts(layout))
     terms = Terms(setup.config.session, layout, lambda hello: check_hello(hello, layout, setup.array))
     session = Session(terms, line)
-    link, encoder = Link(pipeline, session, line), Encoder(layout)
+    link, encoder = BoardLink(pipeline, session, line), Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []
     found_streaming: list[bool] = []
@@ -104,10 +104,10 @@ async def _listen(setup: Setup, url: str, baud: int) -> Heard:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return Heard(status, pipeline.health(), session.hello, scans_s, tail)
+    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail)
 
 
-def _judge(heard: Heard, layout: Layout) -> list[Finding]:
+def _judge(heard: BoardObservation, layout: Layout) -> list[Finding]:
     health, status, hello = heard.health, heard.status, heard.hello
     findings = [_bytes(health, status)]
     if status.state == "fault" or (status.state != "running" and health.frames):
@@ -177,6 +177,6 @@ async def _search(setup: Setup, url: str, baud: int, heard: bytes) -> list[Findi
     return [Finding("search", "fail", f"no frame of {', '.join(layouts)} at any usual baud rate")]
 
 
-def _framing(port: Port) -> int | None:
+def _framing(port: SerialPort) -> int | None:
     errors = port.errors()
     return errors.framing if errors is not None else None

@@ -6,7 +6,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class Step:
+class CounterStep:
     """How a scan follows the one before.
 
     Attributes
@@ -88,11 +88,11 @@ class ScanCounter:
         turned = _nearest(ticks - (self._ticks or 0), host_s / self._tick_s, self._tick_modulus)
         return turned * self._tick_s
 
-    def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> Step:
+    def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> CounterStep:
         """Take the next scan and say how it follows; duplicates and restarts leave the state as it was."""
         if self._sequence is None:
             self._keep(sequence, ticks, arrival_s, 0.0)
-            return Step("next", 1)
+            return CounterStep("next", 1)
         advance = (sequence - self._sequence) % self._modulus
         host_s = elapsed_s = arrival_s - self._arrival_s
         if ticks is not None and self._ticks is not None:
@@ -102,21 +102,21 @@ class ScanCounter:
             slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + 0.5 * rate_hz
         if not self._sequence_known:
             if ticks is not None and not self.runs_on(ticks, arrival_s):
-                return Step("restart", 0)
+                return CounterStep("restart", 0)
             self._keep(sequence, ticks, arrival_s, max(elapsed_s, 0.0))
-            return Step("next", 1)
+            return CounterStep("next", 1)
         expected = elapsed_s * rate_hz
         n_scans = _nearest(advance, expected, self._modulus)
         if abs(n_scans - expected) > slack:
-            return Step("restart", 0)
+            return CounterStep("restart", 0)
         if n_scans <= -self.STRAGGLERS:
-            return Step("restart", 0)  # a board that boots counts from zero: not a scan of long ago
+            return CounterStep("restart", 0)  # a board that boots counts from zero: not a scan of long ago
         if n_scans <= 0:
-            return Step("duplicate", 0)
+            return CounterStep("duplicate", 0)
         if n_scans > self.STRAGGLERS and host_s - elapsed_s > self.SLACK_S + self.SLACK_PART * host_s:
-            return Step("restart", 0)  # silent for longer than its ticks say: it was off, and counts anew
+            return CounterStep("restart", 0)  # silent for longer than its ticks say: it was switched off
         self._keep(sequence, ticks, arrival_s, elapsed_s if ticks is not None else n_scans / rate_hz)
-        return Step("next", n_scans)
+        return CounterStep("next", n_scans)
 
     def _keep(self, sequence: int, ticks: int | None, arrival_s: float, elapsed_s: float) -> None:
         self._sequence, self._ticks, self._arrival_s = sequence, ticks, arrival_s

@@ -9,7 +9,7 @@ from tactiled.errors import ContractError
 from tactiled.wire import cobs
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
 from tactiled.wire.framing import make_framer
-from tactiled.wire.layout import Layout, Message
+from tactiled.wire.layout import Layout, MessageFormat
 from tactiled.wire.schema import IN_UNITS, Direction
 
 
@@ -131,7 +131,7 @@ class Encoder:
         except ValueError:
             raise ContractError(f"layout {self.layout.name} has no command {name!r}") from None
 
-    def _body(self, message: Message, values: dict[str, Any]) -> bytes:
+    def _body(self, message: MessageFormat, values: dict[str, Any]) -> bytes:
         row = np.zeros(1, message.dtype)
         for name in message.dtype.names or ():
             per_unit = 1 if name == "ticks" else message.per_unit[name]

@@ -16,7 +16,7 @@ _NUMPY = {"u8": "u1", "u16": "u2", "u32": "u4", "i8": "i1", "i16": "i2", "i32": 
 
 
 @dataclass(frozen=True)
-class Message:
+class MessageFormat:
     """A compiled message: its record type on the wire and what one unit of each field is."""
 
     name: str
@@ -35,7 +35,7 @@ class Layout:
     length_bytes: int
     sync: bytes
     checksum: Checksum
-    messages: dict[str, Message]
+    messages: dict[str, MessageFormat]
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class Layout:
     def n_channels(self) -> int:
         return self.file.channels
 
-    def incoming(self, direction: Direction) -> dict[int, Message]:
+    def incoming(self, direction: Direction) -> dict[int, MessageFormat]:
         """Messages of one direction by their type on the wire."""
         names = [m.name for m in self.file.messages if m.direction == direction]
         return {self.messages[name].id: self.messages[name] for name in names}
@@ -75,7 +75,7 @@ class Layout:
         """Mask of a flag bit; 0 where the layout does not know the flag."""
         return 1 << self.file.flags[name] if name in self.file.flags else 0
 
-    def body_bytes(self, message: Message) -> int:
+    def body_bytes(self, message: MessageFormat) -> int:
         return self.type_bytes + message.dtype.itemsize
 
     def wire_bytes(self, message: str) -> int:
@@ -102,7 +102,7 @@ def compile_layout(file: LayoutFile) -> Layout:
         sync=bytes.fromhex(file.framing.sync_hex or ""),
         checksum=CHECKSUMS[file.checksum.algorithm],
         messages={
-            m.name: Message(
+            m.name: MessageFormat(
                 name=m.name,
                 id=m.id,
                 dtype=np.dtype([field(f) for f in m.fields]),

@@ -11,7 +11,7 @@ from tactiled import tomlfile
 from tactiled.wire.checksum import CHECKSUMS
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
-from tactiled.wire.layout import Layout, Message, compile_layout, load_layout
+from tactiled.wire.layout import Layout, MessageFormat, compile_layout, load_layout
 from tactiled.wire.schema import IN_UNITS, Direction, LayoutFile
 
 DIRECTIONS: list[Direction] = ["board-to-host", "host-to-board"]
@@ -156,7 +156,7 @@ def frames(draw: st.DrawFn, layout: Layout, direction: Direction = "board-to-hos
     return Command(message.name, **values)
 
 
-def _values(layout: Layout, message: Message, name: str) -> st.SearchStrategy[Any]:
+def _values(layout: Layout, message: MessageFormat, name: str) -> st.SearchStrategy[Any]:
     dtype = message.dtype[name].base
     per_unit = message.per_unit[name]
     one: st.SearchStrategy[Any]

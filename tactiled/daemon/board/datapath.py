@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
@@ -27,7 +27,7 @@ class DataPath:
     ----------
     pipeline : Pipeline
     session : Session
-    link : Link
+    link : BoardLink
         Made of these two.
     connection : Connection
         Written to; whoever runs it gives it this object.
@@ -43,7 +43,7 @@ class DataPath:
         self,
         pipeline: Pipeline,
         session: Session,
-        link: Link,
+        link: BoardLink,
         connection: Connection,
         encoder: Encoder,
         outlets: Outlets,

@@ -19,7 +19,7 @@ SILENT_S = 3.0
 _SILENT_LONGEST_S = 60.0
 
 
-class Link:
+class BoardLink:
     """The board at the other end, from open port to lost port.
 
     Parameters

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from tactiled.array import Array
 from tactiled.daemon.board.health import info_event
-from tactiled.daemon.board.link import Link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.operations.complaints import Complaints
 from tactiled.daemon.operations.outlets import Outlets
@@ -24,7 +24,7 @@ class Report:
     Parameters
     ----------
     session : Session
-    link : Link
+    link : BoardLink
     connection : Connection
     layout : Layout
     array : Array
@@ -34,7 +34,7 @@ class Report:
     def __init__(
         self,
         session: Session,
-        link: Link,
+        link: BoardLink,
         connection: Connection,
         layout: Layout,
         array: Array,

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from tactiled.daemon.operations.complaints import Complaints
 from tactiled.daemon.serial.device import LineErrors
-from tactiled.daemon.serial.port import Port, open_port_in_thread
+from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.errors import PortError
 
 logger = logging.getLogger(__name__)
@@ -45,7 +45,7 @@ class Connection:
         self.log = Complaints(logger)
         """What is logged of the port: a port that opens and fails again and again must not fill the log."""
         self._url, self._baud = url, baud
-        self._port: Port | None = None
+        self._port: SerialPort | None = None
         self._gone: asyncio.Future[str] | None = None
 
     @property
@@ -111,7 +111,7 @@ class Connection:
                 delay_s = min(delay_s * _SLOWER, SLOWEST_S)
             await asyncio.sleep(delay_s)
 
-    async def _serve(self, port: Port, listener: Listener) -> str:
+    async def _serve(self, port: SerialPort, listener: Listener) -> str:
         """From an open port until it is lost; gives the reason."""
         self.connects += 1
         now_s = asyncio.get_running_loop().time()

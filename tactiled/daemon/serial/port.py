@@ -64,7 +64,7 @@ def check_url(url: str) -> None:
         raise ConfigError("port.url", [f"{url} is a directory; name a port in it{devices.available()}"])
 
 
-class Port:
+class SerialPort:
     """An open port; made by `open_port`.
 
     Attributes
@@ -172,7 +172,7 @@ class Port:
             self._lost(reason)
 
 
-def open_port(url: str, baud: int) -> Port:
+def open_port(url: str, baud: int) -> SerialPort:
     """Open and configure a port, for us alone.
 
     Raises
@@ -189,31 +189,31 @@ def open_port(url: str, baud: int) -> Port:
     except (AttributeError, ValueError, OSError, NotImplementedError) as error:
         logger.debug("%s has no low latency mode: %s", url, error)  # ptys, sockets, USB-CDC
     if devices.is_url(url):
-        return Port(device, url)
+        return SerialPort(device, url)
     devices.keep_others_out(device.fileno())
-    return Port(device, url, devices.hasten(url))
+    return SerialPort(device, url, devices.hasten(url))
 
 
-async def open_port_in_thread(url: str, baud: int) -> Port:
+async def open_port_in_thread(url: str, baud: int) -> SerialPort:
     """`open_port` without blocking the loop; a port that opens after we were cancelled is closed again."""
     loop = asyncio.get_running_loop()
-    opened: asyncio.Future[Port] = loop.create_future()
+    opened: asyncio.Future[SerialPort] = loop.create_future()
 
-    def deliver(outcome: Port | PortError) -> None:
-        if isinstance(outcome, Port):
+    def deliver(outcome: SerialPort | PortError) -> None:
+        if isinstance(outcome, SerialPort):
             outcome.close() if opened.done() else opened.set_result(outcome)
         elif not opened.done():
             opened.set_exception(outcome)
 
     def work() -> None:
         try:
-            outcome: Port | PortError = open_port(url, baud)
+            outcome: SerialPort | PortError = open_port(url, baud)
         except PortError as error:
             outcome = error
         try:
             loop.call_soon_threadsafe(deliver, outcome)
         except RuntimeError:  # the loop has ended
-            if isinstance(outcome, Port):
+            if isinstance(outcome, SerialPort):
                 outcome.close()
 
     # Not the default executor: asyncio would wait for it, so for a dead host, before it lets us end.

@@ -7,7 +7,7 @@ from typing import Any
 
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, is_same_rate
-from tactiled.daemon.zmq.requests import Command, Mark, Rate, Record, Requester
+from tactiled.daemon.zmq.requests import CommandRequest, Mark, Rate, Record, Requester
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
@@ -53,7 +53,7 @@ class Commands:
         self._rate: _RateChange | None = None
         self._commanded_hz: float | None = None
 
-    def do(self, command: Command, now_s: float, done: Done) -> None:
+    def do(self, command: CommandRequest, now_s: float, done: Done) -> None:
         """Do it; `done` is called now, or from `look` when the board has answered."""
         if isinstance(command, Mark):
             done("")
@@ -112,7 +112,7 @@ class Commands:
             "detect": tuning.params.model_dump(mode="json", exclude_none=True),
         }
 
-    def event(self, command: Command, requester: Requester, reason: str, now_s: float) -> CommandEvent:
+    def event(self, command: CommandRequest, requester: Requester, reason: str, now_s: float) -> CommandEvent:
         """For the record: who asked for what, and what came of it."""
         return CommandEvent(
             time_s=now_s,

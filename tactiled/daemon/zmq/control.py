@@ -13,7 +13,7 @@ import msgpack
 
 from tactiled.daemon.operations.complaints import Complaints
 from tactiled.daemon.zmq.publisher import Publisher
-from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, Command, Events, Requester, parse
+from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, CommandRequest, Events, Requester, parse
 from tactiled.events.types import EVENT_TYPES
 
 logger = logging.getLogger(__name__)
@@ -23,7 +23,7 @@ _REMEMBERED = 1000  # commands whose replies are kept for those who ask again; s
 _MOST_WAITING = 8  # repetitions of one command that are answered when it is done
 
 Respond = Callable[[bytes], None]
-Do = Callable[[Command, Requester, float, Callable[[str], None]], None]
+Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
 """Does a command: (command, requester, now_s, done); `done` takes the reason why not."""
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
@@ -35,7 +35,7 @@ _NO_COMMANDS = (
 class _Asked:
     """A command that was taken, and its reply when there is one."""
 
-    command: Command
+    command: CommandRequest
     reply: bytes = b""
     waiting: list[Respond] = field(default_factory=list)
 
@@ -84,7 +84,7 @@ class Control:
             respond(self._reply(request.id, request.do, request.reason))
             return
         self.answered += 1
-        if isinstance(request, Command):
+        if isinstance(request, CommandRequest):
             self._command(request, requester, now_s, respond)
         elif isinstance(request, Events):
             respond(self._events(request))
@@ -108,7 +108,7 @@ class Control:
             more=msgpack.packb(span.more),
         )
 
-    def _command(self, command: Command, requester: Requester, now_s: float, respond: Respond) -> None:
+    def _command(self, command: CommandRequest, requester: Requester, now_s: float, respond: Respond) -> None:
         """Do a command once for an id of its session, however often it is sent."""
         if not requester.may_command:
             self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)

@@ -1,4 +1,4 @@
-"""Clients that fail before the gate is asked about them: without a key, or with another daemon's.
+"""Clients that fail before the authenticator is asked about them: without a key, or with another daemon's.
 
 libzmq asks (ZAP) about a client that speaks CURVE with our public key, and about no other: those it only
 tells to a monitor of the socket, as ACCEPTED with the descriptor of the connection, HANDSHAKE_FAILED_PROTOCOL

@@ -1,4 +1,4 @@
-"""All sockets of the daemon: events go out, requests come in, and a gate where other hosts can reach them.
+"""All ZeroMQ sockets of the daemon: for events, for requests, and for the authentication of other hosts.
 
 A request costs at most some 0.3 ms and the server takes at most `REQUESTS_PER_S`, so whoever floods it fills
 a queue of his own and no more: ROUTER takes from its clients in turn. Nothing here is on the path from board
@@ -23,7 +23,7 @@ from tactiled.daemon.zmq.control import Control, Do
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
-from tactiled.daemon.zmq.security import Gate, KeyFolder
+from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
 REQUESTS_PER_S = 500.0
@@ -61,14 +61,14 @@ class Network:
         environ: Mapping[str, str] = os.environ,
     ) -> None:
         self._context: zmq.Context[Any] = zmq.Context()
-        self._gate: Gate | None = None
+        self._authenticator: CurveAuthenticator | None = None
         self._server: ControlServer | None = None
         try:
             if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
-                self._gate = Gate(self._context, KeyFolder(Path(params.keys or "")))
-            self.publisher = Publisher(params, environ, self._context, self._gate)
+                self._authenticator = CurveAuthenticator(self._context, KeyFolder(Path(params.keys or "")))
+            self.publisher = Publisher(params, environ, self._context, self._authenticator)
             self.control = Control(self.publisher, do, settings)
-            self._server = ControlServer(params, self.control, self._context, self._gate, environ)
+            self._server = ControlServer(params, self.control, self._context, self._authenticator, environ)
         except BaseException:
             self.close()
             raise
@@ -76,17 +76,17 @@ class Network:
     async def run(self) -> None:
         """Never returns; cancel it to end."""
         async with asyncio.TaskGroup() as group:
-            if self._gate is not None:
-                group.create_task(self._gate.run())
+            if self._authenticator is not None:
+                group.create_task(self._authenticator.run())
             if self._server is not None:
                 group.create_task(self._server.run())
             loop = asyncio.get_running_loop()
             while True:  # also where there is nothing to serve
                 self.control.bad.tell(loop.time())
                 self.control.commanded.tell(loop.time())
-                if self._gate is not None:
-                    self._gate.denied.tell(loop.time())
-                    self._gate.accepted.tell(loop.time())
+                if self._authenticator is not None:
+                    self._authenticator.denied.tell(loop.time())
+                    self._authenticator.accepted.tell(loop.time())
                 await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:
@@ -95,8 +95,8 @@ class Network:
             self._server.close()
         if hasattr(self, "publisher"):
             self.publisher.close()
-        if self._gate is not None:
-            self._gate.close()
+        if self._authenticator is not None:
+            self._authenticator.close()
         self._context.term()
 
 
@@ -108,7 +108,7 @@ class ControlServer:
     params : PublishParams
     control : Control
     context : zmq.Context
-    gate : Gate, optional
+    authenticator : CurveAuthenticator, optional
         Needed where endpoints are guarded.
 
     Raises
@@ -122,7 +122,7 @@ class ControlServer:
         params: PublishParams,
         control: Control,
         context: zmq.Context[Any],
-        gate: Gate | None = None,
+        authenticator: CurveAuthenticator | None = None,
         environ: Mapping[str, str] = os.environ,
     ) -> None:
         self.unsent = 0
@@ -137,7 +137,7 @@ class ControlServer:
             for endpoint in params.control:
                 guarded = is_guarded(params, endpoint)
                 if guarded not in self._sockets:
-                    self._sockets[guarded] = _make(context, gate if guarded else None)
+                    self._sockets[guarded] = _make(context, authenticator if guarded else None)
                 bind(self._sockets[guarded], endpoint, environ)
         except BaseException:
             self.close()
@@ -220,14 +220,14 @@ async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
 
 
 def _property(frame: zmq.Frame, name: str) -> str:
-    """What libzmq knows of the sender, empty for nothing: User-Id is the key's name that the gate gave."""
+    """Property of the sender as libzmq has it, empty for none; User-Id is the name that `answer` gave its key."""
     try:
         return str(frame.get(name))
     except zmq.ZMQError:
         return ""
 
 
-def _make(context: zmq.Context[Any], gate: Gate | None) -> zmq.asyncio.Socket:
+def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator | None) -> zmq.asyncio.Socket:
     sock = zmq.asyncio.Socket(context, zmq.ROUTER)
     sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
     sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
@@ -238,6 +238,6 @@ def _make(context: zmq.Context[Any], gate: Gate | None) -> zmq.asyncio.Socket:
         sock.setsockopt(getattr(zmq, name), value)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.IPV6, 1)
-    if gate is not None:
-        gate.guard(sock)
+    if authenticator is not None:
+        authenticator.guard(sock)
     return sock

@@ -15,7 +15,7 @@ import zmq
 from pydantic import Field, model_validator
 
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, fault_of, is_wide
-from tactiled.daemon.zmq.security import Gate
+from tactiled.daemon.zmq.security import CurveAuthenticator
 from tactiled.daemon.zmq.store import Store
 from tactiled.events import codec
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, control_endpoint
@@ -118,7 +118,7 @@ class Publisher:
     environ : mapping
     context : zmq.Context, optional
         Its maker closes it; the publisher has one of its own without.
-    gate : Gate, optional
+    authenticator : CurveAuthenticator, optional
         Needed where endpoints are guarded.
 
     Raises
@@ -132,7 +132,7 @@ class Publisher:
         params: PublishParams,
         environ: Mapping[str, str] = os.environ,
         context: zmq.Context[Any] | None = None,
-        gate: Gate | None = None,
+        authenticator: CurveAuthenticator | None = None,
     ) -> None:
         self.run = secrets.randbits(53)
         """Tells this run of the daemon from all others; a float64 holds it exactly, as viewers need."""
@@ -146,7 +146,9 @@ class Publisher:
             for endpoint in params.endpoints:
                 guarded = is_guarded(params, endpoint)
                 if guarded not in self._sockets:
-                    self._sockets[guarded] = self._make(context or self._context, gate if guarded else None)
+                    self._sockets[guarded] = self._make(
+                        context or self._context, authenticator if guarded else None
+                    )
                 bind(self._sockets[guarded], endpoint, environ)
         except BaseException:
             self.close()
@@ -178,7 +180,7 @@ class Publisher:
             self._context.term()
 
     @staticmethod
-    def _make(context: zmq.Context[Any] | None, gate: Gate | None) -> zmq.Socket[Any]:
+    def _make(context: zmq.Context[Any] | None, authenticator: CurveAuthenticator | None) -> zmq.Socket[Any]:
         assert context is not None
         sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
         sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
@@ -187,6 +189,6 @@ class Publisher:
         sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
         for name, value in DEAD_PEER_OPTIONS.items():
             sock.setsockopt(getattr(zmq, name), value)
-        if gate is not None:
-            gate.guard(sock)
+        if authenticator is not None:
+            authenticator.guard(sock)
         return sock

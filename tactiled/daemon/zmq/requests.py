@@ -87,7 +87,7 @@ class Events(Request):
     )
 
 
-class Command(Request):
+class CommandRequest(Request):
     """A request that changes something."""
 
     @property
@@ -96,35 +96,35 @@ class Command(Request):
         return self.model_dump(exclude={"v", "id", "who", "do", "session"}, exclude_none=True)
 
 
-class Tare(Command):
+class Tare(CommandRequest):
     """Take the present readings as zero."""
 
     do: Literal["tare"]
     force: bool = Field(default=False, description="although something is in contact or still moves")
 
 
-class Speed(Command):
+class Speed(CommandRequest):
     """Sliding speed, for texture."""
 
     do: Literal["speed"]
     speed_mm_s: float = Field(ge=0, le=1000, description="0: not known")
 
 
-class Inhibit(Command):
+class Inhibit(CommandRequest):
     """Slips that begin in the next seconds are published as suppressed: the hand itself moves."""
 
     do: Literal["inhibit"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
-class ExpectLoadChange(Command):
+class ExpectLoadChange(CommandRequest):
     """Incipient slips of the next seconds are published as suppressed: a load is taken up or set down."""
 
     do: Literal["expect-load-change"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
-class Thresholds(Command):
+class Thresholds(CommandRequest):
     """Parameters of the detectors, by the names of the configuration under ``[detect]``."""
 
     do: Literal["thresholds"]
@@ -133,21 +133,21 @@ class Thresholds(Command):
     )
 
 
-class Rate(Command):
+class Rate(CommandRequest):
     """Scans a second."""
 
     do: Literal["rate"]
     rate_hz: float = Field(gt=0, le=10_000)
 
 
-class Record(Command):
+class Record(CommandRequest):
     """Start or stop the recording."""
 
     do: Literal["record"]
     on: bool
 
 
-class Mark(Command):
+class Mark(CommandRequest):
     """A note for whoever looks at the events later."""
 
     do: Literal["mark"]

@@ -142,7 +142,7 @@ def _write(path: Path, mode: int, **keys: bytes) -> None:
     path.chmod(mode)  # whatever the umask says
 
 
-class Gate:
+class CurveAuthenticator:
     """Answers libzmq's question whether a client may connect. Make it before any socket is bound.
 
     Parameters

@@ -16,7 +16,7 @@ from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
 
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.link import SILENT_S, Link
+from tactiled.daemon.board.link import SILENT_S, BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.daemon.operations.recorder import Recorder
@@ -135,10 +135,10 @@ def test_a_half_dead_connection_is_opened_anew(tmp_path: Path) -> None:
     assert any("no byte for 3 s: opened anew" in row["reason"] for row in daemon.rows("status"))
 
 
-def bare_link() -> Link:
+def bare_link() -> BoardLink:
     line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
     session = Session(Terms(SessionParams(), LAYOUT, lambda _: None), line)
-    return Link(Pipeline(LAYOUT, ARRAY), session, line)
+    return BoardLink(Pipeline(LAYOUT, ARRAY), session, line)
 
 
 def test_a_silent_port_is_opened_anew_ever_more_rarely() -> None:

@@ -152,7 +152,7 @@ def test_a_port_that_opens_too_late_is_closed_again(monkeypatch: pytest.MonkeyPa
             may_open = threading.Event()
             real = source.open_port
 
-            def slow(url: str, baud: int) -> source.Port:
+            def slow(url: str, baud: int) -> source.SerialPort:
                 may_open.wait()
                 return real(url, baud)
 

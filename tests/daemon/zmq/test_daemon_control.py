@@ -28,7 +28,15 @@ from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams
-from tactiled.daemon.zmq.requests import LONGEST_BYTES, REQUESTS, Bad, Command, Request, Requester, parse
+from tactiled.daemon.zmq.requests import (
+    LONGEST_BYTES,
+    REQUESTS,
+    Bad,
+    CommandRequest,
+    Request,
+    Requester,
+    parse,
+)
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
@@ -57,12 +65,14 @@ class Desk:
 
     def __init__(self) -> None:
         self.publisher = Publisher(PublishParams(endpoints=()))
-        self.done: list[Command] = []
+        self.done: list[CommandRequest] = []
         self.refuse = ""
         self.later: list[Callable[[str], None]] | None = None
         self.control = Control(self.publisher, self.do, lambda _: {"speed_mm_s": 0.0})
 
-    def do(self, command: Command, _requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(
+        self, command: CommandRequest, _requester: Requester, _now_s: float, done: Callable[[str], None]
+    ) -> None:
         self.done.append(command)
         if self.later is None:
             done(self.refuse)
@@ -313,12 +323,14 @@ class Server:
         self.descriptors = descriptors()
         self.endpoint = f"ipc://{tmp_path}/events.ipc"
         self.control = f"ipc://{tmp_path}/control.ipc"
-        self.done: list[Command] = []
+        self.done: list[CommandRequest] = []
         self.network = Network(
             PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda _: {"speed_mm_s": 0.0}
         )
 
-    def do(self, command: Command, _requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(
+        self, command: CommandRequest, _requester: Requester, _now_s: float, done: Callable[[str], None]
+    ) -> None:
         self.done.append(command)
         done("")
 

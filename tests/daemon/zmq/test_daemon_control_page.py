@@ -9,7 +9,7 @@ from pathlib import Path
 from tactiled import resources
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import Command, Requester
+from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
@@ -66,7 +66,9 @@ def test_the_printed_command_is_done_whenever_it_is_started_and_once_though_it_i
     script = code.replace("ipc:///run/tactiled/TS0001/control.ipc", f"ipc://{tmp_path}/control.ipc")
     done: list[str] = []
 
-    def do(command: Command, _requester: Requester, _now_s: float, finish: Callable[[str], None]) -> None:
+    def do(
+        command: CommandRequest, _requester: Requester, _now_s: float, finish: Callable[[str], None]
+    ) -> None:
         done.append(command.id)
         asyncio.get_running_loop().call_later(1.2, finish, "")  # it asks twice more meanwhile
 

@@ -13,7 +13,7 @@ import pytest
 from tactiled.client import AsyncCommander
 from tactiled.daemon.zmq.network import Network, uid_of
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import Command, Requester
+from tactiled.daemon.zmq.requests import CommandRequest, Requester
 
 
 class Server:
@@ -23,7 +23,9 @@ class Server:
         self.requesters: list[Requester] = []
         self.network = Network(PublishParams(**params), self.do, lambda _: {})
 
-    def do(self, _command: Command, requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(
+        self, _command: CommandRequest, requester: Requester, _now_s: float, done: Callable[[str], None]
+    ) -> None:
         self.requesters.append(requester)
         done("")
 

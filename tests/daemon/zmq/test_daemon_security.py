@@ -22,8 +22,8 @@ from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq import publisher as publisher_module
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import Command, Requester
-from tactiled.daemon.zmq.security import Gate, KeyFolder
+from tactiled.daemon.zmq.requests import CommandRequest, Requester
+from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.events.types import ContactEvent
 
@@ -117,9 +117,9 @@ def test_whoever_is_removed_is_shut_out_without_a_restart(folder: KeyFolder) -> 
 
 
 @contextmanager
-def gate(folder: KeyFolder) -> Iterator[Gate]:
+def authenticator(folder: KeyFolder) -> Iterator[CurveAuthenticator]:
     with zmq.Context() as context:
-        opened = Gate(context, folder)
+        opened = CurveAuthenticator(context, folder)
         yield opened
         opened.close()
 
@@ -132,7 +132,7 @@ def test_whatever_asks_is_answered_and_not_let_in(
     path = tmp_path_factory.mktemp("keys")
     keys = KeyFolder(path / "keys")
     keys.make("left", path / "left.toml")
-    with gate(keys) as opened:
+    with authenticator(keys) as opened:
         reply = opened.answer(request, 0.0)
         assert len(reply) == 6
         assert reply[2] == b"400"
@@ -142,7 +142,7 @@ def test_whatever_asks_is_answered_and_not_let_in(
 def test_another_domain_or_mechanism_is_not_let_in_even_with_the_key(folder: KeyFolder) -> None:
     (key,) = folder.clients()
     raw = zmq.utils.z85.decode(key)
-    with gate(folder) as opened:
+    with authenticator(folder) as opened:
         good = [b"1.0", b"7", b"tactiled", b"10.0.0.2", b"", b"CURVE", raw]
         assert opened.answer(good, 0.0) == [b"1.0", b"7", b"200", b"OK", b"left", b""]
         for place, other in (
@@ -167,7 +167,9 @@ class Server:
         params = PublishParams(endpoints=(self.wide, self.local), keys=str(folder.path))
         self.network = Network(params, self.do, lambda _: {})
 
-    def do(self, _command: Command, requester: Requester, _now_s: float, done: Callable[[str], None]) -> None:
+    def do(
+        self, _command: CommandRequest, requester: Requester, _now_s: float, done: Callable[[str], None]
+    ) -> None:
         self.keys_used.append(requester.key)
         done("")
 
