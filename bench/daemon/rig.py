@@ -7,17 +7,15 @@ commands, ticks.
 from collections.abc import Callable
 
 from tactiled.array import Array
-from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.link import BoardLink
-from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.terms import SessionParams
 from tactiled.emulator.board.identity import BoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.emulator.port import Port
 from tactiled.emulator.scene.description import Scene
 from tactiled.events.types import Event, StatusEvent
-from tactiled.pipeline import Pipeline, check_hello
+from tactiled.pipeline import Pipeline
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 from tactiled.wire.layout import Layout
@@ -66,10 +64,8 @@ class Rig:
             scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=on_scan
         )
         self.pipeline = Pipeline(layout, array)
-        line = LineWatch(layout.name, layout.file.baud)
-        terms = Terms(session or SessionParams(), layout, lambda hello: check_hello(hello, layout, array))
-        self.session = Session(terms, line)
-        self.link = BoardLink(self.pipeline, self.session, line)
+        self.link = make_link(self.pipeline, session or SessionParams(), layout.file.baud)
+        self.session = self.link.session
         self.connects = 0
         self.bytes_read = 0
         self.bytes_unread = 0

@@ -14,11 +14,10 @@ from typing import Any, Self
 
 from tactiled.array import Array
 from tactiled.daemon.board.datapath import DataPath
-from tactiled.daemon.board.diagnosis import LineWatch, other_layouts
-from tactiled.daemon.board.link import BoardLink
+from tactiled.daemon.board.diagnosis import other_layouts
+from tactiled.daemon.board.link import make_link
 from tactiled.daemon.board.report import Report
-from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.board.terms import SessionParams
 from tactiled.daemon.operations.exporter import Exporter, MetricsParams
 from tactiled.daemon.operations.metrics import Metrics
 from tactiled.daemon.operations.outlets import Outlets
@@ -31,7 +30,7 @@ from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.errors import TactiledError
 from tactiled.events.types import Event
-from tactiled.pipeline import Pipeline, check_hello
+from tactiled.pipeline import Pipeline
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
 from tactiled.wire.layout import Layout
@@ -91,10 +90,8 @@ class Service:
         self._params = params
         self._layout = layout
         self._reload = reload
-        line = LineWatch(layout.name, self._baud, other_layouts(layout))
-        terms = Terms(params.session, layout, lambda hello: check_hello(hello, layout, array))
-        self._session = session = Session(terms, line)
-        link = BoardLink(pipeline, session, line)
+        link = make_link(pipeline, params.session, self._baud, other_layouts(layout))
+        session = link.session
         self._connection = connection = Connection(params.port.url, self._baud)
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
         self._commands = Commands(pipeline, session, self._tuned, switch)
@@ -103,9 +100,7 @@ class Service:
         self._exporter = Exporter(params.metrics, metrics.text) if params.metrics.port else None
         self._outlets = Outlets(pipeline, session, self._network.publisher, metrics, recorder)
         self._report = Report(session, link, connection, layout, array, self._outlets)
-        self._path = DataPath(
-            pipeline, session, link, connection, Encoder(layout), self._outlets, self._changed, self._failed
-        )
+        self._path = DataPath(link, connection, Encoder(layout), self._outlets, self._changed, self._failed)
 
     async def run(self) -> None:
         """Serve until `stop`; an error in the data path ends the service instead of being served around."""

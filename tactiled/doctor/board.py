@@ -6,16 +6,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from tactiled.config import Setup
-from tactiled.daemon.board.diagnosis import LineWatch, frames_of, other_layouts
-from tactiled.daemon.board.link import BoardLink
-from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import Terms
+from tactiled.daemon.board.diagnosis import frames_of, other_layouts
+from tactiled.daemon.board.link import make_link
 from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import ScanEvent, StatusEvent
-from tactiled.pipeline import Health, check_hello
+from tactiled.pipeline import Health
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
 from tactiled.wire.layout import Layout
@@ -60,10 +58,8 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
 async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     """Be the daemon for `LISTEN_S`, then put the board back as it was."""
     layout, pipeline = setup.layout, setup.make_pipeline()
-    line = LineWatch(layout.name, baud, other_layouts(layout))
-    terms = Terms(setup.config.session, layout, lambda hello: check_hello(hello, layout, setup.array))
-    session = Session(terms, line)
-    link, encoder = BoardLink(pipeline, session, line), Encoder(layout)
+    link = make_link(pipeline, setup.config.session, baud, other_layouts(layout))
+    session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []
     found_streaming: list[bool] = []

@@ -1,7 +1,7 @@
-"""From bytes to sends: what is done when bytes, a port or a deadline come.
+"""The daemon's reactions to bytes, to a port that opens or is lost, and to deadlines.
 
-The hot path is one callback: bytes -> `Pipeline.receive_data` -> non-blocking sends. No task, queue or
-lock stands between, so what a subscriber gets is as old as the line made it.
+The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
+lock in it, so the age of an event is that of its bytes plus the time of computing.
 """
 
 import asyncio
@@ -10,39 +10,35 @@ import time
 from collections.abc import Callable, Sequence
 
 from tactiled.daemon.board.link import BoardLink
-from tactiled.daemon.board.session import Session
 from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
-from tactiled.pipeline import Output, Pipeline
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 
-_DRAIN_S = 0.1  # scans on their way when we stop: more than an FTDI bucket and the board's answer take
+# Wait for the last scans when the daemon stops: longer than an FTDI bucket (16 ms) and the board's answer.
+_DRAIN_S = 0.1
 
 
 class DataPath:
-    """The `connection.Listener` of the daemon, and the deadlines of its session.
+    """Pass bytes from a connection to a board link, its events to the outlets, its commands to the board.
+
+    Implements `connection.Listener`, and keeps the timer for the deadlines of the session.
 
     Parameters
     ----------
-    pipeline : Pipeline
-    session : Session
     link : BoardLink
-        Made of these two.
     connection : Connection
-        Written to; whoever runs it gives it this object.
+        Commands are written to it. Its `run` is given this object.
     encoder : Encoder
     outlets : Outlets
     changed : callable
-        Called with the time whenever something may have changed.
+        Called with the time (host monotonic seconds) whenever the session may have changed.
     failed : callable
-        Takes what a callback of the loop raised: the loop would only log it and go on, broken.
+        Takes an exception that was raised in a callback. The event loop would log it and continue.
     """
 
     def __init__(
         self,
-        pipeline: Pipeline,
-        session: Session,
         link: BoardLink,
         connection: Connection,
         encoder: Encoder,
@@ -50,9 +46,8 @@ class DataPath:
         changed: Callable[[float], None],
         failed: Callable[[Exception], None],
     ) -> None:
-        self._pipeline = pipeline
-        self._session = session
         self._link = link
+        self._session = link.session
         self._connection = connection
         self._encoder = encoder
         self._outlets = outlets
@@ -61,37 +56,38 @@ class DataPath:
         self._handover_s: float | None = None
         self._timer: asyncio.TimerHandle | None = None
 
-    # ---- what the connection tells -----------------------------------------------------------------
+    # ---- called by the connection ------------------------------------------------------------------
 
     def opened(self) -> None:
-        """A port is there."""
+        """Handle a port that was just opened."""
         now_s, handover_s = time.monotonic(), self._connection.handover_s
         if handover_s != self._handover_s:
             self._handover_s = handover_s
-            told = {"handover_s": handover_s}
-            self._outlets.tuned("adapter", told, self._pipeline.command("adapter", told, now_s)[1], now_s)
+            arguments = {"handover_s": handover_s}
+            _, events = self._link.pipeline.command("adapter", arguments, now_s)
+            self._outlets.tuned("adapter", arguments, events, now_s)
         self.act(self._link.opened(now_s, self._framing_errors(), is_pty=self._connection.is_pty))
 
     def received(self, data: bytes) -> None:
-        """Bytes came."""
+        """Handle the bytes of one read."""
         self._guarded(lambda: self._handle(data))
 
     def lost(self, reason: str) -> None:
-        """There is no port."""
+        """Handle a port that was lost or could not be opened."""
         if self._link.lost(reason):
             self._outlets.disconnected(time.monotonic())
         self.act()
 
-    # ---- what time brings --------------------------------------------------------------------------
+    # ---- called as time passes ---------------------------------------------------------------------
 
     def watch(self, now_s: float) -> None:
-        """Look at the line and at what is overdue; call it some ten times a second."""
+        """Check line and deadlines, and close a dead port; call it about ten times a second."""
         self.act(self._link.watch(now_s, self._framing_errors()))
         if self._session.state != "running":
             self._connection.check(self._link.dead_because(now_s))
 
     def act(self, commands: Sequence[Command] = ()) -> None:
-        """Send what the session asks for, tell the world of a new state, and set the next deadline."""
+        """Send commands to the board, report a new state, and set the timer for the next deadline."""
         for command in commands:
             data = self._encoder.encode(command)
             now_s = time.monotonic()
@@ -101,33 +97,28 @@ class DataPath:
         now_s = time.monotonic()
         self._changed(now_s)
         deadline_s = self._session.deadline_s
-        # An armed timer is moved only when it would come too late: at 100 Hz it is hardly ever touched.
+        # A timer that is set is replaced only where it would fire too late, which is rare even at 100 Hz.
         if self._timer is None or self._timer.when() > deadline_s:
             self.close()
             if deadline_s < math.inf:
                 self._timer = asyncio.get_running_loop().call_at(deadline_s, self._deadline)
 
     async def drain(self) -> None:
-        """Stop the board, take what is still on its way, say goodbye."""
+        """Stop the board, handle the scans that are still in transit, and report the port as lost."""
         if self._connection.is_open:
             self.act(self._session.stop())
             await asyncio.sleep(_DRAIN_S)
         self.lost("tactiled is stopping")
 
     def close(self) -> None:
-        """Forget the deadline."""
+        """Cancel the timer."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = None
 
     def _handle(self, data: bytes) -> None:
         now_s = time.monotonic()
-        outputs: list[Output] = []
-        try:
-            outputs = self._pipeline.receive_data(data, now_s)
-        finally:  # bytes that break us are those that must be looked at later
-            self._outlets.received(data, outputs, now_s)
-        commands = self._link.heard(data, outputs, now_s, self._outlets.found)
+        commands = self._link.received(data, now_s, self._outlets.found, self._outlets.received)
         self._outlets.notifier.alive(now_s)
         self.act(commands)
         self._outlets.metrics.handled(time.monotonic() - now_s)
@@ -139,7 +130,7 @@ class DataPath:
     def _guarded(self, step: Callable[[], None]) -> None:
         try:
             step()
-        except Exception as error:  # a bug: end with it, loudly, and let the manager start us afresh
+        except Exception as error:  # a bug: the daemon ends with it, and the service manager restarts it
             self._failed(error)
 
     def _framing_errors(self) -> int | None:

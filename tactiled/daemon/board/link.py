@@ -1,58 +1,93 @@
-"""Pipeline, session and line watch as one: all that the daemon does with bytes and time, with no I/O.
+"""One board behind one port: pipeline, session and line diagnosis together, with no I/O.
 
-The service gives it a port and a clock, benches and tests simulated ones; both run these lines.
+Every byte enters by `BoardLink.received`. The service, `tactiled doctor` and the benches all call it, with a
+real port and clock or with simulated ones.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
 from tactiled.daemon.board.health import status_event
 from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import Event, ScanEvent, StatusEvent
-from tactiled.pipeline import Output, Pipeline
+from tactiled.pipeline import Output, Pipeline, check_hello
 from tactiled.wire.frames import Command, Hello
+from tactiled.wire.layout import Layout
 
-# An open port without a byte may be a dead descriptor: it is opened anew, rarer each time, because a board
-# without power is silent too. A stall is mended by asking the board (session), which takes 0.2 s a try.
+# An open port that delivers no byte may be a dead descriptor, so it is closed and opened again. Each interval
+# is twice the one before, because a board without power is silent too. A stall of a board that sends bytes is
+# handled by the session instead, which asks the board every 0.2 s.
 SILENT_S = 3.0
 _SILENT_LONGEST_S = 60.0
 
 
+RecordRead = Callable[[bytes, Sequence[Output], float], None]
+"""Takes the bytes of one read, the outputs of the pipeline for them, and the time of the read."""
+
+
+def _record_nothing(data: bytes, outputs: Sequence[Output], now_s: float) -> None:
+    del data, outputs, now_s
+
+
 class BoardLink:
-    """The board at the other end, from open port to lost port.
+    """Connect pipeline, session and line diagnosis of one board.
 
     Parameters
     ----------
     pipeline : Pipeline
     session : Session
     line : LineWatch
-        The one that `session` asks.
+        The one that `session` was made with.
     """
 
     def __init__(self, pipeline: Pipeline, session: Session, line: LineWatch) -> None:
-        self._pipeline = pipeline
-        self._session = session
+        self.pipeline = pipeline
+        self.session = session
         self._line = line
         self._patience_s = SILENT_S
 
     def opened(
         self, now_s: float, framing_errors: int | None = None, *, is_pty: bool = False
     ) -> list[Command]:
-        """The port is open; what to say first."""
+        """Begin with a port that was just opened; returns the commands to send first."""
         self._line.reset(now_s, is_pty=is_pty)
         self._count(now_s, framing_errors)
-        return self._session.opened(now_s)
+        return self.session.opened(now_s)
 
-    def received(self, data: bytes, now_s: float, publish: Callable[[Event], None]) -> list[Command]:
-        """Bytes came: events go to `publish`, in order and at once; what to say is given back."""
-        return self.heard(data, self._pipeline.receive_data(data, now_s), now_s, publish)
-
-    def heard(
-        self, data: bytes, outputs: Sequence[Output], now_s: float, publish: Callable[[Event], None]
+    def received(
+        self,
+        data: bytes,
+        now_s: float,
+        publish: Callable[[Event], None],
+        record: RecordRead = _record_nothing,
     ) -> list[Command]:
-        """The second half of `received`, for one who gave the bytes to the pipeline already."""
-        session = self._session
+        """Process the bytes of one read of the port.
+
+        Parameters
+        ----------
+        data : bytes
+        now_s : float
+            Host monotonic seconds at which the bytes were read.
+        publish : callable
+            Takes each event of the accepted board, in order, before this method returns.
+        record : callable, optional
+            See `RecordRead`; called before any event is published, and also when the pipeline raises, because
+            the bytes that made it fail are the ones to look at later.
+
+        Returns
+        -------
+        list of Command
+            To be sent to the board.
+        """
+        outputs: list[Output] = []
+        try:
+            outputs = self.pipeline.receive_data(data, now_s)
+        finally:
+            record(data, outputs, now_s)
+        session = self.session
         commands: list[Command] = []
         scanned = False
         self._patience_s = SILENT_S
@@ -72,69 +107,69 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline that a command is about to be written, where that matters to it.
+        """Announce to the pipeline a command that is about to be written, where it uses that (pings only).
 
         Parameters
         ----------
         command : Command
         now_s : float
-            Before the first byte is written: what the board does for it comes later.
+            Time before the first byte is written; the board cannot have received it earlier.
 
         Returns
         -------
         dict or None
-            The arguments of the pipeline's command of the same name, for the recording; None for none.
+            Arguments of the pipeline's command of the same name, for the recording; None if there was none.
         """
         if command.name != "ping":
             return None
         arguments = {"token": command.token}
-        self._pipeline.command("ping", arguments, now_s)
+        self.pipeline.command("ping", arguments, now_s)
         return arguments
 
     def lost(self, reason: str) -> bool:
-        """The port is gone, or could not be opened; whether the pipeline was told of a disconnection."""
-        was_open = self._session.state != "no-device"
+        """Take note that the port was lost or could not be opened; returns whether it was open before."""
+        was_open = self.session.state != "no-device"
         if was_open:
-            self._pipeline.disconnected()
-        self._session.lost(reason)
+            self.pipeline.disconnected()
+        self.session.lost(reason)
         return was_open
 
     def watch(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
-        """Look at the line and at what is overdue; call it some ten times a second."""
+        """Update the line diagnosis and act on passed deadlines; call it about ten times a second."""
         self._count(now_s, framing_errors)
-        return self._session.tick(now_s)
+        return self.session.tick(now_s)
 
     def dead_because(self, now_s: float) -> str:
-        """Why the open port should be opened anew; empty when it should not."""
+        """Return the reason for closing and reopening a silent port, or an empty string."""
         silent_s = now_s - self._line.byte_s
-        if self._session.state == "no-device" or silent_s < self._patience_s:
+        if self.session.state == "no-device" or silent_s < self._patience_s:
             return ""
         self._patience_s = min(2 * self._patience_s, _SILENT_LONGEST_S)
         return f"no byte for {silent_s:.0f} s: opened anew"
 
     def warnings(self, port_warning: str = "") -> dict[str, str]:
-        """What should be mended although scans come, by cause: ``"line"``, ``"clock"``, ``"port"``."""
+        """Return the faults that do not stop the scans, by cause: ``"line"``, ``"clock"``, ``"port"``."""
         found = {
             "line": self._line.warning(),
-            "clock": self._pipeline.health().clock_warning,
+            "clock": self.pipeline.health().clock_warning,
             "port": port_warning,
         }
         return {cause: words for cause, words in found.items() if words}
 
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
-        """How things are; `warning` is what the port says of itself."""
+        """Make the status event; `warning` is the warning of the port."""
         return status_event(
-            self._session,
-            self._pipeline.health(),
+            self.session,
+            self.pipeline.health(),
             now_s=now_s,
             started_s=started_s,
             connects=connects,
-            inhibited_s=self._pipeline.tuning.inhibited_s(now_s),
+            inhibited_s=self.pipeline.tuning.inhibited_s(now_s),
             warning="; ".join(self.warnings(warning).values()),
         )
 
     def _count(self, now_s: float, framing_errors: int | None) -> None:
-        health = self._pipeline.health()
+        health = self.pipeline.health()
         tally = Tally(
             health.bytes_in,
             health.bytes_framed,
@@ -146,3 +181,31 @@ class BoardLink:
             health.scans_dropped,
         )
         self._line.count(tally, now_s)
+
+
+def make_link(
+    pipeline: Pipeline,
+    params: SessionParams,
+    baud: int,
+    others: Mapping[str, Layout] = MappingProxyType({}),
+) -> BoardLink:
+    """Make the link to the board that `pipeline` was made for.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+    params : SessionParams
+    baud : int
+        Named in diagnoses.
+    others : mapping of str to Layout
+        Layouts that a diagnosis tries on bytes that are no frames of the pipeline's layout.
+
+    Raises
+    ------
+    ConfigError
+        `params` ask for what the layout cannot do.
+    """
+    layout, array = pipeline.layout, pipeline.array
+    line = LineWatch(layout.name, baud, others)
+    terms = Terms(params, layout, lambda hello: check_hello(hello, layout, array))
+    return BoardLink(pipeline, Session(terms, line), line)

@@ -220,7 +220,7 @@ async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
 
 
 def _property(frame: zmq.Frame, name: str) -> str:
-    """Property of the sender as libzmq has it, empty for none; User-Id is the name that `answer` gave its key."""
+    """Property of the sender as libzmq has it, empty for none; User-Id is the name of its key."""
     try:
         return str(frame.get(name))
     except zmq.ZMQError:
