@@ -140,7 +140,7 @@ def _alarms(detector: Detector, stream: Stream, played: Played, *, is_apart: boo
 
 
 class _Alone(Bridge):
-    """A slip detector as a suite: without texture, speed is nothing to it.
+    """A slip detector as a suite without a texture estimator.
 
     Attributes
     ----------
@@ -150,15 +150,13 @@ class _Alone(Bridge):
 
     def __init__(self, detector: Detector) -> None:
         super().__init__(detector)
+        self.texture = None
         self.said: list[Event] = []
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         events = super().process(item)
         self.said += events
         return events
-
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Takes no notice."""
 
 
 def run(

@@ -77,7 +77,7 @@ class SlipDetector(Detector, Protocol):
 
 
 class TextureEstimator(Protocol):
-    """Texture events; what is told of slip gates them."""
+    """Texture events, gated by the events of the slip detector."""
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
@@ -93,7 +93,7 @@ class TextureEstimator(Protocol):
 
 
 class Methods:
-    """A slip detector, and a texture estimator that is told what it says of each item; a `Detector`.
+    """A slip detector, and a texture estimator that gets its events with each item; a `Detector`.
 
     Parameters
     ----------
@@ -103,53 +103,50 @@ class Methods:
 
     def __init__(self, slip: SlipDetector, texture: TextureEstimator) -> None:
         self._slip = slip
-        self._texture = texture
+        self.texture = texture
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         self._slip.reset()
-        self._texture.reset()
+        self.texture.reset()
 
     @property
     def contact_state(self) -> ContactState:
         """State of the contact after the last scan."""
         return self._slip.contact_state
 
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Sliding speed that holds from a scan on."""
-        self._texture.set_speed(speed_mm_s, from_index)
-
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Events that the item completes, in the order of their evidence, however scans were chunked."""
         events = self._slip.process(item)
-        texture = self._texture.process(item, events)
+        texture = self.texture.process(item, events)
         # The sort is stable: slip before texture.
         return sorted([*events, *texture], key=lambda event: event.evidence_s)
 
 
 class Suite(Detector, Protocol):
-    """The detectors of a setting, as one."""
+    """The detectors of a setting as one detector."""
 
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Sliding speed that holds from a scan on."""
+    @property
+    def texture(self) -> TextureEstimator | None:
+        """Estimator that takes the sliding speed; None where no detector uses it."""
         ...
 
 
 class Bridged(Bridge):
-    """A suite that is spared short gaps."""
+    """Detectors behind a bridge over short gaps; a `Suite`."""
 
-    def __init__(self, suite: Suite) -> None:
-        super().__init__(suite)
-        self.set_speed = suite.set_speed
+    def __init__(self, methods: Methods) -> None:
+        super().__init__(methods)
+        self.texture: TextureEstimator | None = methods.texture
 
 
 def build_suite(array: Array, params: DetectParams) -> Suite:
-    """The detectors of a setting, as one."""
+    """Make the detectors of a setting, with short gaps bridged."""
     return Bridged(build_methods(array, params))
 
 
 def build_methods(array: Array, params: DetectParams) -> Methods:
-    """The same, to which every gap is one."""
+    """Make the detectors of a setting without the bridge: every gap reaches them."""
     if params.setting == "wang2019":
         published = params.wang2019
         return Methods(WaveletSlip(array, published.slip), PaperTexture(array, published.texture))

@@ -133,7 +133,7 @@ class TunedSuite:
         """Sliding speed from the next scan on."""
         if speed_mm_s != self.speed_mm_s:
             self.speed_mm_s = speed_mm_s
-            self._suite.set_speed(speed_mm_s, self.next_index)
+            self._pass_speed()
 
     def inhibit(self, now_s: float, duration_s: float) -> None:
         """Do not trust slips that begin from now on for a time; 0 ends it now."""
@@ -169,9 +169,12 @@ class TunedSuite:
         events = self._part()
         self.params = params
         self._suite = self._build(self._array, params)
-        if self.speed_mm_s is not None:
-            self._suite.set_speed(self.speed_mm_s, self.next_index)
+        self._pass_speed()
         return "", events
+
+    def _pass_speed(self) -> None:
+        if self.speed_mm_s is not None and self._suite.texture is not None:
+            self._suite.texture.set_speed(self.speed_mm_s, self.next_index)
 
     def _part(self) -> list[Event]:
         """Nothing before this moment belongs to anything after it."""

@@ -171,7 +171,8 @@ def test_any_course_of_loads_gives_finite_events(
     speed_mm_s: float,
 ) -> None:
     suite = build_suite(array, DetectParams(setting=setting))
-    suite.set_speed(speed_mm_s, 0)
+    assert suite.texture is not None
+    suite.texture.set_speed(speed_mm_s, 0)
     block = with_faults(readings(array, course, noise, seed), rate_hz, broken)
     for item in with_gap(block, cut, n_missing):
         assert_finite(suite.process(item))

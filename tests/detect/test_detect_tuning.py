@@ -146,13 +146,12 @@ class SaysSlips:
     """A suite that says an incipient slip, its deepening and its end, at instants given."""
 
     contact_state = "holding"
+    texture = None
 
     def __init__(self, onset_s: float) -> None:
         self._onset_s = onset_s
 
     def reset(self) -> None: ...
-
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None: ...
 
     def process(self, _: ScanBlock | Gap) -> list[Event]:
         first = SlipEvent(
