@@ -1,10 +1,76 @@
-"""What all tests share: hypothesis draws the same examples on every machine, so that a change is judged by
-the change. ``./run test --hypothesis-profile explore`` draws new ones.
+"""Settings and checks that hold for all tests.
+
+Hypothesis draws the same examples on every machine, so that a failure comes from the change under test.
+``./run test --hypothesis-profile explore`` draws new ones.
+
+A test fails when it leaves an asyncio task, a thread or a file descriptor behind. A test fails after 120 s
+(``timeout`` in pyproject.toml), one that runs real processes after 600 s, and one marked
+``@pytest.mark.timeout(SECONDS)`` after that.
 """
 
+import asyncio
+import gc
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
 from hypothesis import settings
 
-# How long an example takes is the machine's affair; times are measured in benchmarks.
+# Hypothesis checks no durations: they depend on the machine, and the benches measure them.
 settings.register_profile("explore", deadline=None)
 settings.register_profile("same", settings.get_profile("explore"), derandomize=True)
 settings.load_profile("same")
+
+_SYSTEM_TIMEOUT_S = 600
+_GRACE_S = 2.0  # for threads and descriptors whose end was asked for in the test
+# Made by `open_port_in_thread` for a host that may not answer. It ends with the connection attempt, which
+# nobody waits for, by design.
+_DETACHED_THREADS = ("open-port",)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give tests that run real processes more time than the others."""
+    for item in items:
+        if item.get_closest_marker("system") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(_SYSTEM_TIMEOUT_S))
+
+
+def _threads() -> set[threading.Thread]:
+    return {thread for thread in threading.enumerate() if thread.name not in _DETACHED_THREADS}
+
+
+def _descriptors() -> set[tuple[int, str]]:
+    """Open descriptors with what they lead to: a number alone is used again."""
+    found = set()
+    for path in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # the descriptor of the listing itself
+            found.add((int(path.name), str(path.readlink())))
+    return found
+
+
+@pytest.fixture(autouse=True)
+def leaks_nothing(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Fail a test that leaves asyncio tasks, threads or file descriptors behind."""
+    tasks: list[str] = []
+    cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]
+
+    def note_and_cancel(loop: asyncio.AbstractEventLoop) -> None:
+        """Note what the coroutine given to `asyncio.run` left, which `asyncio.run` cancels without a word."""
+        tasks.extend(repr(task) for task in asyncio.all_tasks(loop))
+        cancel_all(loop)
+
+    monkeypatch.setattr(asyncio.runners, "_cancel_all_tasks", note_and_cancel)
+    threads, descriptors = _threads(), _descriptors()
+    yield
+    end_s = time.monotonic() + _GRACE_S
+    while any(left := (_threads() - threads, _descriptors() - descriptors)) and time.monotonic() < end_s:
+        gc.collect()  # closes what only a cycle of references holds
+        time.sleep(0.01)
+    new_threads, new_descriptors = left
+    leaked = [f"task {task}" for task in tasks]
+    leaked += [f"thread {thread.name}" for thread in new_threads]
+    leaked += [f"descriptor {number}: {target}" for number, target in sorted(new_descriptors)]
+    assert not leaked, "left behind by this test:\n  " + "\n  ".join(leaked)
