@@ -47,7 +47,8 @@ def _descriptors() -> set[tuple[int, str]]:
     found = set()
     for path in Path("/proc/self/fd").iterdir():
         with suppress(OSError):  # the descriptor of the listing itself
-            found.add((int(path.name), str(path.readlink())))
+            if int(path.name) > 2:  # pytest redirects the standard streams between tests
+                found.add((int(path.name), str(path.readlink())))
     return found
 
 

@@ -1,1 +1,1 @@
-"""The only room with asyncio, serial ports, ZeroMQ sockets and signals: the science knows none of them."""
+"""Service for one board: the only package with asyncio, serial ports, ZeroMQ sockets and signals."""

@@ -1,28 +1,28 @@
-"""The two clocks of the daemon, and the one place where instants become epoch seconds.
+"""Offset between the monotonic and the wall clock, by which instants become epoch seconds.
 
-``time_s`` is CLOCK_MONOTONIC: never set back, the clock of all that is computed. ``unix_s`` is what the
-world reads: ``unix_s = time_s + offset_s``, added once, when a message is encoded.
+``time_s`` is CLOCK_MONOTONIC, which is never set back; all computations use it. ``unix_s = time_s +
+offset_s`` is made once, when a message is encoded.
 
-The kernel slews both clocks together, so between steps of the wall clock the offset is a constant, and
-measuring it anew for each message would only add the jitter of two system calls to instants that are
-known better. So it is held, looked at once a second, and replaced only when the wall clock was stepped.
+The kernel slews both clocks together, so the offset is constant between steps of the wall clock. Measuring it
+for each message would add the jitter of two system calls. It is therefore kept, checked once a second, and
+replaced only when the wall clock was stepped.
 """
 
 import time
 from collections.abc import Callable
 
-_STEP_S = 1e-3  # ten times the error of one bracketed reading on a busy machine, a tenth of a scan at 100 Hz
-_BRACKETS = 5  # readings to choose the tightest from: one in a few is interrupted by the scheduler
-_TIGHT_S = 2e-4  # a bracket wider than this says less than the step that it should show
+_STEP_S = 1e-3  # least step: ten times the error of a bracketed reading on a busy machine, 0.1 scan at 100 Hz
+_BRACKETS = 5  # readings of which the tightest is used: one in a few is interrupted by the scheduler
+_TIGHT_S = 2e-4  # a wider bracket cannot resolve a step of `_STEP_S`
 
 
 class EpochClock:
-    """Offset between the monotonic and the wall clock, followed when the wall clock is stepped.
+    """Keep the offset between monotonic and wall clock, and follow steps of the wall clock.
 
     Parameters
     ----------
     monotonic, wall : callable
-        Seconds of either clock.
+        Return the reading of each clock in seconds.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class EpochClock:
         self.offset_s = self._measure()[0]
 
     def follow(self) -> float:
-        """Look at both clocks again.
+        """Compare both clocks again.
 
         Returns
         -------
@@ -48,7 +48,7 @@ class EpochClock:
         return step_s
 
     def _measure(self) -> tuple[float, float]:
-        """Offset from the tightest of a few bracketed readings, and how tight it was."""
+        """Offset from the tightest of a few bracketed readings, and its width, both in seconds."""
         width_s, offset_s = min(self._bracket() for _ in range(_BRACKETS))
         return offset_s, width_s
 

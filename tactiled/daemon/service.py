@@ -1,8 +1,8 @@
-"""The daemon: a port, a pipeline, a session and a publisher in one event loop.
+"""Service: port, pipeline, session and publisher in one event loop.
 
-Here are its parts, its life and its configuration. What is done with bytes is in `datapath`, what it says of
-itself in `report`, and where all of it goes in `outlets`. Beside the data path run the connection (open, wait
-until lost, open again), the status at 10 Hz and the session's own deadlines.
+This module builds the parts, runs them, stops them and reloads the configuration. `datapath` handles bytes
+and deadlines, `report` makes status and info events, and `outlets` distributes events. Beside the data path
+run the connection, which opens the port again after a loss, and the status at 10 Hz.
 """
 
 import asyncio
@@ -41,7 +41,7 @@ STATUS_PERIOD_S = 0.1
 
 
 class ServiceParams(Params):
-    """All that the daemon's room needs to be told."""
+    """Parameters of the daemon."""
 
     port: PortParams
     session: SessionParams = SessionParams()
@@ -49,7 +49,7 @@ class ServiceParams(Params):
     metrics: MetricsParams = MetricsParams()
 
     def without_publishing(self) -> Self:
-        """The same, but nobody is told: for one who only records."""
+        """Return a copy without endpoints, for a program that only records."""
         return self.model_copy(update={"publish": PublishParams(endpoints=())})
 
 
@@ -57,7 +57,7 @@ Reload = Callable[[], ServiceParams]
 
 
 class Service:
-    """The running daemon.
+    """Run one daemon for one port.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ class Service:
     layout : Layout
     array : Array
     reload : callable, optional
-        Reads the configuration again (SIGHUP) and gives what it says now.
+        Reads the configuration again (SIGHUP) and returns its parameters.
     recorder : Recorder, optional
-        Told of every read of the port, of what came of it, and of all that is said beside.
+        Takes every read of the port with its outputs, and all events that the daemon itself makes.
 
     Raises
     ------
     ConfigError, OperatorError
-        Something can never work; `UnavailableError` where it can later, such as an endpoint in use.
+        The parameters can never work. `UnavailableError`: not now, for example an endpoint in use.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Service:
         self._path = DataPath(link, connection, Encoder(layout), self._outlets, self._changed, self._failed)
 
     async def run(self) -> None:
-        """Serve until `stop`; an error in the data path ends the service instead of being served around."""
+        """Serve until `stop`; an error in the data path ends the service."""
         self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         notifier = self._outlets.notifier
         parts = (self._connection.run(self._path), self._watch(), self._network.run())
@@ -129,12 +129,12 @@ class Service:
             notifier.close()
 
     def stop(self) -> None:
-        """Drain and end."""
+        """Drain the line and end."""
         if not self._end.done():
             self._end.set_result(None)
 
     def reload(self) -> None:
-        """Read the configuration again; take what can be taken while running."""
+        """Read the configuration again, and apply the parameters that can change while running."""
         if self._reload is None:
             logger.info("nothing to reload: there is no configuration file")
             return
@@ -144,7 +144,8 @@ class Service:
             check_url(new.port.url)
             self._commands.configure(new.session)
         except TactiledError as error:
-            logger.error("configuration not reloaded, the old one stays: %s", error)
+            # An operator needs the message of a TactiledError, and no traceback.
+            logger.error("configuration not reloaded, the old one stays: %s", error)  # noqa: TRY400
         else:
             for table in ("publish", "metrics"):
                 if getattr(new, table) != getattr(self._params, table):
@@ -158,14 +159,14 @@ class Service:
         self._path.act()
 
     async def _watch(self) -> None:
-        """Look at the line and say how things are, at 10 Hz whatever happens."""
+        """Check the line and publish the status, at 10 Hz in every state."""
         next_s = time.monotonic()
         while True:
             now_s = time.monotonic()
             self._path.watch(now_s)
             self._report.regular(now_s)
             self._outlets.notifier.alive(now_s)
-            next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang there is nothing to catch up with
+            next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ticks are skipped
             await asyncio.sleep(next_s - time.monotonic())
 
     def _changed(self, now_s: float) -> None:
@@ -177,7 +178,7 @@ class Service:
             self._end.set_exception(error)
 
     def _asked(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Do a command, say in the events what came of it, and tell who asked."""
+        """Carry out a command, publish its outcome, and answer the client."""
 
         def finish(reason: str) -> None:
             self._outlets.say(self._commands.event(request, requester, reason, time.monotonic()))
@@ -203,7 +204,7 @@ async def serve(
     recorder: Recorder | None = None,
     duration_s: float | None = None,
 ) -> None:
-    """Run the daemon for `duration_s` or until SIGTERM or SIGINT; SIGHUP reloads."""
+    """Run the daemon for `duration_s`, or until SIGTERM or SIGINT; SIGHUP reloads the configuration."""
     service = Service(params, pipeline, layout, array, reload, recorder)
     loop = asyncio.get_running_loop()
     handlers = {signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload}
@@ -227,14 +228,14 @@ def run_service(
     recorder: Recorder | None = None,
     duration_s: float | None = None,
 ) -> int:
-    """Run the daemon; 0 after a wanted end.
+    """Run the daemon in a new event loop; returns exit code 0 after a requested end.
 
     Raises
     ------
     OperatorError
-        Something that must be mended first, such as a URL that is none.
+        The configuration must be corrected first, for example an invalid URL.
     UnavailableError
-        Something that may be had later, such as an endpoint in use.
+        Something is not available now, for example an endpoint in use.
     """
     asyncio.run(serve(params, pipeline, layout, array, reload, recorder, duration_s))
     return 0

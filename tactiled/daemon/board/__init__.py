@@ -1,1 +1,1 @@
-"""The conversation with the board, and what is known of the board and its line."""
+"""Session with the board: commands and answers, state, diagnosis of the line, status events."""

@@ -1,17 +1,20 @@
-"""Commands on their way to a board: one at a time, sent again until it is answered. No I/O."""
+"""Commands to a board: one at a time, each repeated until the board answers. No I/O."""
 
 import math
 from dataclasses import dataclass, replace
 
 from tactiled.wire.frames import Acknowledge, Command
 
-ANSWER_S = 0.2  # a hello takes 15 ms at 115200 baud, behind a backlog of FTDI buckets some 50: a lost answer
-MAX_TRIES = 5  # commands unanswered: the board may have rebooted, so who is it?
+# Time after which an answer counts as lost. A hello takes 15 ms at 115200 baud, and some 50 ms behind a
+# backlog of FTDI buckets.
+ANSWER_S = 0.2
+# After so many unanswered commands the board may have rebooted, and is asked to identify itself.
+MAX_TRIES = 5
 
 
 @dataclass(frozen=True)
 class _Pending:
-    """A command that was sent and not answered yet."""
+    """Command that was sent and is not answered yet."""
 
     name: str
     token: int
@@ -20,55 +23,55 @@ class _Pending:
 
 
 class Asking:
-    """What was asked, when to ask again, and what is never answered.
+    """Track the command that awaits an answer, and the time at which it is repeated.
 
     Parameters
     ----------
     token_bits : int
-        Width on the wire of the tokens that tell answers apart.
+        Width on the wire of the tokens by which an answer is matched to its command.
     """
 
     def __init__(self, token_bits: int) -> None:
         self._token_limit = 1 << token_bits
-        self._token = 0  # goes on over lost ports: an answer that comes late is not taken for another
+        self._token = 0  # not reset when a port is lost: a late answer must not match a newer command
         self.reset(0.0)
 
     def reset(self, now_s: float) -> None:
-        """Nothing is on its way."""
+        """Forget the command that awaits an answer."""
         self._pending: _Pending | None = None
         self._quiet_until_s = now_s
         self.asked_s = now_s
-        """When something was last asked or answered."""
+        """Time of the newest command or answer, host monotonic seconds."""
         self.unanswered = ""
-        """Name of a command that the board does not answer; empty while it answers all."""
+        """Name of a command that was repeated `MAX_TRIES` times without an answer; empty for none."""
         self.put_off = ""
-        """Name of a command to which the board last answered that it is busy."""
+        """Name of the command to which the board answered ``busy``; empty after any other answer."""
 
     def drop(self) -> None:
-        """Wait for no answer any more."""
+        """Stop waiting for an answer."""
         self._pending = None
 
     def keep_quiet(self, until_s: float) -> None:
-        """Ask nothing before."""
+        """Send no command before `until_s`."""
         self._quiet_until_s = until_s
 
     @property
     def due_s(self) -> float:
-        """When the next command may go."""
+        """Earliest time of the next command."""
         return max(self._quiet_until_s, self._pending.again_s if self._pending is not None else -math.inf)
 
     def is_due(self, name: str, now_s: float) -> bool:
-        """Whether `name` may go now: it is not on its way already, and nothing forbids it."""
+        """Return True when `name` may be sent now: not awaiting an answer, and not in a quiet time."""
         pending = self._on_its_way(name)
         return now_s >= self._quiet_until_s and (pending is None or now_s >= pending.again_s)
 
     def is_exhausted(self, name: str) -> bool:
-        """Whether `name` was sent so often without an answer that something else must be tried."""
+        """Return True when `name` was sent `MAX_TRIES` times without an answer."""
         pending = self._on_its_way(name)
         return pending is not None and pending.tries >= MAX_TRIES
 
     def ask(self, name: str, rate_hz: float | None, now_s: float) -> Command:
-        """Send `name`, and expect an answer; `rate_hz` is for set_rate."""
+        """Make the command `name` and await its answer; `rate_hz` is used by set_rate only."""
         before = self._on_its_way(name)
         tries = before.tries if before is not None else 0
         command = self.command(name, rate_hz)
@@ -77,24 +80,24 @@ class Asking:
         return command
 
     def command(self, name: str, rate_hz: float | None = None) -> Command:
-        """A command with a new token, of which no answer is expected."""
+        """Make a command with a new token, without awaiting its answer."""
         self._token = (self._token + 1) % self._token_limit
         return Command(name, self._token, rate_hz=rate_hz if name == "set_rate" else None)
 
     def awaits(self, answer: Acknowledge) -> bool:
-        """Whether this is the answer to what is on its way."""
+        """Return True for the answer to the command that awaits one."""
         pending = self._pending
         return pending is not None and (pending.token, pending.name) == (answer.token, answer.command)
 
     def answered_busy(self, name: str, now_s: float) -> None:
-        """The board answered, but not now: `name` is asked again in a while, as often as it takes."""
+        """Handle the answer ``busy``: `name` is repeated after `ANSWER_S`, as often as needed."""
         self.asked_s = now_s
         self.put_off = name
         if (pending := self._on_its_way(name)) is not None:
             self._pending = replace(pending, tries=0)
 
     def answered(self, name: str, now_s: float) -> None:
-        """`name` was answered."""
+        """Handle an answer to `name` other than ``busy``."""
         self.asked_s = now_s
         self.put_off = ""
         if self._on_its_way(name):

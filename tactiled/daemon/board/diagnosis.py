@@ -1,7 +1,8 @@
-"""From what arrives on the line to the likely cause, in words for whoever stands beside the robot.
+"""Diagnosis of the serial line: the likely cause when no frame arrives, or when some are damaged.
 
-What a decoder rejects says why (`Corrupt.reason`), and each cause has its own mixture, measured by sampling
-a board's bits at the wrong rate and by playing other protocols and noise (bench/daemon/uart.py):
+The decoder gives a reason for each rejection (`Corrupt.reason`). Each cause has its own mixture of reasons,
+measured by sampling a board's bits at a wrong rate and by feeding other protocols and noise
+(bench/daemon/uart.py):
 
 =================  =======================================================================================
 wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors
@@ -26,48 +27,48 @@ from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout, load_layout
 
-HICCUP_S = 1.0  # silence or noise for so long is no hiccup but a cause to name
-_WINDOW_S = 10.0  # what "now" means for the share of damaged bytes ...
-_MARK_S = 1.0  # ... of which a mark is kept this often
-_TAIL_BYTES = 1024  # some ten frames of any layout; random bytes of that number are never nine tenths text
+HICCUP_S = 1.0  # shortest silence or noise for which a cause is named
+_WINDOW_S = 10.0  # length of the sliding window over which damaged bytes and missed scans are counted
+_MARK_S = 1.0  # period at which counts are stored for that window
+_TAIL_BYTES = 1024  # some ten frames of any layout; so many random bytes are never 90 % printable
 _LEAST_TEXT = 32  # fewer printable bytes than this may be chance
 _LEAST_FRAMES = 2  # of another layout: one may be chance
-_TEXT_PART = 0.9
-_MAIN_PART = 0.5  # a reason that most rejections share
-_NOISY_PART = 0.01  # a good cable loses nothing; 1 % is a frame a second
-_LEAST_MISSED = 5  # scans: fewer are no habit
-_MISSING_PART = 0.01  # of the scan instants: a board in order, on a line in order, misses none
+_TEXT_PART = 0.9  # least share of printable bytes in text
+_MAIN_PART = 0.5  # least share of the rejections that the main reason has
+_NOISY_PART = 0.01  # share of damaged bytes: a good cable has none; 1 % is a frame a second
+_LEAST_MISSED = 5  # least number of scans: fewer may be a single incident
+_MISSING_PART = 0.01  # share of the scan instants: a healthy board on a healthy line misses none
 _FRAMING_PART = 0.02  # a line at the right rate has none; at a wrong one every other byte lacks its stop bit
 
 
 class Tally(NamedTuple):
-    """What had come and what had become of it, at one instant."""
+    """Counters of line and pipeline at one instant."""
 
     bytes_in: int = 0
     bytes_framed: int = 0
     bytes_discarded: int = 0
     corrupt: Mapping[str, int] = {}
-    """Rejections by reason."""
+    """Rejected frames by reason."""
     framing_errors: int | None = None
-    """As the UART's driver counts them; None where it does not."""
+    """Count of the UART's driver; None where it keeps none."""
     scans_due: int = 0
-    """Scan instants by the board's sequence numbers, those of missing scans included."""
+    """Scan instants by the board's sequence numbers, including those of missing scans."""
     scans_overrun: int = 0
-    """Those that the board missed itself, and flagged."""
+    """Scan instants that the board missed and flagged."""
     scans_dropped: int = 0
-    """Those that are missing between intact frames without a flag."""
+    """Scans that are missing between intact frames without a flag."""
 
 
 class LineWatch:
-    """When bytes and good frames came last, and what became of those that did.
+    """Watch bytes, frames and counters of a line, and name what is wrong with it.
 
     Parameters
     ----------
     protocol : str
     baud : int
-        Both only for the words.
+        Both are used in messages only.
     others : mapping of str to Layout
-        Layouts to try on bytes that are no frames of ours, by what board.protocol calls them.
+        Layouts to try on bytes that are no frames of this protocol, by their names in board.protocol.
     """
 
     def __init__(self, protocol: str, baud: int, others: Mapping[str, Layout] = MappingProxyType({})) -> None:
@@ -77,7 +78,7 @@ class LineWatch:
         self.reset(0.0)
 
     def reset(self, now_s: float, *, is_pty: bool = False) -> None:
-        """The port was opened; on a pty a program plays the board, and there is no cable."""
+        """Begin with a port that was just opened; behind a pty is a program, not a cable with a board."""
         self._is_pty = is_pty
         self._overrun_s = -math.inf
         self._first: Tally | None = None
@@ -91,20 +92,20 @@ class LineWatch:
 
     @property
     def byte_s(self) -> float:
-        """When the last byte came, or the port was opened."""
+        """Time of the last byte, or of opening the port."""
         return self._byte_s
 
     def received(self, data: bytes, now_s: float) -> None:
-        """Bytes came."""
+        """Take the bytes of one read."""
         self._byte_s = now_s
         self._tail = (self._tail + data)[-_TAIL_BYTES:]
 
     def framed(self, now_s: float) -> None:
-        """A good frame came."""
+        """Take note of a good frame."""
         self._frame_s = now_s
 
     def count(self, tally: Tally, now_s: float) -> None:
-        """This is what has come until now, and what became of it."""
+        """Take the counters as they are now."""
         self._first = self._first or tally
         if self._newest is not None and tally.scans_overrun > self._newest.scans_overrun:
             self._overrun_s = now_s
@@ -117,7 +118,9 @@ class LineWatch:
         if now_s >= self._look_s:
             self._look_s = now_s + HICCUP_S
             kind, words = self._likely_cause(tally)
-            if kind != self._cause[0]:  # else the words stay too: they are logged when they change
+            if (
+                kind != self._cause[0]
+            ):  # the words are logged when they change, so numbers in them stay as they were
                 self._cause = kind, words
         if not self._marks or now_s >= self._marks[-1][0] + _MARK_S:
             self._marks.append((now_s, tally))
@@ -125,7 +128,7 @@ class LineWatch:
                 self._marks.popleft()
 
     def fault(self, now_s: float) -> str:
-        """The likely cause of nothing coming through; empty when frames do."""
+        """Return the likely cause when no frame arrives; empty when frames do."""
         if now_s - self._byte_s >= HICCUP_S:
             return self._silence()
         if now_s - self._frame_s >= HICCUP_S:
@@ -134,12 +137,12 @@ class LineWatch:
 
     @property
     def is_overloaded(self) -> bool:
-        """Whether the board missed scan instants, by its own flag, shortly before its last byte."""
+        """True when the board flagged missed scan instants within `_WINDOW_S` before its last byte."""
         return self._overrun_s >= self._byte_s - _WINDOW_S
 
     @property
     def overload(self) -> str:
-        """What to do about a board that misses scan instants."""
+        """Advice for a board that misses scan instants."""
         if self._is_pty:
             return (
                 "it flags overruns, and it is a program on a pseudo-terminal (tactiled emulate?): its host "
@@ -148,7 +151,7 @@ class LineWatch:
         return "it flags overruns, so its processor is too slow for its rate: lower session.rate_hz"
 
     def warning(self) -> str:
-        """What is wrong with a line that works; empty when nothing."""
+        """Return the faults of a line on which frames do arrive; empty for none."""
         if self._newest is None or not self._marks:
             return ""
         _, before = self._marks[0]
@@ -179,7 +182,7 @@ class LineWatch:
         return "; ".join(words)
 
     def _silence(self) -> str:
-        """Why no bytes arrive, by what there was before."""
+        """Likely cause of a silent line, from what was received before."""
         if self.is_overloaded:
             return f"no bytes arrive any more from a board that missed scan instants before: {self.overload}"
         if self._is_pty:
@@ -193,7 +196,7 @@ class LineWatch:
         return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
 
     def _likely_cause(self, now: Tally) -> tuple[str, str]:
-        """Kind of the cause, and the words for it."""
+        """Kind of the cause, and its description."""
         since = self._at_frame
         reasons = Counter(now.corrupt)
         reasons.subtract(since.corrupt)
@@ -228,13 +231,13 @@ class LineWatch:
 
 
 def other_layouts(layout: Layout) -> dict[str, Layout]:
-    """The layouts that ship with tactiled, but this one, by their names in board.protocol."""
+    """Load all shipped layouts except this one, by their names in board.protocol."""
     layouts = {name: load_layout(name) for name in resources.shipped_names("protocols")}
     return {name: other for name, other in layouts.items() if other.name != layout.name}
 
 
 def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:
-    """Name of the first layout of which there are frames in `data`."""
+    """Return the name of the first layout that decodes frames in `data`, or None."""
     for name, layout in layouts.items():
         frames = Decoder(layout).feed(data)
         if sum(not isinstance(frame, Corrupt) for frame in frames) >= _LEAST_FRAMES:
@@ -243,7 +246,7 @@ def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:
 
 
 def _printable(data: bytes) -> float:
-    """Part of the bytes that a terminal shows as text; 0 for too few to tell."""
+    """Share of printable ASCII bytes; 0 for fewer than `_LEAST_TEXT` bytes."""
     if len(data) < _LEAST_TEXT:
         return 0.0
     return sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)

@@ -1,4 +1,4 @@
-"""What is said of the daemon, the line and the board: the status and info events."""
+"""Status and info events, made from session, pipeline counters, layout and array."""
 
 from tactiled import __version__
 from tactiled.array import Array
@@ -8,8 +8,8 @@ from tactiled.pipeline import Health
 from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout
 
-# The newest scan may be as old as a stall is long before the stall is seen, and was then already that old
-# for bunching on its way here; what is older came out of a backlog.
+# Largest age of a fresh scan, in units of `Session.silence_s`: one for a stall that is not detected yet, and
+# one for bunching by the adapter. An older scan came out of a backlog.
 _STALE_FACTOR = 2.0
 
 
@@ -23,8 +23,8 @@ def status_event(
     inhibited_s: float,
     warning: str,
 ) -> StatusEvent:
-    """How things are at `now_s`; `valid` only where the board runs and its newest scan is fresh."""
-    # Before the first scan: nothing newer than our start was ever seen.
+    """Make the status event of `now_s`; `valid` requires a running board and a fresh newest scan."""
+    # Before the first scan the age counts from the start of the daemon.
     age_s = max(0.0, now_s - max(health.newest_scan_s, started_s))
     fresh_s = _STALE_FACTOR * session.silence_s
     reason = session.reason(now_s)
@@ -62,7 +62,7 @@ def status_event(
 
 
 def info_event(hello: Hello, layout: Layout, array: Array, now_s: float) -> InfoEvent:
-    """What stands at the other end of the cable."""
+    """Make the info event from the hello of the board and the configured layout and array."""
     return InfoEvent(
         time_s=now_s,
         board_serial=hello.board_serial,

@@ -1,4 +1,4 @@
-"""What the daemon says of itself: its state at once when it changes, status and info regularly."""
+"""Status and info events: at once when the state changes, and periodically."""
 
 import logging
 import time
@@ -19,7 +19,7 @@ INFO_PERIOD_S = 1.0
 
 
 class Report:
-    """Says how things are.
+    """Publish status and info events, and log changes of state.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class Report:
         self._described = session.hello
 
     def changed(self, now_s: float, *, leaving: bool) -> None:
-        """Something may have changed: tell the log, the service manager and, of a new state, everybody.
+        """Report a change of state or reason to log and service manager, and a new state to subscribers.
 
-        `leaving`: the daemon is ending, so that whatever happens is as wanted.
+        With `leaving` the daemon is ending, and no state is logged as a warning.
         """
         state, reason = said = (self._session.state, self._session.reason(now_s))
         if said == self._said:
@@ -70,10 +70,10 @@ class Report:
         self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
         self._outlets.notifier.status(text)
         if new_state:
-            self._say_status(now_s)  # a controller learns of a stall now, not at the next tick
+            self._say_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
 
     def regular(self, now_s: float) -> None:
-        """Status whatever happens, info each second, and at once for a new board, when there is one."""
+        """Publish a status, and an info event each second and at once for a new board."""
         self._say_status(now_s)
         self._log.tell(now_s)
         self._connection.log.tell(now_s)

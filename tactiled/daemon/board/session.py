@@ -1,4 +1,4 @@
-"""The conversation with a board, with no I/O: what it told us, what it should do, what to say next.
+"""Session with a board, without I/O: its state, the commands it needs, and their deadlines.
 
 ::
 
@@ -8,11 +8,12 @@
         |                  '-- wrong board, refused command --> fault       |
         '---- lost, from anywhere                 silence --> stalled ------'
 
-There is no script to be at some line of. Whatever happens, what the board needs next follows from what is
-known of it (`Terms.wanted`): identify what is unknown, then make the rate right, then start it. A reboot, a
-lost answer or a replug only makes something unknown again, so every setting comes back by itself, and no
-command but ``identify`` ever goes to a board that did not say it is ours. A board that we started is asked
-once more when its scans come: it may have rebooted between its hello and our start, without its settings.
+The next command follows from what is known of the board alone (`Terms.wanted`), not from a sequence of steps:
+an unknown board is asked to identify itself, then its rate is set, then it is started. A reboot, a lost
+answer or a replug makes something unknown again, so every setting is restored by the same rule. A board that
+has not identified itself as the configured one gets no command but ``identify``. A started board is
+identified once more when its scans arrive, because it may have rebooted between its hello and the start and
+lost its settings.
 
 A running board that needs nothing is pinged now and then, for the pipeline's clock. Nothing waits for the
 answer: a ping goes only while no command is on its way, and a command goes whether a ping is answered or not.
@@ -29,20 +30,23 @@ from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import BoardState
 from tactiled.wire.frames import Acknowledge, Command, Hello
 
-FOREIGN_S = 1.0  # how often a wrong or refusing board is asked again: it may be swapped or mended
-SILENT_PERIODS = 5.0  # scans in a row that a board in order does not lose
-SILENT_LEAST_S = 0.05  # and never less than a few FTDI buckets of 16 ms
+# Period of asking a wrong or refusing board again, which may have been replaced or reconfigured.
+FOREIGN_S = 1.0
+# A stall is a silence of this many scan periods, which a healthy board does not lose in a row, and of at
+# least a few FTDI buckets of 16 ms.
+SILENT_PERIODS = 5.0
+SILENT_LEAST_S = 0.05
 
 
 class Session:
-    """State of the board and the line.
+    """State machine of the board and its line.
 
     Parameters
     ----------
     terms : Terms
-        What the board must be.
+        Requirements on the board.
     line : LineWatch
-        Names the likely cause when nothing comes through.
+        Names the likely cause when no frame arrives.
     """
 
     def __init__(self, terms: Terms, line: LineWatch) -> None:
@@ -51,34 +55,34 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """As new: no port, no board known."""
+        """Return to the initial state: no port, no board known."""
         self._asking = Asking(self.terms.token_bits)
         self._pinging = Pinging(self.terms.has_ping)
         self.hello: Hello | None = self.terms.assumed_hello()
-        """What the last good board said; kept when it leaves, as the name to speak of it."""
+        """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
         self.lost("opening the port")
 
     def configure(self, params: SessionParams) -> None:
-        """Take new parameters; the board is asked again who it is, and what follows from that is done."""
+        """Take new parameters; the board is identified again, and its settings are restored as needed."""
         self.terms.configure(params)
-        self._refused = ""  # what was refused is not what is asked now
+        self._refused = ""  # the refusal concerned the old parameters
         self._asking.keep_quiet(0.0)
         if self.terms.confirms:
             self._known = False
 
-    # ---- what happens ------------------------------------------------------------------------------
+    # ---- inputs ------------------------------------------------------------------------------------
 
     def opened(self, now_s: float) -> list[Command]:
-        """The port is open."""
+        """Handle a port that was just opened."""
         self._open, self._leaving = True, False
         self._scan_s = now_s
         self._asking.reset(now_s)
-        # Firmware that never introduces itself is taken at its word, and started if it can be.
+        # Firmware without a hello message is accepted unseen, and started if its protocol can do that.
         self._known = not self.terms.introduces
         return self._step(now_s)
 
     def lost(self, reason: str) -> None:
-        """The port is gone, or could not be opened."""
+        """Handle a port that was lost or could not be opened."""
         self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
         self._foreign = self._refused = ""
         self._rate_taken = self._confirmed = False
@@ -86,7 +90,7 @@ class Session:
         self._asking.reset(0.0)
 
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
-        """The board introduced itself."""
+        """Handle a hello of the board."""
         self._asking.answered("identify", now_s)
         if (foreign := self.terms.foreign_because(hello)) is not None:
             self._foreign = foreign
@@ -94,7 +98,7 @@ class Session:
             self._asking.keep_quiet(now_s + FOREIGN_S)
             return []
         if self.hello is None or _boot(self.hello) != _boot(hello):
-            self._refused = ""  # another board, or the same one anew: let it decide again
+            self._refused = ""  # another board, or a new boot of the same one: the refusal no longer holds
         self._foreign = ""
         self.hello, self._known, self._streaming = hello, True, hello.streaming
         wanted = self._wanted()
@@ -110,7 +114,7 @@ class Session:
         return self._step(now_s)
 
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
-        """The board acknowledged a command."""
+        """Handle an answer of the board to a command."""
         if answer.command == "ping" and answer.result == "unknown_command":
             self._pinging.refuse()
         if not self._asking.awaits(answer):
@@ -119,7 +123,7 @@ class Session:
             self._asking.answered_busy(answer.command, now_s)
             return []
         if answer.command == "identify" and answer.result == "ok":
-            return []  # what answers identify is the hello
+            return []  # the hello is the real answer to identify
         self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
             rate = f" to {self.terms.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
@@ -127,19 +131,19 @@ class Session:
             return []
         self._refused = ""
         if answer.command == "set_rate":
-            self._rate_taken, self._known = True, False  # the next hello says what rate it has become
+            self._rate_taken, self._known = True, False  # the next hello states the new rate
         else:
             self._streaming, self._confirmed = answer.command == "start", False
         return self._step(now_s)
 
     def scanned(self, now_s: float) -> list[Command]:
-        """Scans of our board came."""
+        """Handle the arrival of scans."""
         if self._foreign or not self._open:
             return []
         self._scan_s = now_s
         self._streaming = True
         if self._stalled and not self._known:
-            self._known = True  # the line came back by itself: no board was changed on an open port
+            self._known = True  # the line recovered by itself: a board cannot be exchanged on an open port
         if not self._running and self._known and self._wanted() is None:
             self._running, self._stalled = True, False
             self._pinging.reset(now_s)
@@ -148,7 +152,7 @@ class Session:
         return self._step(now_s)
 
     def tick(self, now_s: float) -> list[Command]:
-        """Time passed: see what is overdue."""
+        """Act on passed deadlines."""
         if self._leaving:
             return []
         if self._running and now_s >= self._scan_s + self.silence_s:
@@ -156,21 +160,22 @@ class Session:
             self._streaming, self._confirmed, self._known = False, False, not self.terms.confirms
             self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
-            self._streaming = False  # it says it streams and is not heard: start it again
-        # Only here: sent when scans come, pings would be in step with the adapter's hand-overs.
+            self._streaming = False  # the board says that it streams, but no scan arrives: start it again
+        # Pings are sent on a deadline only: on the arrival of scans they would keep step with the adapter.
         return self._step(now_s) or self._ping(now_s)
 
     def stop(self) -> list[Command]:
-        """We are leaving: what to tell the board; from now on nothing is restored."""
+        """Return the commands that stop the board when the daemon ends; nothing is restored after it."""
         self._leaving = True
         if not (self._open and (self._known or self._running or self._stalled) and self.terms.has_stop):
             return []
         return [self._asking.command("stop")]
 
-    # ---- what follows ------------------------------------------------------------------------------
+    # ---- outputs -----------------------------------------------------------------------------------
 
     @property
     def state(self) -> BoardState:
+        """State as the status event has it."""
         if not self._open:
             return "no-device"
         if self._foreign or self._refused:
@@ -181,27 +186,27 @@ class Session:
 
     @property
     def accepted(self) -> bool:
-        """Whether scans that come now are those of our board."""
+        """True when arriving scans are those of the accepted board."""
         return self._open and not self._foreign and self.hello is not None
 
     @property
     def board_serial(self) -> str:
-        """Name of the board, also of one that left; empty while none is known."""
+        """Serial number of the board, also after it was unplugged; empty while none is known."""
         return self.hello.board_serial if self.hello is not None else self.terms.params.board_serial or ""
 
     @property
     def rate_hz(self) -> float:
-        """Scan rate as the board said it; 0.0 before it did."""
+        """Scan rate of the last hello, hertz; 0.0 before any."""
         return self.hello.rate_hz if self.hello is not None else 0.0
 
     @property
     def silence_s(self) -> float:
-        """How long without a scan is a stall."""
+        """Seconds without a scan after which the board counts as stalled; inf while its rate is unknown."""
         return max(SILENT_LEAST_S, SILENT_PERIODS / self.rate_hz) if self.rate_hz else math.inf
 
     @property
     def deadline_s(self) -> float:
-        """When `tick` must be called if nothing happens before; inf where only the board can act."""
+        """Time at which `tick` must be called at the latest; inf when only the board can act."""
         if not self._open or self._leaving:
             return math.inf
         if self._running:
@@ -212,7 +217,7 @@ class Session:
         return self._overdue_s if self._streaming else math.inf
 
     def reason(self, now_s: float) -> str:
-        """Why it is not running and what to look at; empty while it is."""
+        """Reason why the board is not running, and what to check; empty while it runs."""
         if not self._open:
             return self._gone
         if self._foreign or self._refused or self._running:
@@ -229,16 +234,16 @@ class Session:
             return f"no scan for {self.silence_s * 1000:.0f} ms or more"
         return "waiting for scans" if self._known else "waiting for the board to introduce itself"
 
-    # ---- how it is decided -------------------------------------------------------------------------
+    # ---- decisions ---------------------------------------------------------------------------------
 
     def _wanted(self) -> str | None:
-        """Name of the command that the board needs next, from all that is known of it."""
+        """Name of the command that the board needs next; None for none."""
         if not self._open or self._leaving:
             return None
         return self.terms.wanted(self._known, self._streaming, self.rate_hz)
 
     def _step(self, now_s: float) -> list[Command]:
-        """The wanted command, unless it is on its way or must wait."""
+        """Return the command that the board needs, unless it awaits an answer or must wait."""
         if (name := self._wanted()) is None:
             self._asking.drop()
             return []
@@ -258,17 +263,17 @@ class Session:
         return [self._asking.command("ping")]
 
     def _refuse(self, reason: str, now_s: float) -> None:
-        """The board will not do what it must: say so, and look afresh in a while."""
+        """Enter the state fault for a command that the board refused; it is asked again after `FOREIGN_S`."""
         self._refused, self._running = reason, False
         self._known = not self.terms.introduces
         self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property
     def _overdue_s(self) -> float:
-        """When a board that says it streams should have been heard."""
+        """Time by which a streaming board must have sent a scan."""
         return max(self._asking.asked_s, self._scan_s) + max(ANSWER_S, self.silence_s)
 
 
 def _boot(hello: Hello) -> tuple[str, int]:
-    """Which board, and which of its lives."""
+    """Identity of one boot of one board."""
     return hello.board_serial, hello.boot_count

@@ -1,4 +1,4 @@
-"""What a board must be and how it is set, as far as its protocol can say so and be told so. No I/O."""
+"""Requirements on a board: identity and scan rate, as far as its protocol can state and set them. No I/O."""
 
 import math
 from collections.abc import Callable
@@ -14,12 +14,12 @@ _SAME_RATE = 1e-3  # relative: board timers divide, and the wire rounds to milli
 
 
 def is_same_rate(one_hz: float, other_hz: float) -> bool:
-    """Whether a board that was told one of these rates may say the other."""
+    """Return True for rates that are equal within the resolution of board timers."""
     return math.isclose(one_hz, other_hz, rel_tol=_SAME_RATE)
 
 
 class SessionParams(Params):
-    """Which board, and how it is set."""
+    """Identity and scan rate of the board."""
 
     board_serial: str | None = Field(
         default=None,
@@ -38,7 +38,7 @@ class SessionParams(Params):
 
 
 class Terms:
-    """What we want of a board, and what its protocol allows.
+    """Requirements on a board, combined with what its protocol can do.
 
     Parameters
     ----------
@@ -51,18 +51,20 @@ class Terms:
     ----------
     params : SessionParams
     introduces : bool
-        The board says who it is.
+        The protocol has a hello message.
     confirms : bool
-        It says so when it is asked, so that what it was told can be confirmed.
+        The board sends its hello when asked (``identify``), so that a setting can be confirmed.
     has_stop : bool
+        The protocol has the command ``stop``.
     has_ping : bool
-        Answers to pings tell when the board read the clock that dates its scans.
+        The board answers pings with the ticks of the clock that dates its scans.
     token_bits : int
+        Width of the tokens of commands on the wire.
 
     Raises
     ------
     ConfigError
-        A rate is asked of a layout that cannot set or confirm one.
+        A rate is configured, and the layout cannot set or confirm one.
     """
 
     def __init__(self, params: SessionParams, layout: Layout, check: Callable[[Hello], str | None]) -> None:
@@ -77,14 +79,20 @@ class Terms:
         self.configure(params)
 
     def configure(self, params: SessionParams) -> None:
-        """Take new parameters, or raise ConfigError and keep the old ones."""
+        """Take new parameters.
+
+        Raises
+        ------
+        ConfigError
+            A rate is configured, and the layout cannot set or confirm one; the old parameters stay.
+        """
         if params.rate_hz is not None and not (self.confirms and self._layout.has("set_rate")):
             fault = f"protocol {self._layout.name} cannot set and confirm a rate: leave rate_hz out"
             raise ConfigError("session.rate_hz", [fault])
         self.params = params
 
     def assumed_hello(self) -> Hello | None:
-        """What is taken for granted of firmware that never introduces itself; None of other."""
+        """Return the hello that the layout file states for firmware without one; None for other firmware."""
         assumed = self._layout.file.assumed_hello
         if assumed is None:
             return None
@@ -92,7 +100,7 @@ class Terms:
         return Hello(protocol_version=self._layout.file.protocol_version, **fields)
 
     def foreign_because(self, hello: Hello) -> str | None:
-        """Why this is not our board; None when it is."""
+        """Return the reason why this is not the configured board, or None when it is."""
         pinned = self.params.board_serial
         if pinned is not None and hello.board_serial != pinned:
             return (
@@ -102,7 +110,16 @@ class Terms:
         return self._check(hello)
 
     def wanted(self, known: bool, streaming: bool, rate_hz: float) -> str | None:
-        """Name of the command that the board needs next, from all that is known of it."""
+        """Return the name of the command that the board needs next, or None.
+
+        Parameters
+        ----------
+        known : bool
+            The board has identified itself since the last event that could have changed it.
+        streaming : bool
+        rate_hz : float
+            Rate that the board stated.
+        """
         if not known:
             return "identify" if self._layout.has("identify") else None
         asked_hz = self.params.rate_hz

@@ -1,7 +1,7 @@
-"""``GET /metrics`` over HTTP/1.0 on loopback, from the daemon's own loop.
+"""Metrics page: ``GET /metrics`` over HTTP/1.0 on loopback, served by the daemon's event loop.
 
-Whoever asks costs at most a bounded request, a few connections and two seconds each; the data path never
-waits for any of them.
+The length of a request, the number of connections and the time of each (2 s) are bounded, and the data path
+never waits for any of them.
 """
 
 import asyncio
@@ -16,16 +16,16 @@ from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)
 
-_HOST = "127.0.0.1"  # other hosts scrape through what their operators trust: a proxy, node_exporter, ssh
+_HOST = "127.0.0.1"  # other hosts reach it through a proxy, node_exporter or ssh
 _REQUEST_BYTES = 4096  # Prometheus sends some 300
-_PATIENCE_S = 2.0  # to ask and to take the answer
-_CLIENTS = 8  # at once; further ones are turned away
-RETRY_S = 10.0  # a port that another program has is tried again: no page is a reason not to sense
+_PATIENCE_S = 2.0  # for request and response together
+_CLIENTS = 8  # connections at once; further ones are closed
+RETRY_S = 10.0  # period of trying a port that is in use; the daemon senses without the page
 _KIND = "text/plain; version=0.0.4; charset=utf-8"
 
 
 class MetricsParams(Params):
-    """Where Prometheus may ask."""
+    """Port of the metrics page."""
 
     port: int = Field(
         default=0,
@@ -37,14 +37,14 @@ class MetricsParams(Params):
 
 
 class Exporter:
-    """Answers scrapes.
+    """Serve the metrics page.
 
     Parameters
     ----------
     params : MetricsParams
-        With a port.
+        With a port other than 0.
     text : callable
-        The metrics, made anew for each scrape.
+        Returns the metrics, called for each scrape.
     """
 
     def __init__(self, params: MetricsParams, text: Callable[[], str]) -> None:
@@ -54,7 +54,7 @@ class Exporter:
         self._socket: socket.socket | None = None
 
     async def run(self) -> None:
-        """Serve until cancelled; nothing is left over then."""
+        """Serve until cancelled, then close all connections."""
         await self._bind()
         server = await asyncio.start_server(self._serve, sock=self._socket, limit=_REQUEST_BYTES)
         try:
@@ -67,19 +67,19 @@ class Exporter:
                 await asyncio.sleep(0)
 
     def close(self) -> None:
-        """Give the port back, also when `run` was cancelled before it served."""
+        """Free the TCP port, also when `run` was cancelled before it served."""
         if self._socket is not None:
             self._socket.close()
 
     async def _bind(self) -> None:
-        """Take the port as soon as it can be had."""
+        """Bind the TCP port, as soon as it is free."""
         fault = ""
         while self._socket is None:
             try:
                 self._socket = socket.create_server((_HOST, self._port))
             except OSError as error:
                 if fault != (fault := error.strerror or str(error)):
-                    logger.error(
+                    logger.error(  # noqa: TRY400  the cause is enough, a traceback would not help
                         "no metrics: metrics.port: %s:%d cannot be had (%s), tried again every %g s; "
                         "see who has it: ss -tlnp 'sport = :%d'",
                         _HOST, self._port, fault, RETRY_S, self._port,
@@ -98,7 +98,7 @@ class Exporter:
                 writer.close()
                 await writer.wait_closed()
         except (TimeoutError, OSError, EOFError, asyncio.LimitOverrunError):
-            pass  # too slow, too long, or gone
+            pass  # the client was too slow, sent too much, or has closed
         finally:
             writer.transport.abort()
             self._writers.discard(writer)
@@ -114,7 +114,7 @@ class Exporter:
 
 
 async def _request_line(reader: asyncio.StreamReader) -> str:
-    """First line of a request, once all of its head is here."""
+    """First line of a request, after all of its header was received."""
     head = await reader.readuntil(b"\r\n\r\n")
     with contextlib.suppress(ValueError):
         return head.split(b"\r\n", 1)[0].decode("ascii")

@@ -1,8 +1,8 @@
-"""Recordings that earlier runs left unfinished, recovered in a process of its own.
+"""Recovery of recordings that earlier runs left unfinished, in a separate process.
 
-To recover a file takes seconds of computing, which would hold up the event loop even from a thread (Python
-runs one thread at a time). The process has a low priority, and `recover` locks each file, so that what
-another process still writes is left alone.
+Recovering a file takes seconds of computing, which would delay the event loop even from a thread (Python runs
+one thread at a time). The process has a low priority. `recover` locks each file, so that a file which another
+process still writes is not touched.
 """
 
 import contextlib
@@ -17,18 +17,20 @@ from tactiled.recording.rotation import Progress
 
 logger = logging.getLogger(__name__)
 
-_NICE = 19  # the least share of a busy processor that is never none, as SCHED_IDLE's may be
-_CLOSE_S = 1.0  # what is half copied then is begun anew by the next run
+# Niceness of the process: the smallest share of a busy processor that never becomes zero, as that of
+# SCHED_IDLE may.
+_NICE = 19
+_CLOSE_S = 1.0  # a copy that is incomplete then is made again by the next run
 
 
 class Leftovers:
-    """Recovers unfinished recordings of a directory each time that recording in it begins.
+    """Recover unfinished recordings of a directory each time that recording in it begins.
 
     Parameters
     ----------
     directory : Path
     min_free_mb : float
-        A file is left for later where its copy would leave less room than this on the disk (10^6 bytes).
+        A file is not recovered while its copy would leave less free space than this on the disk (10^6 bytes).
     """
 
     def __init__(self, directory: Path, min_free_mb: float) -> None:
@@ -38,7 +40,7 @@ class Leftovers:
         self._child: subprocess.Popen[bytes] | None = None
 
     def look(self, progress: Progress) -> None:
-        """Start the process when recording in the directory has begun, and note its end; never wait."""
+        """Start the process when recording in the directory has begun; never waits for it."""
         if self._child is not None and (code := self._child.poll()) is not None:
             if code != 0:
                 logger.warning("%s: not every unfinished recording could be recovered", self._directory)
@@ -55,7 +57,7 @@ class Leftovers:
         self._child.terminate()
         try:
             self._child.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:  # it waits for the disk, where no signal reaches it
+        except subprocess.TimeoutExpired:  # it waits for the disk, and ignores SIGTERM meanwhile
             self._child.kill()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._child.wait(_CLOSE_S)

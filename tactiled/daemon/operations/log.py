@@ -1,4 +1,4 @@
-"""Logs on stderr: with ``<N>`` priorities when the journal listens there, for people otherwise.
+"""Logging to stderr: with ``<N>`` priorities for the journal, with times for a terminal.
 
 See sd-daemon(3) for the prefixes and systemd.exec(5) for ``JOURNAL_STREAM`` (device:inode of the stream).
 """
@@ -14,15 +14,16 @@ _PRIORITIES = ((logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 
 
 class JournalFormatter(logging.Formatter):
-    """Each line with its priority, because the journal makes an entry of each line."""
+    """Put the priority before each line, because the journal makes one entry of each line."""
 
     def format(self, record: logging.LogRecord) -> str:
+        """Return the message with ``<N>`` before each of its lines."""
         priority = next((p for level, p in _PRIORITIES if record.levelno >= level), 7)
         return "\n".join(f"<{priority}>{line}" for line in super().format(record).splitlines())
 
 
 def journal_listens(stream: TextIO, environ: Mapping[str, str] = os.environ) -> bool:
-    """Whether `stream` is the pipe to the journal, and not a file or terminal it was turned to since."""
+    """Return True when `stream` is the pipe to the journal, and was not redirected since."""
     device, _, inode = environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         stat = os.fstat(stream.fileno())
@@ -32,7 +33,7 @@ def journal_listens(stream: TextIO, environ: Mapping[str, str] = os.environ) -> 
 
 
 def set_up(level: int = logging.INFO, stream: TextIO | None = None) -> logging.Handler:
-    """Send what tactiled logs to `stream` (stderr); replaces what an earlier call set up."""
+    """Send log records of tactiled to `stream` (default: stderr); replaces the handler of an earlier call."""
     stream = sys.stderr if stream is None else stream
     handler = logging.StreamHandler(stream)
     if journal_listens(stream):

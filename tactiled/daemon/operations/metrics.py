@@ -1,6 +1,6 @@
-"""What Prometheus is told: counters, gauges and histograms, as its text format has them.
+"""Metrics for Prometheus: counters, gauges and histograms in its text format.
 
-Fed with the events that the daemon publishes, so that a graph shows what subscribers were told. The format
+They are computed from the published events, so that a graph shows what subscribers received. The format
 is version 0.0.4 of prometheus.io/docs/instrumenting/exposition_formats: base units, counters that end in
 ``_total``, histograms with cumulative buckets.
 """
@@ -25,25 +25,25 @@ from tactiled.events.types import (
 )
 from tactiled.pipeline import Health
 
-# From the transfer of one frame (7 ms at 115200 baud) over FTDI bunches (16 ms) and stalls to backlogs.
+# From the transfer of one frame (7 ms at 115200 baud) over FTDI buckets (16 ms) and stalls to backlogs.
 _LATENCY_S = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0)
-# From a hot frame (50 us) over cold caches to a host that has stopped working.
+# From a frame with warm caches (50 us) over cold caches to a host that has stopped working.
 _HANDLING_S = (0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.05, 0.1, 1.0)
 _CONTACTS = get_args(Health.__annotations__["contact"])
 _STATES = get_args(BoardState)
 
 Kind = Literal["counter", "gauge", "histogram"]
 Sample = tuple[str, Mapping[str, str], float]
-"""Ending of the name, labels, value."""
+"""Suffix of the metric name, labels, value."""
 
 
 class Histogram:
-    """How often values fell where; cumulative only when it is told.
+    """Counts of values by interval; made cumulative by `samples`.
 
     Parameters
     ----------
     bounds : sequence of float
-        Upper bounds, growing; whatever is above the last counts too.
+        Upper bounds in ascending order; a further interval above the last is added.
     """
 
     def __init__(self, bounds: Sequence[float]) -> None:
@@ -52,10 +52,12 @@ class Histogram:
         self._sum = 0.0
 
     def add(self, value: float) -> None:
+        """Count one value."""
         self._counts[bisect.bisect_left(self._bounds, value)] += 1
         self._sum += value
 
     def samples(self) -> Iterator[Sample]:
+        """Yield cumulative counts, sum and number of values."""
         names = [*map(_number, self._bounds), "+Inf"]
         for name, count in zip(names, accumulate(self._counts), strict=True):
             yield "_bucket", {"le": name}, count
@@ -64,14 +66,14 @@ class Histogram:
 
 
 class Metrics:
-    """Counts, until it is asked.
+    """Collect metrics, and format them for a scrape.
 
     Parameters
     ----------
     health : callable
-        Counters of the pipeline as they are now.
+        Returns the counters of the pipeline.
     line_errors : callable
-        Counters of the UART; None where there are none.
+        Returns the counters of the UART, or None where there are none.
     """
 
     def __init__(self, health: Callable[[], Health], line_errors: Callable[[], LineErrors | None]) -> None:
@@ -85,7 +87,7 @@ class Metrics:
         self._slips = {(kind, by): 0 for kind in ("incipient", "gross") for by in get_args(Suppressed)}
 
     def said(self, event: Event, dropped: int) -> None:
-        """The daemon published this, and so far the sockets have refused `dropped` messages."""
+        """Count a published event; `dropped` is the number of messages that sockets have refused so far."""
         self._dropped = dropped
         if isinstance(event, ScanEvent):
             self._latency.add(event.age_s)
@@ -97,11 +99,11 @@ class Metrics:
             self._recording = event
 
     def handled(self, duration_s: float) -> None:
-        """A read of the port took so long, from its arrival to the last message sent."""
+        """Count the handling time of a read of the port, from its arrival to its last message."""
         self._handling.add(duration_s)
 
     def text(self) -> str:
-        """Everything, for one scrape."""
+        """Format all metrics for one scrape."""
         families = [*self._line(), *self._state(), *self._delivery(), *self._disk()]
         return "".join(_family(*family) for family in families)
 

@@ -1,4 +1,4 @@
-"""What systemd is told (sd_notify(3)): ready, alive, reloading, stopping, and one line of status."""
+"""Notifications to systemd (sd_notify(3)): ready, watchdog, reloading, stopping, and a line of status."""
 
 import os
 import socket
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 
 class Notifier:
-    """Datagrams to the service manager; silent where there is none.
+    """Send datagrams to the service manager; do nothing where there is none.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class Notifier:
         self._socket = None
         if self._address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-            self._socket.setblocking(False)  # a manager that does not read must not stop the data
+            self._socket.setblocking(False)  # a manager that does not read must not stop the data path
         mine = environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         usec = environ.get("WATCHDOG_USEC", "") if mine else ""
         # sd_watchdog_enabled(3) asks for half of the limit; a quarter leaves room for one lost ping.
@@ -30,25 +30,30 @@ class Notifier:
         self._next_ping_s = float("-inf")
 
     def ready(self) -> None:
+        """Report that the start or a reload is complete."""
         self._send("READY=1")
 
     def reloading(self) -> None:
+        """Report that a reload begins."""
         # MONOTONIC_USEC is what Type=notify-reload of newer systemd asks for; older ones ignore it.
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
+        """Report that the service is ending."""
         self._send("STOPPING=1\nSTATUS=stopping")
 
     def status(self, text: str) -> None:
+        """Set the line that ``systemctl status`` shows."""
         self._send(f"STATUS={text}")
 
     def alive(self, now_s: float) -> None:
-        """Say that the data path ran; sends a watchdog ping when one is due."""
+        """Report that the data path ran; a watchdog ping is sent when one is due."""
         if now_s >= self._next_ping_s and self._ping_every_s < float("inf"):
             self._next_ping_s = now_s + self._ping_every_s
             self._send("WATCHDOG=1")
 
     def close(self) -> None:
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -59,4 +64,4 @@ class Notifier:
         try:
             self._socket.sendto(message.encode(), self._address)
         except OSError:
-            return  # the manager is away or busy: it will judge by what is missing, we go on
+            return  # the manager is gone or busy; the daemon continues without it

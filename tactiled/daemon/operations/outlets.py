@@ -1,6 +1,6 @@
-"""Where everything goes: to subscribers, into the recording, into the metrics and to the service manager.
+"""Distribution of events and reads: to publisher, recorder, metrics and service manager.
 
-All instants become epoch seconds by the one clock that is kept here.
+The clock kept here converts all instants to epoch seconds.
 """
 
 import logging
@@ -25,14 +25,14 @@ CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
 
 
 class Outlets:
-    """Tells all who are to be told.
+    """Send each event to publisher, recorder and metrics.
 
     Parameters
     ----------
     pipeline : Pipeline
-        Knows the board whose bytes are recorded.
+        Its `hello` describes the board in a recording.
     session : Session
-        Names the board in whose name events go out.
+        Its `board_serial` is in every message.
     publisher : Publisher
     metrics : Metrics
     recorder : Recorder, optional
@@ -58,33 +58,33 @@ class Outlets:
 
     @property
     def sent(self) -> Sent:
-        """Messages that went out in the name of this board."""
+        """Numbers of messages published for this board, by topic."""
         return self._publisher.sent(self._session.board_serial)
 
     def found(self, event: Event) -> None:
-        """Publish what the pipeline found; the recorder has it with the bytes that it was found in."""
+        """Publish an event of the pipeline; the recorder gets it through `received`, with its bytes."""
         self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
         self.metrics.said(event, self._publisher.dropped)
 
     def say(self, event: Event) -> None:
-        """Publish, and record, what the daemon says itself."""
+        """Publish and record an event that the daemon itself made."""
         self.found(event)
         if self._recorder is not None:
             self._recorder.said(event, self._session.board_serial, self._clock.offset_s)
 
     def received(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
-        """Record a read of the port and what came of it."""
+        """Record a read of the port and the outputs of the pipeline for it."""
         if self._recorder is not None:
             read = Read(now_s, self._clock.offset_s, data)
             self._recorder.received(read, outputs, self._pipeline.hello)
 
     def disconnected(self, now_s: float) -> None:
-        """Record that the port was lost."""
+        """Record the loss of the port."""
         if self._recorder is not None:
             self._recorder.disconnected(now_s, self._clock.offset_s, self._pipeline.hello)
 
     def tuned(self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float) -> None:
-        """A command changed what the pipeline goes by, and brought events: record it, publish them."""
+        """Record a command to the pipeline, and publish the events that it caused."""
         if self._recorder is not None:
             hello, offset_s = self._pipeline.hello, self._clock.offset_s
             self._recorder.commanded(name, arguments, events, hello, now_s, offset_s)
@@ -92,7 +92,7 @@ class Outlets:
             self.found(event)
 
     def look(self, now_s: float) -> None:
-        """Say how the recording is when it is due, and follow the wall clock; call it ten times a second."""
+        """Publish the recording event when due, and follow the wall clock; call it ten times a second."""
         if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
             self.say(recording)
         if now_s >= self._next_look_s:

@@ -1,8 +1,8 @@
-"""The recorder beside the running service: acquisition hands over and goes on, whatever the disk does.
+"""Recorder of the running service: a thread writes, so that the event loop never waits for the disk.
 
-One thread writes. Between it and the event loop stands a bounded queue: when the disk is slower than the
-line for longer than the queue lasts, reads are dropped, counted, said, and marked in the file at the very
-place. Nothing here waits for the disk but that thread, and `close`, for a stated time.
+A bounded queue connects the event loop with the thread. When the disk is slower than the line for longer than
+the queue lasts, reads are dropped, counted and reported, and the file has a mark at that place. Only the
+thread waits for the disk, and `close`, for a limited time.
 """
 
 import contextlib
@@ -28,28 +28,28 @@ from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
-# Some 40 s of a 100 Hz board with its status, and about 10 MB: longer than a disk that spins up or a card
-# that reorganises itself keeps us waiting.
+# Some 40 s of a 100 Hz board with its status, and about 10 MB: longer than a disk takes to spin up, or a
+# memory card to reorganise itself.
 _QUEUE_ITEMS = 5000
-_START_S = 1.0  # a disk that has not taken the first part by then is not waited for: sensing begins
-_CLOSE_S = 3.0  # less than the 5 s after which systemd kills us
-_WAKE_S = 0.1  # how often an idle thread looks whether a sync is due or the end has come
-_REPORT_S = 1.0
+_START_S = 1.0  # longest wait for the first file; sensing then begins without it
+_CLOSE_S = 3.0  # less than the 5 s after which systemd kills the daemon
+_WAKE_S = 0.1  # period at which the idle thread checks for a sync that is due, or for the end
+_REPORT_S = 1.0  # period of the recording event
 _COMPLAIN_S = 10.0  # between two lines of the log about drops
 
 
 @dataclass(frozen=True)
 class _Switch:
-    """Begin to record, or end; `hello` is what the pipeline knows of the board."""
+    """Request to begin or end a recording; `hello` is that of the pipeline."""
 
     on: bool
     hello: Hello | None
 
 
 class Recorder:
-    """Records what the service tells it, while it is switched on and the disk allows it.
+    """Record reads, commands and events of the service while switched on.
 
-    A first part that cannot be written is no error: `report` says why, and it is tried again.
+    A file that cannot be written is no error: `report` gives the reason, and it is tried again.
 
     Parameters
     ----------
@@ -65,14 +65,16 @@ class Recorder:
         self._path = path
         self._scribe: Scribe | None = None
         self._is_on = path is not None or params.directory is not None
-        self._instead: Progress | None = OFF  # of what `_scribe` knows: before it is made, and after a fault
+        self._instead: Progress | None = (
+            OFF  # used in place of `_scribe.progress` before it exists and after a fault
+        )
         if self._is_on:
             place = path or params.directory
             self._instead = replace(OFF, state="failed", reason=f"{place}: the disk does not answer")
-        self._unplaced = (0, 0)  # reads and bytes that the queue had no place for, not yet handed over
+        self._unplaced = (0, 0)  # reads and bytes dropped by a full queue, and not yet marked in the file
         self._queue_dropped = self._complained = 0
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
-        self._fault = ""  # as it was logged last
+        self._fault = ""  # last fault that was logged
         self._queue: queue.Queue[Handed | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
@@ -87,29 +89,29 @@ class Recorder:
 
     @property
     def reads_dropped(self) -> int:
-        """Reads that are in no file: the disk was too slow, too full, or failed."""
+        """Number of reads that are in no file: the disk was too slow, full, or failed."""
         return self._queue_dropped + (0 if self._scribe is None else self._scribe.dropped)
 
     @property
     def progress(self) -> Progress:
-        """Where the recording stands."""
+        """State of the recording."""
         if self._instead is not None or self._scribe is None:
             return self._instead or OFF
         return self._scribe.progress
 
     def check(self) -> None:
-        """Raise `DataError` when nothing is recorded: for a program that does nothing else."""
+        """Raise `DataError` when nothing is recorded, for a program whose only purpose is recording."""
         if self.progress.state != "recording":
             raise DataError(self.progress.reason)
 
     # ---- called by the event loop; nothing here waits but `close` ----------------------------------
 
     def received(self, read: Read, outputs: Sequence[Output], hello: Hello | None) -> None:
-        """A read of the port, what the pipeline made of it, and what it knows of the board since."""
+        """Record a read of the port, the outputs of the pipeline for it, and its hello afterwards."""
         self._hand(read, outputs, hello, "", read.unix_offset_s)
 
     def disconnected(self, time_s: float, unix_offset_s: float, hello: Hello | None) -> None:
-        """The port was lost, and the pipeline was told so."""
+        """Record a loss of the port, after `Pipeline.disconnected`."""
         self._hand(Input(time_s, unix_offset_s, "disconnected"), (), hello, "", unix_offset_s)
 
     def commanded(
@@ -121,18 +123,18 @@ class Recorder:
         time_s: float,
         unix_offset_s: float,
     ) -> None:
-        """A command went into the pipeline (`Pipeline.command`), and what came of it."""
+        """Record a command to the pipeline (`Pipeline.command`) and its outputs."""
         told = Input(time_s, unix_offset_s, name, json.dumps(dict(arguments)))
         self._hand(told, outputs, hello, "", unix_offset_s)
 
     def said(self, event: Event, board: str, unix_offset_s: float) -> None:
-        """The daemon said something beside the pipeline."""
+        """Record an event that the daemon itself made."""
         self._hand(None, (event,), None, board, unix_offset_s)
 
     def switch(self, on: bool, hello: Hello | None) -> str:
-        """Begin a new recording, or end the one that is; the reason why not, or nothing.
+        """Begin a new recording or end the present one; returns the reason for a refusal, or an empty string.
 
-        Whether the disk takes it is told by `report`.
+        `report` tells later whether the disk accepted the file.
         """
         if on == self._is_on:
             return ""
@@ -146,7 +148,7 @@ class Recorder:
         return ""
 
     def report(self, now_s: float) -> RecordingEvent | None:
-        """How the recording is, each second and at each change; logs why there is none, and drops."""
+        """Return the recording event, each second and at each change of state; log faults and drops."""
         dropped = self.reads_dropped
         if dropped > self._complained and now_s >= self._complain_s:
             self._complain_s = now_s + _COMPLAIN_S
@@ -175,7 +177,7 @@ class Recorder:
         )
 
     def close(self) -> None:
-        """Finish the file; gives up after some seconds on a disk that does not answer."""
+        """Finish the file; gives up after `_CLOSE_S` on a disk that does not respond."""
         self._ending.set()
         self._thread.join(_CLOSE_S)
         if self._thread.is_alive():
@@ -231,9 +233,9 @@ class Recorder:
                 if leftovers is not None:
                     leftovers.look(scribe.progress)
             scribe.end(time.monotonic())
-        except Exception:  # a bug: acquisition goes on without us, and says so
+        except Exception:  # a bug: sensing continues without a recording, and `report` says so
             logger.exception("recording ended by a fault of tactiled")
-            with contextlib.suppress(Exception):  # the same fault, perhaps; the file can be recovered
+            with contextlib.suppress(Exception):  # perhaps the same fault again; the file can be recovered
                 if scribe is not None:
                     scribe.end(time.monotonic())
             self._instead = replace(OFF, state="failed", reason="a fault of tactiled itself, see the log")
