@@ -15,8 +15,9 @@ has not identified itself as the configured one gets no command but ``identify``
 identified once more when its scans arrive, because it may have rebooted between its hello and the start and
 lost its settings.
 
-A running board that needs nothing is pinged now and then, for the pipeline's clock. Nothing waits for the
-answer: a ping goes only while no command is on its way, and a command goes whether a ping is answered or not.
+A running board that needs no command is pinged about once a second, for the clock fit of the pipeline.
+Nothing waits for the answer: a ping is sent only while no command awaits an answer, and a command is sent
+whether a ping was answered or not.
 
 Every input takes ``now_s`` and returns the commands to send; `deadline_s` says when `tick` is due.
 """
@@ -256,7 +257,7 @@ class Session:
         return [self._asking.ask(name, self.terms.params.rate_hz, now_s)]
 
     def _ping(self, now_s: float) -> list[Command]:
-        """A ping, if one is due to a board that needs nothing else."""
+        """Return a ping if one is due and the board needs no command."""
         if not self._running or self._wanted() is not None or now_s < self._pinging.due_s:
             return []
         self._pinging.sent(now_s)

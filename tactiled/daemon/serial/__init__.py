@@ -1,1 +1,1 @@
-"""The serial port: opened, read, written and opened again after it was lost."""
+"""Serial port: open, read, write, and reopen after a loss; latency timer and errors of the adapter."""

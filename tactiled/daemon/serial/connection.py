@@ -1,4 +1,4 @@
-"""A port kept open: opened, lost, opened again, for as long as the daemon lives."""
+"""Connection to a port that is opened again whenever it was lost."""
 
 import asyncio
 import logging
@@ -11,28 +11,28 @@ from tactiled.errors import PortError
 
 logger = logging.getLogger(__name__)
 
-QUICK_TRIES = 20  # for the second in which a twitched cable comes back ...
+QUICK_TRIES = 20  # attempts at `QUICK_S`: a bumped cable is back within a second
 QUICK_S = 0.05
-SLOWEST_S = 0.5  # ... then rarer, but so that a board is back, settings and all, within 1 s of its node
-_SLOWER = 1.5
-_SETTLED_S = 1.0  # a port that stayed open for so long earned quick tries again when it goes
+SLOWEST_S = 0.5  # longest interval; a board then runs with its settings within 1 s of its device node
+_SLOWER = 1.5  # factor between later intervals
+_SETTLED_S = 1.0  # a port that was open for so long gets quick attempts again after a loss
 
 
 class Listener(Protocol):
-    """Whom a connection tells."""
+    """Callbacks of a connection."""
 
     def opened(self) -> None:
-        """A port is there, `Connection.write` reaches it."""
+        """Handle a port that was just opened; `Connection.write` reaches it."""
 
     def received(self, data: bytes) -> None:
-        """Bytes, as they come."""
+        """Handle the bytes of one read."""
 
     def lost(self, reason: str) -> None:
-        """Why there is no port; again at each try."""
+        """Handle a lost port; called again for each attempt to open it that fails."""
 
 
 class Connection:
-    """Keeps a port open and tells of it.
+    """Keep a port open, and report its bytes and losses to a `Listener`.
 
     Parameters
     ----------
@@ -43,41 +43,42 @@ class Connection:
     def __init__(self, url: str, baud: int) -> None:
         self.connects = 0
         self.log = Complaints(logger)
-        """What is logged of the port: a port that opens and fails again and again must not fill the log."""
+        """Log of the port with a bounded rate, because a port may open and fail again and again."""
         self._url, self._baud = url, baud
         self._port: SerialPort | None = None
         self._gone: asyncio.Future[str] | None = None
 
     @property
     def is_open(self) -> bool:
+        """True while a port is open."""
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Hand a command to the line; one that it does not take is sent again by whoever needs it."""
+        """Write bytes of a command; a failed write is ignored, because the session repeats the command."""
         if self._port is not None:
             self._port.write(data)
 
     @property
     def warning(self) -> str:
-        """What should be mended although the port works; empty when nothing, or there is none."""
+        """Fault of an open port that works all the same; empty for none, or without a port."""
         return self._port.warning if self._port is not None else ""
 
     @property
     def handover_s(self) -> float | None:
-        """Timer of the adapter; None where it says none, or there is no port."""
+        """Latency timer of the adapter in seconds; None if unknown, or without a port."""
         return self._port.handover_s if self._port is not None else None
 
     @property
     def is_pty(self) -> bool:
-        """Whether a program is at the other end, and no cable; False while there is no port."""
+        """True when the port is a pseudo-terminal; False without a port."""
         return self._port is not None and self._port.is_pty
 
     def errors(self) -> LineErrors | None:
-        """What the UART's driver counted; None where it keeps no count, or there is no port."""
+        """Return the error counts of the UART's driver; None if it keeps none, or without a port."""
         return self._port.errors() if self._port is not None else None
 
     def check(self, dead_because: str) -> None:
-        """Leave a port that is dead, as the caller says, or whose name leads to another device by now."""
+        """Close the port if its name leads to another device, or if `dead_because` gives a reason."""
         if self._port is None:
             return
         if self._port.is_orphan():
@@ -86,12 +87,12 @@ class Connection:
             self._leave(dead_because)
 
     def move(self, url: str, baud: int) -> None:
-        """Leave this port for another one."""
+        """Close this port and open another one."""
         self._url, self._baud = url, baud
         self._leave("the configuration names another port")
 
     async def run(self, listener: Listener) -> None:
-        """Never returns; cancel it to close the port."""
+        """Open the port, serve it until lost, and repeat; cancel this coroutine to close the port."""
         tries, delay_s = 0, QUICK_S
         loop = asyncio.get_running_loop()
         while True:
@@ -112,7 +113,7 @@ class Connection:
             await asyncio.sleep(delay_s)
 
     async def _serve(self, port: SerialPort, listener: Listener) -> str:
-        """From an open port until it is lost; gives the reason."""
+        """Serve an open port until it is lost; returns the reason."""
         self.connects += 1
         now_s = asyncio.get_running_loop().time()
         self.log.add(f"{self._url}: open at {self._baud} baud", now_s, logging.INFO)
@@ -125,7 +126,7 @@ class Connection:
         finally:
             self._port = self._gone = None
             port.detach()
-            # Shielded: cancelled before its thread began, the closing would never be done.
+            # Shielded: a cancellation before the thread begins would leave the port open.
             await asyncio.shield(asyncio.get_running_loop().run_in_executor(None, port.close))
 
     def _leave(self, reason: str) -> None:

@@ -1,7 +1,8 @@
-"""The device behind a port's name: who has it, who may have it, how lazily it hands over, how it errs.
+"""Facts about the device of a port: users, permissions, latency timer, error counts.
 
-Nothing here opens a port. What is read comes from ``/dev``, ``/proc`` and ``/sys``; all of it may be missing
-(ptys, sockets, other kernels), which is answered with None or "", never with an exception.
+Nothing here opens a port for reading or writing. The facts come from ``/dev``, ``/proc`` and ``/sys``, and
+any of them may be missing (ptys, sockets, other kernels): the functions then return None or "", and never
+raise.
 """
 
 import contextlib
@@ -20,7 +21,7 @@ from serial.tools import list_ports
 BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
 PROMPT_MS = 1
-"""The least that it can be told."""
+"""Least value of the FTDI latency timer, milliseconds."""
 _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
 # struct serial_icounter_struct (linux/serial.h): cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
 # buf_overrun, and nine reserved.
@@ -28,7 +29,7 @@ _ICOUNTER = struct.Struct("20i")
 
 
 def is_pty(fd: int) -> bool:
-    """Whether an open port is a pseudo-terminal: a program is at its other end, and no cable."""
+    """Return True for a pseudo-terminal, which has a program at its other end instead of a cable."""
     try:
         return os.ttyname(fd).startswith("/dev/pts/")
     except OSError:
@@ -36,7 +37,7 @@ def is_pty(fd: int) -> bool:
 
 
 def is_url(url: str) -> bool:
-    """Whether this is ``socket://...`` and the like: nothing of this host's devices."""
+    """Return True for ``socket://...`` and the like, which are no devices of this host."""
     return "://" in url
 
 
@@ -44,23 +45,23 @@ def is_url(url: str) -> bool:
 
 
 def latency_ms(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
-    """FTDI latency timer of the adapter behind `url`; None where there is no such timer."""
+    """Return the FTDI latency timer of the adapter at `url` in milliseconds; None where there is none."""
     with contextlib.suppress(OSError, ValueError):
         return int(_timer(url, sys_tty).read_text())
     return None
 
 
 def hasten(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
-    """Set the latency timer to its least if we may; what it is then, None where there is none."""
+    """Set the latency timer to its least value if permitted; returns its value then, None for no timer."""
     before_ms = latency_ms(url, sys_tty)
     if before_ms is not None and before_ms > PROMPT_MS:
-        with contextlib.suppress(OSError):  # root's to write: the udev rule does it for everyone else
+        with contextlib.suppress(OSError):  # only root may write it; the udev rule sets it for all others
             _timer(url, sys_tty).write_text(f"{PROMPT_MS}\n")
     return latency_ms(url, sys_tty)
 
 
 def laziness(url: str, timer_ms: int | None) -> str:
-    """One line about a timer that bunches scans; empty when it does not."""
+    """Return a warning about a latency timer that bunches scans; empty when it does not."""
     if timer_ms is None or timer_ms <= PROMPT_MS:
         return ""
     return (
@@ -73,21 +74,21 @@ def _timer(url: str, sys_tty: Path) -> Path:
     return sys_tty / Path(url).resolve().name / "device/latency_timer"
 
 
-# ---- errors that the UART counts -----------------------------------------------------------------------
+# ---- error counts of the UART --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class LineErrors:
-    """What the driver counted since it was loaded."""
+    """Error counts of the UART's driver since it was loaded."""
 
     framing: int
-    """Bytes without their stop bit: a wrong baud rate makes them, and hardly anything else does."""
+    """Bytes without a stop bit; almost always the effect of a wrong baud rate."""
     overrun: int
-    """Bytes lost in the adapter or the kernel because nobody took them in time."""
+    """Bytes lost in the adapter or the kernel because they were not read in time."""
 
 
 def line_errors(fd: int) -> LineErrors | None:
-    """Counters of an open tty (TIOCGICOUNT); None where the driver keeps none."""
+    """Return the error counts of an open tty (TIOCGICOUNT); None where the driver keeps none."""
     buffer = bytearray(_ICOUNTER.size)
     try:
         fcntl.ioctl(fd, _TIOCGICOUNT, buffer)
@@ -97,13 +98,14 @@ def line_errors(fd: int) -> LineErrors | None:
     return LineErrors(framing=counters[6], overrun=counters[7] + counters[10])
 
 
-# ---- whose it is ---------------------------------------------------------------------------------------
+# ---- users of the device -------------------------------------------------------------------------------
 
 
 def keep_others_out(fd: int) -> None:
-    """Refuse further opens by anyone but root (TIOCEXCL); pyserial's lock binds only who asks for it.
+    """Refuse further opens by anyone but root (TIOCEXCL); pyserial's lock binds only programs that use it.
 
-    Not on a pty: its other end outlives us, and with it the mark of a daemon that was killed.
+    A pty is left open for others: its other end outlives this process, and would keep the mark of a daemon
+    that was killed.
     """
     with contextlib.suppress(OSError, termios.error):
         if not is_pty(fd):
@@ -111,7 +113,7 @@ def keep_others_out(fd: int) -> None:
 
 
 def same_device(fd: int, url: str) -> bool:
-    """Whether the name still leads to the device that is open: after a replug it may be another."""
+    """Return True while the name leads to the device that is open; after a replug it may be another."""
     try:
         return Path(url).stat().st_rdev == os.fstat(fd).st_rdev
     except OSError:
@@ -119,7 +121,7 @@ def same_device(fd: int, url: str) -> bool:
 
 
 def is_free(url: str) -> bool:
-    """Whether the device is there, may be opened, and no daemon has locked it."""
+    """Return True for a device that exists, may be opened, and is not locked by a daemon."""
     try:
         fd = os.open(url, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:
@@ -135,7 +137,7 @@ def is_free(url: str) -> bool:
 
 
 def holders(url: str) -> list[str]:
-    """Who has the device open, as "name (pid)"; only those that we may look at."""
+    """Return the processes that have the device open, as "name (pid)", as far as this user may see them."""
     found = []
     with contextlib.suppress(OSError):
         device = Path(url).resolve()
@@ -147,28 +149,28 @@ def holders(url: str) -> list[str]:
 
 
 def _holds(process: Path, device: Path) -> bool:
-    with contextlib.suppress(OSError):  # another user's, or gone
+    with contextlib.suppress(OSError):  # a process of another user, or one that has ended
         for entry in (process / "fd").iterdir():
             with contextlib.suppress(OSError):
-                # Not by name alone: another container's /dev/pts/1 is another pty.
+                # The name alone is not enough: /dev/pts/1 of another container is another pty.
                 if entry.readlink() == device and entry.samefile(device):
                     return True
     return False
 
 
 def stable_name(url: str, by_id: Path = BY_ID) -> Path | None:
-    """Name that follows the adapter behind `url` from socket to socket, if udev made one."""
+    """Return the udev name that follows the adapter at `url` from one USB socket to another, or None."""
     with contextlib.suppress(OSError):
         device = Path(url).resolve()
         return next((name for name in sorted(by_id.iterdir()) if name.resolve() == device), None)
     return None
 
 
-# ---- words ---------------------------------------------------------------------------------------------
+# ---- messages ------------------------------------------------------------------------------------------
 
 
 def explain(url: str, error: Exception) -> str:
-    """One line for a port that does not open: what is wrong, and what to do."""
+    """Return one line on why a port does not open, and what to do."""
     number = error.errno if isinstance(error, OSError) else None
     if is_url(url):
         return f"{url}: cannot be opened ({error}); is the other end up, and is the address right?"
@@ -187,17 +189,17 @@ def explain(url: str, error: Exception) -> str:
 
 
 def available() -> str:
-    """The ports that are there, as the end of a line."""
+    """Return the list of present ports, to be appended to a message."""
     names = sorted(str(p) for p in BY_ID.iterdir()) if BY_ID.is_dir() else []
     names = names or sorted(port.device for port in list_ports.comports())
     return f"; there are: {', '.join(names)}" if names else "; no serial port is plugged in"
 
 
 def permission(url: str) -> str:
-    """Who may open the device, and the command that makes this user one of them."""
+    """Return the group that may open the device, and the command that adds this user to it."""
     try:
         group = grp.getgrgid(Path(url).stat().st_gid).gr_name
         user = pwd.getpwuid(os.getuid()).pw_name
-    except (OSError, KeyError):  # the node went away, or ids without names
+    except (OSError, KeyError):  # the node is gone, or an id has no name
         return f"see who may use it: ls -l {url}"
     return f"it belongs to group {group}: sudo usermod -aG {group} {user}, then log in again"

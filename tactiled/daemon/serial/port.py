@@ -1,9 +1,9 @@
-"""The serial port: opened with care, then read and written without ever blocking the loop.
+"""Serial port: opened in a thread, then read and written without blocking the event loop.
 
-Opening, which may take seconds (a TCP connect, an RFC 2217 negotiation), is done in a thread. What has a
-file descriptor is read by ``loop.add_reader`` and ``os.read``; what has none (rfc2217://, loop://) by a
-thread. A port that goes away shows as b"", EIO, ENXIO or any other OSError, depending on what it is: all
-of them mean lost, and none is worth telling apart.
+Opening may take seconds (a TCP connection, an RFC 2217 negotiation) and is therefore done in a thread. A port
+with a file descriptor is read by ``loop.add_reader`` and ``os.read``, a port without one (rfc2217://,
+loop://) by a thread. A port that disappears gives b"", EIO, ENXIO or another OSError, depending on its kind:
+all of them count as a loss.
 """
 
 import asyncio
@@ -26,12 +26,12 @@ from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)
 
-_READ_BYTES = 4096  # what a tty holds at most; small enough that a flood leaves the status tick its turn
-_POLL_S = 0.1  # how often the reading thread of a port without descriptor looks whether to end
+_READ_BYTES = 4096  # buffer of a tty; small enough that a flood of bytes does not delay the status
+_POLL_S = 0.1  # period at which the reading thread of a port without descriptor checks for its end
 
 
 class PortParams(Params):
-    """Where the board is plugged in."""
+    """Port of the board."""
 
     url: str = Field(
         min_length=1,
@@ -49,7 +49,7 @@ class PortParams(Params):
 
 
 def check_url(url: str) -> None:
-    """Refuse what can never become a port, so that it is not retried for ever.
+    """Refuse a URL that can never be opened, so that it is not tried for ever.
 
     Raises
     ------
@@ -65,14 +65,14 @@ def check_url(url: str) -> None:
 
 
 class SerialPort:
-    """An open port; made by `open_port`.
+    """Open port, made by `open_port`.
 
     Attributes
     ----------
     warning : str
-        What should be mended although the port works; empty when nothing.
+        Fault of a port that works all the same; empty for none.
     handover_s : float or None
-        The adapter's timer, where it says one.
+        Latency timer of the adapter in seconds; None if unknown.
     """
 
     def __init__(self, device: Any, url: str, latency_ms: int | None = None) -> None:
@@ -88,7 +88,7 @@ class SerialPort:
         self._thread: threading.Thread | None = None
 
     def attach(self, receive: Callable[[bytes], None], lost: Callable[[str], None]) -> None:
-        """Call `receive` with bytes as they come, and `lost` once, with the reason, when the port is gone."""
+        """Call `receive` with the bytes of each read, and `lost` once, with the reason, after a loss."""
         self._loop = asyncio.get_running_loop()
         self._receive, self._lost = receive, lost
         if self._fd is not None:
@@ -98,13 +98,13 @@ class SerialPort:
             self._thread.start()
 
     def detach(self) -> None:
-        """No further calls of `receive` or `lost`."""
+        """End the calls of `receive` and `lost`."""
         if self._loop is not None and self._fd is not None:
             self._loop.remove_reader(self._fd)
         self._loop = None
 
     def write(self, data: bytes) -> bool:
-        """Hand `data` to the line; False when it did not take all (whoever asked asks again later)."""
+        """Write `data`; returns False when not all of it was accepted (the session repeats its commands)."""
         try:
             written = os.write(self._fd, data) if self._fd is not None else self._device.write(data)
         except (serial.SerialException, OSError) as error:  # BlockingIOError among them
@@ -113,7 +113,7 @@ class SerialPort:
         return written == len(data)
 
     def is_orphan(self) -> bool:
-        """Whether the name leads elsewhere by now: a device that left without a word, or was swapped."""
+        """Return True when the name no longer leads to this device, which was unplugged or replaced."""
         return (
             self._fd is not None
             and not devices.is_url(self._url)
@@ -122,20 +122,20 @@ class SerialPort:
 
     @property
     def is_pty(self) -> bool:
-        """Whether a program is at the other end, and no cable."""
+        """True for a pseudo-terminal, which has a program at its other end instead of a cable."""
         return self._fd is not None and devices.is_pty(self._fd)
 
     def errors(self) -> LineErrors | None:
-        """What the UART's driver counted; None where it keeps no count."""
+        """Return the error counts of the UART's driver; None where it keeps none."""
         return devices.line_errors(self._fd) if self._fd is not None else None
 
     def close(self) -> None:
-        """Close the port; `detach` first, then call it in a thread: sockets sleep a moment here."""
+        """Close the port; call it in a thread after `detach`, because closing a socket may block."""
         self.detach()
         if self._thread is not None:
             self._thread.join(2 * _POLL_S)
         with contextlib.suppress(serial.SerialException, OSError, termios.error):
-            # Closing a tty waits up to 30 s for bytes that nobody will take; those are dropped instead.
+            # Closing a tty would wait up to 30 s for its output to be sent; the output is discarded instead.
             self._device.reset_output_buffer()
         with contextlib.suppress(serial.SerialException, OSError, termios.error):
             self._device.close()
@@ -154,7 +154,7 @@ class SerialPort:
             self._gone("unplugged, or closed at the other end")
 
     def _read_in_thread(self, loop: asyncio.AbstractEventLoop) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended, and we with it
+        with contextlib.suppress(RuntimeError):  # the event loop has ended
             try:
                 while self._loop is loop:
                     if data := self._device.read(max(1, self._device.in_waiting)):
@@ -173,12 +173,12 @@ class SerialPort:
 
 
 def open_port(url: str, baud: int) -> SerialPort:
-    """Open and configure a port, for us alone.
+    """Open and configure a port for exclusive use.
 
     Raises
     ------
     PortError
-        One line that says what to do; worth trying again.
+        The port cannot be opened now; the message says what to do.
     """
     try:
         device = serial.serial_for_url(url, baudrate=baud, timeout=_POLL_S, exclusive=True)
@@ -195,7 +195,7 @@ def open_port(url: str, baud: int) -> SerialPort:
 
 
 async def open_port_in_thread(url: str, baud: int) -> SerialPort:
-    """`open_port` without blocking the loop; a port that opens after we were cancelled is closed again."""
+    """Run `open_port` in a thread; a port that opens after a cancellation is closed again."""
     loop = asyncio.get_running_loop()
     opened: asyncio.Future[SerialPort] = loop.create_future()
 
@@ -216,6 +216,6 @@ async def open_port_in_thread(url: str, baud: int) -> SerialPort:
             if isinstance(outcome, SerialPort):
                 outcome.close()
 
-    # Not the default executor: asyncio would wait for it, so for a dead host, before it lets us end.
+    # Not in the default executor: asyncio would wait for it at the end, for as long as a dead host takes.
     threading.Thread(target=work, name="open-port", daemon=True).start()
     return await opened

@@ -1,1 +1,1 @@
-"""The daemon's ZeroMQ sockets: events out, requests and commands in, keys and access."""
+"""ZeroMQ sockets of the daemon: events, requests and commands, keys and access control."""

@@ -1,4 +1,4 @@
-"""What commands do: settings of the detectors, the rate, the recording. No I/O; time is an argument."""
+"""Execution of commands: detector settings, scan rate, recording. No I/O; time is an argument."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -12,10 +12,12 @@ from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
 
-RATE_S = 3.0  # a change of rate is stop, set, ask, start: some 0.1 s; three lost answers take 0.6 s more
+# Time limit of a change of rate: stop, set_rate, identify and start take some 0.1 s, three lost answers 0.6 s
+# more.
+RATE_S = 3.0
 
 Done = Callable[[str], None]
-"""Told the reason why not, empty when it is done."""
+"""Takes the reason for a refusal, or an empty string when the command is done."""
 
 
 @dataclass(frozen=True)
@@ -27,16 +29,17 @@ class _RateChange:
 
 
 class Commands:
-    """Does what commands say.
+    """Carry out commands.
 
     Parameters
     ----------
     pipeline : Pipeline
     session : Session
     tuned : callable
-        Takes the events that a change of the detectors brought: (name, arguments, events, now_s).
+        Takes the events caused by a change of the detectors: (name, arguments, events, now_s).
     record : callable, optional
-        Starts (True) or stops (False) the recording; gives the reason why not, or raises a TactiledError.
+        Starts (True) or stops (False) the recording; returns the reason for a refusal, or raises a
+        TactiledError.
     """
 
     def __init__(
@@ -54,7 +57,7 @@ class Commands:
         self._commanded_hz: float | None = None
 
     def do(self, command: CommandRequest, now_s: float, done: Done) -> None:
-        """Do it; `done` is called now, or from `look` when the board has answered."""
+        """Carry out a command; `done` is called at once, or from `look` when the board has answered."""
         if isinstance(command, Mark):
             done("")
         elif isinstance(command, Record):
@@ -68,7 +71,7 @@ class Commands:
             done(reason)
 
     def look(self, now_s: float) -> None:
-        """See whether the board has taken a rate; call it when something may have changed."""
+        """Check whether the board has accepted a rate; call it whenever the session may have changed."""
         change, session = self._rate, self._session
         if change is None:
             return
@@ -77,22 +80,24 @@ class Commands:
             change.done("")
         elif session.state == "no-device":
             self._rate, self._commanded_hz = None, change.rate_hz
-            change.done("")  # it is set when the board is back, as every setting
+            change.done("")  # the session sets it when the board is back, like every setting
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
             params = session.terms.params
-            if params.rate_hz == change.rate_hz:  # a configuration that was reloaded meanwhile has its own
+            if (
+                params.rate_hz == change.rate_hz
+            ):  # a configuration that was reloaded meanwhile keeps its own rate
                 session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
             change.done(f"{reason}; the old rate stays")
 
     def configure(self, params: SessionParams) -> None:
-        """A configuration that was read again: it settles what it names; else a commanded rate holds.
+        """Apply a configuration that was read again; without a rate in it, a commanded rate stays.
 
         Raises
         ------
         ConfigError
-            A rate is asked that the protocol cannot set.
+            A rate is configured that the protocol cannot set.
         """
         if params.rate_hz is None:
             rate_hz = self._commanded_hz if self._rate is None else self._rate.rate_hz
@@ -102,7 +107,7 @@ class Commands:
             self._commanded_hz = None
 
     def settings(self, now_s: float) -> dict[str, Any]:
-        """What is set now, as requests name it."""
+        """Return the present settings, by the names that requests use."""
         tuning = self._pipeline.tuning
         return {
             "speed_mm_s": tuning.speed_mm_s or 0.0,
@@ -113,7 +118,7 @@ class Commands:
         }
 
     def event(self, command: CommandRequest, requester: Requester, reason: str, now_s: float) -> CommandEvent:
-        """For the record: who asked for what, and what came of it."""
+        """Make the command event: the requester, the command and its outcome."""
         return CommandEvent(
             time_s=now_s,
             request_id=command.id,

@@ -1,6 +1,6 @@
-"""Requests and replies: the newest of each topic, what someone missed, and commands (protocols/control.md).
+"""Requests and replies: newest messages, missed messages, and commands (protocols/control.md).
 
-`Control` answers bytes with bytes and has no I/O; `network` has the sockets.
+`Control` turns the bytes of a request into those of a reply, without I/O; `network` has the sockets.
 """
 
 import logging
@@ -18,13 +18,15 @@ from tactiled.events.types import EVENT_TYPES
 
 logger = logging.getLogger(__name__)
 
-REPLY_BYTES = 128 * 1024  # of messages in a reply: 200 scans; a minute of them is 30 round trips
-_REMEMBERED = 1000  # commands whose replies are kept for those who ask again; some 2 MB at worst
-_MOST_WAITING = 8  # repetitions of one command that are answered when it is done
+REPLY_BYTES = (
+    128 * 1024
+)  # limit of the messages in a reply: 200 scans; a minute of scans takes 30 round trips
+_REMEMBERED = 1000  # commands whose replies are kept for repeated requests; some 2 MB at worst
+_MOST_WAITING = 8  # repetitions of one pending command that get an answer
 
 Respond = Callable[[bytes], None]
 Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
-"""Does a command: (command, requester, now_s, done); `done` takes the reason why not."""
+"""Carries out a command: (command, requester, now_s, done); `done` takes the reason for a refusal."""
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
     "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
@@ -33,7 +35,7 @@ _NO_COMMANDS = (
 
 @dataclass
 class _Asked:
-    """A command that was taken, and its reply when there is one."""
+    """Accepted command, with its reply as soon as there is one."""
 
     command: CommandRequest
     reply: bytes = b""
@@ -41,16 +43,16 @@ class _Asked:
 
 
 class Control:
-    """Requests to replies.
+    """Answer requests.
 
     Parameters
     ----------
     publisher : Publisher
-        Whose store and run it tells of.
+        Gives the stored messages and the number of this run.
     do : callable
-        Does a command, as `Do` says.
+        See `Do`.
     settings : callable
-        Settings at an instant, as a plain map.
+        Returns the settings at a time (monotonic seconds), as a plain map.
     """
 
     def __init__(
@@ -68,15 +70,15 @@ class Control:
         self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Answer a request; never raises for what it holds.
+        """Answer a request; never raises, whatever the payload contains.
 
         Parameters
         ----------
         payload : bytes
-            Anything.
+            Any bytes.
         requester : Requester
         respond : callable
-            Takes the reply, now or when a command is done.
+            Takes the reply, at once or when a command is done.
         """
         request = parse(payload)
         if isinstance(request, Bad):
@@ -109,7 +111,7 @@ class Control:
         )
 
     def _command(self, command: CommandRequest, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Do a command once for an id of its session, however often it is sent."""
+        """Carry out a command once for each id of a session, however often it is sent."""
         if not requester.may_command:
             self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
             respond(self._reply(command.id, command.do, _NO_COMMANDS))
@@ -131,7 +133,9 @@ class Control:
             self._do(command, requester, now_s, lambda reason: self._finish(asked, requester, now_s, reason))
 
     def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:
-        outcome = "refused" if reason else "done"  # the event has the reason: lines must not be many
+        outcome = (
+            "refused" if reason else "done"
+        )  # the event has the reason; one line for each outcome keeps the log short
         self.commanded.add(f"{asked.command.do} by {requester}: {outcome}", now_s, logging.INFO)
         asked.reply = self._reply(asked.command.id, asked.command.do, reason)
         for respond in asked.waiting:
@@ -145,7 +149,7 @@ class Control:
 
 
 def _pack_map(packed: Mapping[str, bytes]) -> bytes:
-    """A msgpack map of values that are packed already: messages go out as they were published."""
+    """Msgpack map of values that are packed already, so that messages are sent as they were published."""
     parts = [msgpack.Packer().pack_map_header(len(packed))]
     for name, value in packed.items():
         parts += (msgpack.packb(name), value)

@@ -1,4 +1,4 @@
-"""Sockets bound where the configuration says: what can be reached from where, and what is in the way."""
+"""Endpoints of the configuration: syntax, reachability from other hosts, and binding of sockets."""
 
 import contextlib
 import ipaddress
@@ -13,13 +13,13 @@ import zmq
 
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
 
-RUNTIME = "{runtime}"  # stands in an endpoint for the runtime directory
+RUNTIME = "{runtime}"  # placeholder for the runtime directory in an endpoint
 _LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
-_SOCKET_UMASK = 0o117  # sockets of ipc get mode 0660: for the daemon's user and group
+_SOCKET_UMASK = 0o117  # ipc sockets get mode 0660: for the user and group of the daemon
 
 
 def fault_of(endpoint: str) -> str:
-    """Why this is no endpoint; empty where it is one."""
+    """Return the syntax error of an endpoint, or an empty string."""
     transport, _, address = endpoint.partition("://")
     host, _, port = address.rpartition(":")
     fault = ""
@@ -43,7 +43,7 @@ def fault_of(endpoint: str) -> str:
 
 
 def is_wide(endpoint: str) -> bool:
-    """Whether other hosts can reach it."""
+    """Return True when other hosts can reach the endpoint."""
     transport, _, address = endpoint.partition("://")
     if transport != "tcp":
         return False
@@ -56,16 +56,16 @@ def is_wide(endpoint: str) -> bool:
 
 
 def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.environ) -> None:
-    """Bind a socket, or say clearly why not.
+    """Bind a socket to an endpoint.
 
-    A socket of ipc is open to the user and the group of this process only (mode 0660).
+    An ipc socket is open to the user and the group of this process only (mode 0660).
 
     Raises
     ------
     UnavailableError
-        The endpoint is in use or cannot be bound now; says what to do.
+        The endpoint is in use or cannot be bound now; the message says what to do.
     OperatorError
-        It never can: a file stands in its place.
+        The path is that of a file which is no socket.
     ConfigError
         The path is longer than the system allows.
     """
@@ -73,12 +73,14 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
         endpoint = endpoint.replace(RUNTIME, str(runtime_directory(environ)))
     path = Path(endpoint.removeprefix("ipc://")) if endpoint.startswith("ipc://") else None
     if path is not None and _is_served(path):
-        # libzmq would take the path away from the other daemon without a word.
+        # libzmq would silently take the path from the other daemon.
         raise UnavailableError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
     if path is not None and path.exists() and not path.is_socket():
-        # libzmq would delete whatever stands there.
+        # libzmq would delete the file.
         raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
-    umask = os.umask(_SOCKET_UMASK)  # not chmod after bind: at no time is the file open to more
+    umask = os.umask(
+        _SOCKET_UMASK
+    )  # unlike chmod after bind, this leaves no time in which others have access
     try:
         sock.bind(endpoint)
     except zmq.ZMQError as error:
@@ -94,14 +96,14 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
-    """Directory for our sockets: what systemd made for us, or one of our own for this user.
+    """Return the directory for ipc sockets: that of systemd, or one of this user.
 
     Raises
     ------
     UnavailableError
-        It cannot be made.
+        It cannot be created.
     OperatorError
-        Someone else owns it.
+        Another user owns it.
     """
     if given := environ.get("RUNTIME_DIRECTORY", "").split(":")[0]:
         return Path(given)
@@ -120,7 +122,7 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def _is_served(path: Path) -> bool:
-    """Whether someone listens on a Unix socket (a stale file left by a killed daemon refuses)."""
+    """Return True when a process listens on a Unix socket; the file of a killed daemon refuses connections."""
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise ConfigError(
             "publish.endpoints",

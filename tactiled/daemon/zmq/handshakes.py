@@ -1,8 +1,8 @@
-"""Clients that fail before the authenticator is asked about them: without a key, or with another daemon's.
+"""Log of clients that fail before authentication: without a key, or with the key of another daemon.
 
-libzmq asks (ZAP) about a client that speaks CURVE with our public key, and about no other: those it only
-tells to a monitor of the socket, as ACCEPTED with the descriptor of the connection, HANDSHAKE_FAILED_PROTOCOL
-with the cause, and DISCONNECTED with the descriptor (zmq_socket_monitor(3)).
+libzmq sends a ZAP request only for a client that uses CURVE with the public key of this daemon. Other clients
+it reports to a monitor of the socket: ACCEPTED with the descriptor of the connection,
+HANDSHAKE_FAILED_PROTOCOL with the cause, and DISCONNECTED with the descriptor (zmq_socket_monitor(3)).
 """
 
 import asyncio
@@ -21,18 +21,20 @@ _CAUSES: dict[int, str] = {
     zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "without a key",
     zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "with the key of another daemon",
 }
-_GONE = "an unknown address (gone at once)"  # a handshake may fail before we have heard of the connection
+_GONE = (
+    "an unknown address (gone at once)"  # a handshake may fail before the monitor has reported the connection
+)
 
 
 class Handshakes:
-    """Watches one guarded socket; make it before the socket is bound.
+    """Watch the handshakes of one socket with CURVE; make it before the socket is bound.
 
     Parameters
     ----------
     context : zmq.Context
     guarded : zmq.Socket
     denied : Complaints
-        Told of each client that failed.
+        Logs each client that failed.
     """
 
     def __init__(self, context: zmq.Context[Any], guarded: zmq.Socket[Any], denied: Complaints) -> None:
@@ -46,17 +48,21 @@ class Handshakes:
         self._socket.connect(endpoint)
 
     async def run(self) -> None:
-        """Never returns; cancel it to end."""
+        """Read the monitor until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             told = parse_monitor_message(await self._socket.recv_multipart())
             self._take(told["event"], told["value"], loop.time())
 
     def close(self) -> None:
+        """Close the monitor socket."""
         self._socket.close()
 
     def _take(self, event: int, value: int, now_s: float) -> None:
-        """One I/O thread tells all of it: who is disconnected next is the one whose handshake failed."""
+        """Handle an event of the monitor.
+
+        All events come from one I/O thread, so the next DISCONNECTED belongs to the handshake that failed.
+        """
         if event == zmq.EVENT_ACCEPTED:
             self._addresses[value] = _peer(value)
         elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
@@ -71,7 +77,7 @@ class Handshakes:
 
 
 def _peer(descriptor: int) -> str:
-    """Address at the other end of a connection of libzmq's, which may have closed it by now."""
+    """Peer address of a connection of libzmq, which may have closed it by now."""
     try:
         connection = socket.socket(fileno=descriptor)
     except OSError:

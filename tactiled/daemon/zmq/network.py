@@ -1,12 +1,12 @@
 """All ZeroMQ sockets of the daemon: for events, for requests, and for the authentication of other hosts.
 
-A request costs at most some 0.3 ms and the server takes at most `REQUESTS_PER_S`, so whoever floods it fills
-a queue of his own and no more: ROUTER takes from its clients in turn. Nothing here is on the path from board
-to subscriber, and what a stalled client can make us keep is bounded by the queues below.
+A request costs at most some 0.3 ms, and the server takes at most `REQUESTS_PER_S`. A client that floods it
+fills only its own queue, because ROUTER takes from its clients in turn. Nothing here is on the path from
+board to subscriber, and the queues below bound the memory that a stalled client can occupy.
 
-libzmq does not bound the subscriptions of a peer, nor the frames of a message until the last one is there: a
-process of this host, or one that owns a key, can fill our memory so. ``MemoryMax=`` in the unit and a restart
-are the answer (protocols/control.md has the numbers).
+libzmq does not bound the subscriptions of a peer, nor the frames of a message before the last one has
+arrived. A process of this host, or one with a key, can exhaust the memory in this way; ``MemoryMax=`` in the
+unit and a restart limit the damage (protocols/control.md has the numbers).
 """
 
 import asyncio
@@ -27,19 +27,20 @@ from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
 REQUESTS_PER_S = 500.0
-_BURST = 50  # requests at once before the pace holds: a client that catches up on every topic
-_TELL_S = 1.0  # how late a complaint that waits to be logged may be
-# Queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
+_BURST = 50  # requests at once before the limit holds, for a client that catches up on every topic
+_TELL_S = 1.0  # period of logging counts of repeated conditions
+# Length of the queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
 _HIGH_WATER = 16
-# Of a request: identity, the number of a REQ that correlates, the empty one of REQ, payload; one too many.
+# Frames of a request: identity, number of a correlating REQ, empty frame of a REQ, payload; one more is an
+# error.
 _MOST_FRAMES = 5
-# How libzmq names an ipc peer: uid, gid and process, as the kernel tells them (SO_PEERCRED).
-# It names a TCP peer by its IP address, which never looks so.
+# Name that libzmq gives to an ipc peer: uid, gid and process id from the kernel (SO_PEERCRED).
+# The name of a TCP peer is its IP address, which never has this form.
 _LOCAL_PEER = re.compile(r"localhost:([0-9]{1,10}):[0-9]{1,10}:[0-9]{1,10}")
 
 
 class Network:
-    """Publisher and control server with what they share.
+    """Publisher and control server with their common context and authenticator.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ class Network:
     Raises
     ------
     ConfigError, OperatorError
-        An endpoint cannot be bound, or keys cannot be had; says what to do.
+        An endpoint cannot be bound, or there are no keys; the message says what to do.
     """
 
     def __init__(
@@ -74,14 +75,14 @@ class Network:
             raise
 
     async def run(self) -> None:
-        """Never returns; cancel it to end."""
+        """Serve until cancelled."""
         async with asyncio.TaskGroup() as group:
             if self._authenticator is not None:
                 group.create_task(self._authenticator.run())
             if self._server is not None:
                 group.create_task(self._server.run())
             loop = asyncio.get_running_loop()
-            while True:  # also where there is nothing to serve
+            while True:  # also without endpoints
                 self.control.bad.tell(loop.time())
                 self.control.commanded.tell(loop.time())
                 if self._authenticator is not None:
@@ -90,7 +91,7 @@ class Network:
                 await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:
-        """Let queued events leave, then close."""
+        """Send queued events, then close all sockets."""
         if self._server is not None:
             self._server.close()
         if hasattr(self, "publisher"):
@@ -101,7 +102,7 @@ class Network:
 
 
 class ControlServer:
-    """ROUTER sockets, bound, around a `Control`.
+    """ROUTER sockets that pass requests to a `Control`.
 
     Parameters
     ----------
@@ -109,12 +110,12 @@ class ControlServer:
     control : Control
     context : zmq.Context
     authenticator : CurveAuthenticator, optional
-        Needed where endpoints are guarded.
+        Required for guarded endpoints.
 
     Raises
     ------
     OperatorError
-        An endpoint cannot be bound; says what to do.
+        An endpoint cannot be bound; the message says what to do.
     """
 
     def __init__(
@@ -126,9 +127,10 @@ class ControlServer:
         environ: Mapping[str, str] = os.environ,
     ) -> None:
         self.unsent = 0
-        """Replies to clients that had left, or did not read."""
+        """Number of replies that were not sent, because the client had left or did not read."""
         self._control = control
-        # Whoever may use a plain endpoint on the network may command; at loopback he then could there anyway.
+        # With a plain endpoint on the network anyone there may command, so a limit at loopback would protect
+        # nothing.
         self._commands_over_tcp = params.allow_commands_over_tcp or any(
             is_wide(endpoint) and not is_guarded(params, endpoint) for endpoint in params.control
         )
@@ -144,12 +146,13 @@ class ControlServer:
             raise
 
     async def run(self) -> None:
-        """Never returns; cancel it to end."""
+        """Serve until cancelled."""
         async with asyncio.TaskGroup() as group:
             for sock in self._sockets.values():
                 group.create_task(self._serve(sock))
 
     def close(self) -> None:
+        """Close the sockets, without sending queued replies."""
         for sock in self._sockets.values():
             sock.close(0)
 
@@ -163,9 +166,9 @@ class ControlServer:
             if frames:
                 try:
                     self._take(plain, frames, loop.time())
-                except Exception as error:  # a bug here must not cost anyone his sense of touch
+                except Exception as error:  # a bug in the control channel must not stop sensing
                     self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", loop.time())
-            # Never two requests without the loop in between, and no more of them than the pace allows.
+            # The event loop runs between two requests, and their rate is limited.
             ready_s = max(ready_s, loop.time() - _BURST / REQUESTS_PER_S) + 1 / REQUESTS_PER_S
             await asyncio.sleep(max(0.0, ready_s - loop.time()))
 
@@ -178,7 +181,7 @@ class ControlServer:
         def respond(reply: bytes) -> None:
             try:
                 sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
-            except zmq.ZMQError:  # it has left, or does not read what it asked for
+            except zmq.ZMQError:  # the client has left, or does not read its replies
                 self.unsent += 1
 
         self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
@@ -190,19 +193,19 @@ class ControlServer:
             connection=f"{routing_id.hex()} {peer}",
             key=key,
             uid=uid,
-            address=peer.removeprefix("::ffff:") if uid < 0 else "",  # IPv4 as IPv6 writes it
+            address=peer.removeprefix("::ffff:") if uid < 0 else "",  # an IPv4 address in IPv6 notation
             may_command=bool(key) or uid >= 0 or self._commands_over_tcp,
         )
 
 
 def uid_of(peer: str) -> int:
-    """User of an ipc peer, of what libzmq says of it; -1 where it says none."""
+    """Return the user id of an ipc peer from its name in libzmq; -1 for another peer."""
     local = _LOCAL_PEER.fullmatch(peer)
     return -1 if local is None else int(local[1])
 
 
 async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
-    """One message, of which frames beyond `_MOST_FRAMES` are let fall; empty when there is none."""
+    """Receive one message, without frames beyond `_MOST_FRAMES`; empty when there is none."""
     frames: list[zmq.Frame] = []
     dropped = 0
     try:
@@ -212,7 +215,7 @@ async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
                 frames.pop()
                 dropped += 1
                 if dropped % 100 == 0:
-                    await asyncio.sleep(0)  # a million frames must not stop the loop
+                    await asyncio.sleep(0)  # a million frames must not block the event loop
             frames.append(frame)
     except zmq.Again:
         pass
@@ -232,7 +235,7 @@ def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator | None) -
     sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
     sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
     sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
-    sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot leave is counted
+    sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot be sent is counted
     sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
     for name, value in DEAD_PEER_OPTIONS.items():
         sock.setsockopt(getattr(zmq, name), value)

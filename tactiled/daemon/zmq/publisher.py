@@ -1,8 +1,8 @@
-"""Events to ZeroMQ: exactly two frames each, never blocking, never in the way of the data.
+"""Publisher: events to ZeroMQ messages of two frames, without ever blocking.
 
-A PUB socket drops for a subscriber that does not keep up, silently: so every message carries the number
-of its topic, the subscriber sees what it lost, and the store has it for whoever asks (`control`).
-``CONFLATE`` is never set: it breaks two-frame messages.
+A PUB socket silently drops messages for a subscriber that does not keep up. Every message therefore carries
+the sequence number of its topic, so that the subscriber sees its losses and can request them from the store
+(`control`). ``CONFLATE`` is never set: it breaks two-frame messages.
 """
 
 import os
@@ -22,16 +22,16 @@ from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, contr
 from tactiled.events.types import Event, Sent
 from tactiled.tomlfile import Params
 
-# A stalled subscriber may sleep for 2000 / (100 scans + 10 status per second) = 18 s before it loses
-# anything, and costs us at most about 2 MB.
+# A stalled subscriber loses nothing for 2000 / (100 scans + 10 status per second) = 18 s, and occupies at
+# most about 2 MB.
 _SEND_HIGH_WATER = 2000
-_LINGER_MS = 300  # enough for queued events to leave over loopback; a dead subscriber delays our end no more
-# All that a subscriber may send us: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
+_LINGER_MS = 300  # enough to send queued events over loopback; a dead subscriber delays the end by no more
+# Longest message of a subscriber: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
 _LONGEST_SUBSCRIPTION = 1024
 
 
 class PublishParams(Params):
-    """Where events are offered and requests taken, and to whom."""
+    """Endpoints for events and requests, and access to them."""
 
     endpoints: tuple[str, ...] = Field(
         default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
@@ -89,7 +89,7 @@ class PublishParams(Params):
 
     @property
     def _named(self) -> list[tuple[str, str]]:
-        """Endpoints, and where they come from."""
+        """Endpoints, each with the name of the option that it comes from."""
         events = [("publish.endpoints", endpoint) for endpoint in self.endpoints]
         name = "publish.control_endpoints"
         if self.control_endpoints is None:
@@ -98,33 +98,33 @@ class PublishParams(Params):
 
     @property
     def control(self) -> tuple[str, ...]:
-        """Where requests are taken."""
+        """Endpoints that take requests."""
         if self.control_endpoints is not None:
             return self.control_endpoints
         return tuple(control for endpoint in self.endpoints if (control := control_endpoint(endpoint)))
 
 
 def is_guarded(params: PublishParams, endpoint: str) -> bool:
-    """Whether an endpoint is for clients with keys only."""
+    """Return True for an endpoint that only clients with keys may use."""
     return params.keys is not None and is_wide(endpoint)
 
 
 class Publisher:
-    """PUB sockets, bound, the running number of each topic, and the store of what was said.
+    """PUB sockets, sequence number of each topic, and store of recent messages.
 
     Parameters
     ----------
     params : PublishParams
     environ : mapping
     context : zmq.Context, optional
-        Its maker closes it; the publisher has one of its own without.
+        Closed by its owner; left out: a context of its own.
     authenticator : CurveAuthenticator, optional
-        Needed where endpoints are guarded.
+        Required for guarded endpoints.
 
     Raises
     ------
     OperatorError
-        An endpoint cannot be bound; says what to do.
+        An endpoint cannot be bound; the message says what to do.
     """
 
     def __init__(
@@ -135,10 +135,10 @@ class Publisher:
         authenticator: CurveAuthenticator | None = None,
     ) -> None:
         self.run = secrets.randbits(53)
-        """Tells this run of the daemon from all others; a float64 holds it exactly, as viewers need."""
+        """Random number of this run of the daemon; a float64, as viewers use, holds it exactly."""
         self.store = Store(round(params.history_mb * 1e6))
         self.dropped = 0
-        """Messages that the sockets themselves refused; subscribers see them as lost."""
+        """Number of messages that the sockets refused; subscribers see them as lost."""
         self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
         self._context = zmq.Context() if context is None and params.endpoints else None
         self._sockets: dict[bool, zmq.Socket[Any]] = {}
@@ -155,7 +155,7 @@ class Publisher:
             raise
 
     def send(self, event: Event, *, board: str, unix_offset_s: float) -> None:
-        """Publish one event now, or drop it; never waits."""
+        """Publish one event, or drop it where the socket refuses it; never waits."""
         key = (board, event.topic)
         seq = self._next_seq[key]
         self._next_seq[key] = seq + 1
@@ -168,12 +168,12 @@ class Publisher:
                 self.dropped += 1
 
     def sent(self, board: str) -> Sent:
-        """How many messages of each topic there were."""
+        """Return the numbers of messages of a board so far, by topic."""
         topics = Sent.__dataclass_fields__
         return Sent(**{topic: self._next_seq.get((board, topic), 0) for topic in topics})
 
     def close(self) -> None:
-        """Let queued events leave, then close."""
+        """Send queued events, then close."""
         for sock in self._sockets.values():
             sock.close()
         if self._context is not None:

@@ -1,7 +1,7 @@
-"""What a client may ask for: closed schemas, checked before anything is done (protocols/control.md).
+"""Schemas of all requests of a client, checked before anything is done (protocols/control.md).
 
-A request is one msgpack map. `parse` takes any bytes and gives a request or the reason why they are none; a
-payload of at most `LONGEST_BYTES` cannot make it work long or keep much.
+A request is one msgpack map. `parse` takes any bytes and returns a request, or the reason why they are not
+one. Its time and memory are bounded by the limit of `LONGEST_BYTES` on the payload.
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
 CONTROL_VERSION = 1
-LONGEST_BYTES = 16 * 1024  # a mark of 1000 characters and every threshold there is fit ten times
-_LONGEST_REASON = 500  # characters: reasons quote what was sent
+LONGEST_BYTES = 16 * 1024  # ten times a mark of 1000 characters with every threshold
+_LONGEST_REASON = 500  # characters: a reason quotes the request
 _SEQ_LIMIT = 2**63
 
 Id = Annotated[str, Field(min_length=1, max_length=64)]
@@ -26,20 +26,21 @@ Session = Annotated[str, Field(max_length=64)]
 
 @dataclass(frozen=True)
 class Requester:
-    """Who sent a request, as far as the transport tells.
+    """Sender of a request, as far as the transport identifies it.
 
     Attributes
     ----------
     connection : str
-        Tells connections apart, except those of a client that chose a routing id (over ipc: of one process).
+        Identifies the connection. Connections of a client that chose its routing id (over ipc: of one
+        process) share it.
     key : str
         Name of the CURVE key that the client proved to own; empty on endpoints without keys.
     uid : int
-        User, as the kernel says; -1 where it did not come over ipc.
+        User id from the kernel; -1 for a request that did not come over ipc.
     address : str
-        Address of a TCP peer; empty where it came over ipc.
+        Address of a TCP peer; empty over ipc.
     may_command : bool
-        Whether this is a way on which commands are taken.
+        Commands are accepted over this connection.
     """
 
     connection: str
@@ -55,7 +56,7 @@ class Requester:
 
 
 class Request(Params):
-    """What every request carries."""
+    """Fields of every request."""
 
     model_config = ConfigDict(strict=True)
 
@@ -70,13 +71,13 @@ class Request(Params):
 
 
 class State(Request):
-    """The newest message of each topic, and the settings."""
+    """Request for the newest message of each topic, and the settings."""
 
     do: Literal["state"]
 
 
 class Events(Request):
-    """Messages of one topic, by number."""
+    """Request for messages of one topic, by sequence number."""
 
     do: Literal["events"]
     board: str = Field(max_length=64, description="as in the messages; empty for a board unknown")
@@ -88,11 +89,11 @@ class Events(Request):
 
 
 class CommandRequest(Request):
-    """A request that changes something."""
+    """Request that changes something."""
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What it says beside what every request says."""
+        """Fields of the command, without those of every request."""
         return self.model_dump(exclude={"v", "id", "who", "do", "session"}, exclude_none=True)
 
 
@@ -104,28 +105,28 @@ class Tare(CommandRequest):
 
 
 class Speed(CommandRequest):
-    """Sliding speed, for texture."""
+    """Set the sliding speed, for texture."""
 
     do: Literal["speed"]
     speed_mm_s: float = Field(ge=0, le=1000, description="0: not known")
 
 
 class Inhibit(CommandRequest):
-    """Slips that begin in the next seconds are published as suppressed: the hand itself moves."""
+    """Publish slips that begin in the next seconds as suppressed, because the hand itself moves."""
 
     do: Literal["inhibit"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
 class ExpectLoadChange(CommandRequest):
-    """Incipient slips of the next seconds are published as suppressed: a load is taken up or set down."""
+    """Publish incipient slips of the next seconds as suppressed, because a load is lifted or set down."""
 
     do: Literal["expect-load-change"]
     duration_s: float = Field(ge=0, le=60, description="from now; 0 ends it")
 
 
 class Thresholds(CommandRequest):
-    """Parameters of the detectors, by the names of the configuration under ``[detect]``."""
+    """Set parameters of the detectors, by the names of the configuration under ``[detect]``."""
 
     do: Literal["thresholds"]
     values: dict[Annotated[str, Field(min_length=1, max_length=64)], float] = Field(
@@ -134,7 +135,7 @@ class Thresholds(CommandRequest):
 
 
 class Rate(CommandRequest):
-    """Scans a second."""
+    """Set the scan rate."""
 
     do: Literal["rate"]
     rate_hz: float = Field(gt=0, le=10_000)
@@ -148,7 +149,7 @@ class Record(CommandRequest):
 
 
 class Mark(CommandRequest):
-    """A note for whoever looks at the events later."""
+    """Add a note to the events and the recording."""
 
     do: Literal["mark"]
     text: str = Field(min_length=1, max_length=1000)
@@ -162,7 +163,7 @@ REQUESTS: dict[str, type[Request]] = {
 
 @dataclass(frozen=True)
 class Bad:
-    """No request: why, and what of its head could be read."""
+    """Payload that is not a request: the reason, and the fields that could be read."""
 
     reason: str
     id: str = ""
@@ -170,12 +171,12 @@ class Bad:
 
 
 def parse(payload: bytes) -> Request | Bad:
-    """A request, or why it is none; never raises."""
+    """Return the request, or the reason why `payload` is not one; never raises."""
     if len(payload) > LONGEST_BYTES:
         return Bad(f"request of {len(payload)} bytes: at most {LONGEST_BYTES}")
     try:
         document = msgpack.unpackb(payload)
-    except Exception as error:  # msgpack raises half a dozen kinds, all of them for what is no msgpack
+    except Exception as error:  # msgpack raises half a dozen kinds of exception for invalid bytes
         return Bad(f"not msgpack ({type(error).__name__})")
     if not isinstance(document, dict) or not all(isinstance(key, str) for key in document):
         return Bad("not a map with string keys")

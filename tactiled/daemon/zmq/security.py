@@ -1,19 +1,19 @@
-"""Who may connect from other hosts: a folder of CURVE keys, and the answers to libzmq's question (ZAP).
+"""Access from other hosts: a folder of CURVE keys, and the ZAP server that checks clients against it.
 
 ::
 
-    keys/daemon.toml          the daemon's own pair; its secret half stays here (mode 0600)
-    keys/clients/NAME.toml    public half of each client that may connect; remove the file to shut it out
+    keys/daemon.toml          key pair of the daemon; the secret key stays in this file (mode 0600)
+    keys/clients/NAME.toml    public key of each client that may connect; remove the file to deny it access
 
-A client carries one file of its own (`tactiled keys make NAME` writes it once): its pair, and the daemon's
-public key, so that it cannot be led to a forged daemon either.
+A client has one file (written once by `tactiled keys make NAME`) with its key pair and the public key of the
+daemon, so that it does not accept a forged daemon.
 
-CURVE (CurveZMQ, rfc.zeromq.org/spec/26) protects what other hosts can reach. What only this host can reach
-stays plain: PlotJuggler speaks no CURVE, and there the kernel says who may connect.
+CURVE (CurveZMQ, rfc.zeromq.org/spec/26) protects endpoints that other hosts can reach. Endpoints of this host
+alone stay plain, because PlotJuggler has no CURVE; the kernel controls access to them.
 
 libzmq asks a REP socket at ``inproc://zeromq.zap.01`` about each client (ZAP, rfc.zeromq.org/spec/27), and
-lets everyone in when nobody is bound there: so the answerer is bound before any endpoint. A refused client
-hears nothing, ever: the log is the only place where anyone learns of it.
+accepts every client when none is bound there. The ZAP server is therefore bound before any endpoint. A
+refused client gets no answer; only the log tells of it.
 """
 
 import asyncio
@@ -53,7 +53,7 @@ class _Client(Params):
 
 
 class KeyFolder:
-    """The folder of keys of one daemon.
+    """Folder of the keys of one daemon.
 
     Parameters
     ----------
@@ -66,15 +66,15 @@ class KeyFolder:
         self._names: dict[bytes, str] = {}
 
     def pair(self, environ: Mapping[str, str] = os.environ) -> tuple[bytes, bytes]:
-        """Public and secret key of the daemon; from systemd's credentials where the unit loads them.
+        """Return public and secret key of the daemon, from systemd's credentials if the unit loads them.
 
         Raises
         ------
         ConfigError
-            There is none, it is none, or others can read it.
+            The file is missing, is invalid, or can be read by other users.
         """
         path = self.path / "daemon.toml"
-        # A daemon that is not root cannot read what root keeps: LoadCredential= hands it over.
+        # Only root can read the file of root: LoadCredential= of the unit copies it for the daemon.
         loaded = Path(environ.get("CREDENTIALS_DIRECTORY", "/nonexistent")) / "daemon.toml"
         if loaded.exists():
             path = loaded
@@ -82,18 +82,21 @@ class KeyFolder:
             mode = path.stat().st_mode
         except OSError:
             raise ConfigError(str(path), ["cannot be read; make it with `tactiled keys make`"]) from None
-        if mode & 0o077 and path != loaded:  # systemd shows its access list as permissions of a group
+        if (
+            mode & 0o077 and path != loaded
+        ):  # for a credential, systemd's access list shows as group permissions
             raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
         pair = tomlfile.load(path, _Pair)
         return pair.public_key.encode(), pair.secret_key.encode()
 
     def clients(self) -> dict[bytes, str]:
-        """Names of the clients that may connect, by public key; files that hold none are said in the log."""
+        """Return the names of the clients that may connect, by public key; invalid files are logged."""
         try:
             files = sorted((self.path / "clients").glob("*.toml"))
             seen = tuple((path.name, path.stat().st_mtime_ns) for path in files)
         except OSError as error:
-            logger.error("%s: no client is let in: %s", self.path / "clients", error.strerror)
+            # The reason is enough, a traceback would not help the operator.
+            logger.error("%s: no client is let in: %s", self.path / "clients", error.strerror)  # noqa: TRY400
             return {}
         if seen != self._seen:
             self._seen, self._names = seen, {}
@@ -101,16 +104,16 @@ class KeyFolder:
                 try:
                     self._names[tomlfile.load(path, _Client).public_key.encode()] = path.stem
                 except (ConfigError, OSError, UnicodeDecodeError) as error:
-                    logger.error("client not let in: %s", error)
+                    logger.error("client not let in: %s", error)  # noqa: TRY400  as above
         return self._names
 
     def make(self, name: str, carry_to: Path) -> None:
-        """Make the pair of a client (and the daemon's, if there is none); write what the client carries.
+        """Make the key pair of a client (and that of the daemon, if there is none), and write its file.
 
         Raises
         ------
         OperatorError
-            The name is none, exists already, or a file cannot be written.
+            The name is invalid or in use, or a file cannot be written.
         """
         if not re.fullmatch(_NAME, name) or name == "daemon":
             raise OperatorError(f"{name!r}: name a client with letters, digits, '_', '.' and '-'")
@@ -126,7 +129,7 @@ class KeyFolder:
             try:
                 _write(self.path / "clients" / f"{name}.toml", 0o644, public_key=public)
             except OSError:
-                carry_to.unlink()  # nobody would let it in
+                carry_to.unlink()  # the daemon would not accept this client
                 raise
         except FileExistsError as error:
             raise OperatorError(f"{error.filename}: exists; remove it to make {name} anew") from None
@@ -135,26 +138,26 @@ class KeyFolder:
 
 
 def _write(path: Path, mode: int, **keys: bytes) -> None:
-    """A new file that never existed with a wider mode."""
+    """Write a new file that at no time has a wider mode."""
     text = "".join(f'{name} = "{key.decode()}"\n' for name, key in keys.items())
     path.touch(0o600, exist_ok=False)
     path.write_text(text, encoding="ascii")
-    path.chmod(mode)  # whatever the umask says
+    path.chmod(mode)  # independent of the umask
 
 
 class CurveAuthenticator:
-    """Answers libzmq's question whether a client may connect. Make it before any socket is bound.
+    """ZAP server that admits clients by their CURVE keys; make it before any socket is bound.
 
     Parameters
     ----------
     context : zmq.Context
-        Whose sockets ask.
+        Its sockets send the ZAP requests.
     keys : KeyFolder
 
     Raises
     ------
     ConfigError
-        The daemon's pair cannot be had.
+        There is no valid key pair of the daemon.
     """
 
     def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
@@ -169,7 +172,7 @@ class CurveAuthenticator:
         self._socket.bind(_ZAP)
 
     def guard(self, sock: zmq.Socket[Any]) -> None:
-        """Make a socket that is not bound yet a CURVE server of ours."""
+        """Set up a socket, not bound yet, as a CURVE server with the keys of the daemon."""
         sock.setsockopt(zmq.CURVE_SERVER, 1)
         sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
         sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
@@ -177,7 +180,7 @@ class CurveAuthenticator:
         self._handshakes.append(Handshakes(self._context, sock, self.denied))
 
     async def run(self) -> None:
-        """Never returns; cancel it to end."""
+        """Answer ZAP requests until cancelled."""
         async with asyncio.TaskGroup() as group:
             for handshakes in self._handshakes:
                 group.create_task(handshakes.run())
@@ -190,7 +193,7 @@ class CurveAuthenticator:
             await self._socket.send_multipart(self.answer(request, loop.time()))
 
     def answer(self, request: list[bytes], now_s: float) -> list[bytes]:
-        """ZAP reply to a ZAP request; never raises."""
+        """Return the ZAP reply to a ZAP request; never raises."""
         version, number, *rest = [*request, b"", b""][: max(2, len(request))]
         name = None
         address, key = "?", b""
@@ -210,6 +213,7 @@ class CurveAuthenticator:
         return [b"1.0", number, b"200", b"OK", name.encode(), b""]
 
     def close(self) -> None:
+        """Close the ZAP socket and the monitors of handshakes."""
         for handshakes in self._handshakes:
             handshakes.close()
         self._socket.close()

@@ -1,8 +1,8 @@
-"""The last messages of each topic, for those who come late or were away.
+"""Store of recent messages, for subscribers that connect late or missed some.
 
-Bounded by bytes for each topic of a board, so that scans can never push a slip out: with the default of
-4 MB that is a minute of 100 Hz scans of 36 channels, ten minutes of status, and some ten thousand slips.
-Boards are bounded too: a daemon sees one, another one after a swap, and the nameless one before any hello.
+The limit in bytes holds for each topic of a board, so that scans never displace a slip: the default of 4 MB
+is a minute of 100 Hz scans of 36 channels, ten minutes of status, or some ten thousand slips. The number of
+boards is limited too: a daemon has one, another after an exchange, and one without a name before any hello.
 """
 
 from collections import OrderedDict, deque
@@ -12,7 +12,9 @@ from itertools import islice
 from tactiled.events.codec import topic_of
 
 KEPT_BOARDS = 3
-_OVERHEAD_BYTES = 64  # a bytes object (33) and its place in the deque (8), rounded up to what malloc gives
+_OVERHEAD_BYTES = (
+    64  # a bytes object (33) and its entry in the deque (8), rounded up to the granularity of malloc
+)
 
 
 @dataclass(frozen=True)
@@ -24,9 +26,9 @@ class Span:
     payloads : list of bytes
         As they were published, in order.
     next_seq : int
-        Everything asked for before this number is either among the payloads or gone for ever.
+        Requested messages before this number are among the payloads, or no longer stored.
     more : bool
-        Whether to ask again from there.
+        There are further messages from `next_seq` on.
     """
 
     payloads: list[bytes]
@@ -42,12 +44,12 @@ class _Ring:
 
 
 class Store:
-    """Encoded messages, the newest of each topic of the boards seen last.
+    """Keep the newest encoded messages of each topic of the last boards.
 
     Parameters
     ----------
     bytes_per_topic : int
-        Python's own overhead counted in. All in all at most this times topics times `KEPT_BOARDS`.
+        Limit, including Python's overhead. The total is at most this times topics times `KEPT_BOARDS`.
     """
 
     def __init__(self, bytes_per_topic: int) -> None:
@@ -55,7 +57,7 @@ class Store:
         self._boards: OrderedDict[str, dict[str, _Ring]] = OrderedDict()
 
     def add(self, board: str, topic: str, seq: int, payload: bytes) -> None:
-        """Keep a message; numbers of a topic follow one another."""
+        """Store a message; the sequence numbers of a topic are consecutive."""
         rings = self._boards.get(board)
         if rings is None:
             rings = self._boards[board] = {}
@@ -63,7 +65,7 @@ class Store:
                 self._boards.popitem(last=False)
         self._boards.move_to_end(board)
         ring = rings.setdefault(topic, _Ring(seq))
-        if seq != ring.first_seq + len(ring.payloads):  # the board was forgotten meanwhile, or comes back
+        if seq != ring.first_seq + len(ring.payloads):  # the board was removed from the store meanwhile
             ring.payloads.clear()
             ring.first_seq, ring.n_bytes = seq, 0
         ring.payloads.append(payload)
@@ -73,7 +75,7 @@ class Store:
             ring.first_seq += 1
 
     def latest(self) -> dict[str, bytes]:
-        """Newest message of each topic, by full topic; the board seen last comes last."""
+        """Return the newest message of each topic, by full topic; the last board is last."""
         return {
             topic_of(board, topic): ring.payloads[-1]
             for board, rings in self._boards.items()
@@ -81,9 +83,9 @@ class Store:
         }
 
     def span(self, board: str, topic: str, first_seq: int, end_seq: int, max_bytes: int) -> Span:
-        """Messages with ``first_seq <= seq < end_seq`` that are still here, at most `max_bytes` of them.
+        """Return stored messages with ``first_seq <= seq < end_seq``, at most `max_bytes` of them.
 
-        At least one is given where there is any, so that whoever asks again always comes to an end.
+        At least one is returned where there is any, so that repeated requests always come to an end.
         """
         ring = self._boards.get(board, {}).get(topic)
         if ring is None:
@@ -103,11 +105,11 @@ class Store:
         return Span(payloads, next_seq, next_seq < end_seq)
 
     def end_seq(self, board: str, topic: str) -> int:
-        """Number that the next message will have; 0 where none is known."""
+        """Return the sequence number of the next message; 0 where none was stored."""
         ring = self._boards.get(board, {}).get(topic)
         return 0 if ring is None else ring.first_seq + len(ring.payloads)
 
     @property
     def n_bytes(self) -> int:
-        """What is kept, with overhead."""
+        """Bytes in the store, including overhead."""
         return sum(ring.n_bytes for rings in self._boards.values() for ring in rings.values())
