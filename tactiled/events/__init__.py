@@ -1,1 +1,1 @@
-"""The vocabulary that tactiled speaks to the world, and its msgpack form. Needs no scipy."""
+"""Published events and their msgpack form; needs neither numpy nor scipy."""

@@ -1,8 +1,8 @@
-"""Events to messages (``[topic, msgpack map]``) and messages to plain maps.
+"""Conversion of events to messages (``[topic, msgpack map]``) and of messages to plain maps.
 
-The map has string keys, no bin, no ext, no nil, and one type for each field for ever, which is what
-PlotJuggler, nlohmann::json and every msgpack library read without an adapter. The monotonic clock ends
-here: `unix_offset_s` turns instants into epoch seconds (0 offline: the file's own clock).
+The map has string keys, no bin, no ext, no nil, and a type for each field that never changes, so that
+PlotJuggler, nlohmann::json and every msgpack library can read it. `unix_offset_s` converts instants from the
+monotonic clock to epoch seconds (0 offline: instants stay in the clock of the file).
 """
 
 import dataclasses
@@ -14,18 +14,18 @@ from tactiled.errors import ContractError
 from tactiled.events.types import Event
 
 MESSAGE_VERSION = 1
-# Instants: they become epoch seconds and lose the unit of the monotonic clock from their names.
+# Instants become epoch seconds, under names without the unit.
 _RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
 
 
 def topic_of(board: str, event_topic: str) -> str:
-    """``tactile/<board>/<topic>``; characters that viewers split filters at become ``-``."""
+    """Return ``tactile/<board>/<topic>``; characters at which viewers split filters become ``-``."""
     safe = "".join("-" if c in " ,;/\t" or not c.isprintable() else c for c in board) or "-"
     return f"tactile/{safe}/{event_topic}"
 
 
 def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> dict[str, Any]:
-    """Message map of an event; `run` tells the runs of a daemon apart, 0 where none runs (files)."""
+    """Return the message map of an event; `run` identifies the run of the daemon, 0 for files."""
     message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board, "run": run}
     for field in dataclasses.fields(event):
         value = getattr(event, field.name)
@@ -37,7 +37,7 @@ def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int
 
 
 def _plain(value: Any, kind: Any) -> Any:
-    """Plain value of the declared type: 0 leaves as 0.0 in a float field, a numpy integer as an int."""
+    """Plain value of the declared type: 0 becomes 0.0 in a float field, a numpy integer an int."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: _plain(getattr(value, f.name), f.type) for f in dataclasses.fields(value)}
     if isinstance(value, tuple):
@@ -49,13 +49,13 @@ def _plain(value: Any, kind: Any) -> Any:
 
 
 def encode(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> tuple[bytes, bytes]:
-    """The two frames of a message: topic and payload."""
+    """Return the two frames of a message: topic and payload."""
     payload = msgpack.packb(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=run))
     return topic_of(board, event.topic).encode(), payload
 
 
 def decode(topic: bytes, payload: bytes) -> tuple[str, dict[str, Any]]:
-    """Last part of the topic, and the map.
+    """Return the last part of the topic, and the map.
 
     Raises
     ------

@@ -1,29 +1,29 @@
-"""Where a daemon is found, and what both ends of a connection must set alike."""
+"""Endpoints of a daemon, and socket options that both ends of a connection share."""
 
 DEFAULT_ENDPOINT = "tcp://127.0.0.1:9872"
-"""PlotJuggler's ZeroMQ plugin looks there by itself."""
+"""Default endpoint of PlotJuggler's ZeroMQ plugin."""
 
 DEAD_PEER_OPTIONS = {
     "TCP_KEEPALIVE": 1,
     "TCP_KEEPALIVE_IDLE": 1,  # seconds
     "TCP_KEEPALIVE_INTVL": 1,
     "TCP_KEEPALIVE_CNT": 3,
-    "TCP_MAXRT": 4000,  # ms for which what was sent may stay unacknowledged
+    "TCP_MAXRT": 4000,  # ms for which sent data may stay unacknowledged
 }
-"""ZeroMQ socket options by which the kernel finds out, within some 4 s, that the other host is gone; within
-one host it knows at once.
+"""ZeroMQ socket options with which the kernel detects a lost host within some 4 s, and a lost process of this
+host at once.
 
-Never ZeroMQ's own heartbeats: where a queue is full and the peer dies, libzmq 4.3.5 still wants to ping it,
-finds ``_io_error`` and aborts the whole process. Measured on a subscriber that sleeps while its publisher is
-killed, and on a server that a client floods and leaves.
+ZeroMQ's own heartbeats are never used: where a queue is full and the peer dies, libzmq 4.3.5 still tries to
+ping it, finds ``_io_error`` and aborts the whole process. Measured on a subscriber that sleeps while its
+publisher is killed, and on a server that a client floods and leaves.
 """
 
 
 def control_endpoint(endpoint: str) -> str:
-    """Endpoint for requests that belongs to an endpoint of events.
+    """Return the endpoint for requests that belongs to an endpoint of events.
 
-    TCP: the next port. ipc: the same folder, ``events`` in the name becomes ``control``, or ``.control`` is
-    added. Empty where there is no such rule.
+    TCP: the next port. ipc: the same folder, where ``events`` in the name becomes ``control``, or
+    ``.control`` is added. Other transports: an empty string.
 
     >>> control_endpoint("tcp://127.0.0.1:9872"), control_endpoint("ipc:///run/tactiled/left/events.ipc")
     ('tcp://127.0.0.1:9873', 'ipc:///run/tactiled/left/control.ipc')

@@ -1,37 +1,36 @@
-"""Events: what a detector, or the state of the board, says.
+"""Event types: results of the detectors, state of the board, outcome of commands.
 
-All instants are ``time_s``: host monotonic seconds live, the file's own clock offline. They become epoch
-seconds once, in `codec.encode`. No field is ever None or NaN: what is unknown has a value that says so
-(a direction without information has ``direction_sd_deg = 180``), because a controller in another
-language will read it.
+Instants are host monotonic seconds live, and in the clock of the file offline. They become epoch seconds
+once, in `codec.encode`. No field is ever None or NaN, because controllers in other languages read it: an
+unknown quantity has a value that shows it (a direction without information has ``direction_sd_deg = 180``).
 """
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
-UNKNOWN_SD_DEG = 180.0  # wider than the uniform distribution on a circle (104): "no idea"
+UNKNOWN_SD_DEG = 180.0  # no information: wider than the uniform distribution on a circle (104)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Root of all events; `time_s` is the physical instant that the event is about."""
+    """Base of all events; `time_s` is the physical instant of the event."""
 
     topic: ClassVar[str]
     time_s: float
 
     @property
     def evidence_s(self) -> float:
-        """Instant of the scan that completed the evidence: events come in this order."""
+        """Instant of the scan that completed the evidence; events are published in this order."""
         return self.time_s
 
 
-# Why a slip is said and yet not to be acted on: someone announced that the hand moves, or a load changes.
+# Announcement of a client that makes a slip event invalid: the hand moves, or a load changes.
 Suppressed = Literal["", "inhibit", "load-change"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SlipEvent(Event):
-    """Slip began, deepened or ended."""
+    """Onset of incipient or gross slip, or end of a slip."""
 
     topic: ClassVar[str] = "slip"
     state: Literal["onset", "end"]
@@ -47,23 +46,24 @@ class SlipEvent(Event):
     threshold: float
     valid: bool
     detected_s: float
-    """Instant of the scan that completed the evidence: `detected_s - onset_s` is the detector's delay."""
+    """Instant of the scan that completed the evidence; `detected_s - onset_s` is the detector's delay."""
     suppressed: Suppressed = ""
-    """Which announcement explains it; then `valid` is false. Empty where none does."""
+    """Announcement that covers this slip; `valid` is then false. Empty for none."""
 
     @property
     def evidence_s(self) -> float:
+        """Instant of the scan that completed the evidence."""
         return self.detected_s
 
 
-# "unknown": touching, and nobody saw the touch begin (a start or a long gap in mid-contact): it may hold or
-# slide. A slip is still found; its "onset" may then be a stop.
+# "unknown": in contact, but the beginning of the contact was not observed (start or long gap in mid-contact),
+# so it may hold or slide. A slip is still detected; its "onset" may then be a stop.
 ContactState = Literal["none", "unknown", "loading", "holding", "sliding"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactEvent(Event):
-    """The contact as a whole changed its state."""
+    """Change of the state of the whole contact."""
 
     topic: ClassVar[str] = "contact"
     state: ContactState
@@ -79,7 +79,7 @@ TextureStatus = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """One reading of an ambiguous texture."""
+    """Possible grating of an ambiguous texture."""
 
     period_mm: float
     angle_deg: float
@@ -88,9 +88,9 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True)
 class TextureEvent(Event):
-    """Estimate of a grooved surface, or the named reason why there is none.
+    """Estimate of a grooved surface, or the reason why there is none.
 
-    Where `status` is not "ok", estimates are 0.0 and their sigmas too: read `status` first.
+    Where `status` is not "ok", estimates and their sigmas are 0.0: read `status` first.
     """
 
     topic: ClassVar[str] = "texture"
@@ -111,7 +111,7 @@ class TextureEvent(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class ScanEvent(Event):
-    """One scan, as volts in channel order."""
+    """Scan as volts in channel order."""
 
     topic: ClassVar[str] = "scan"
     index: int
@@ -119,13 +119,13 @@ class ScanEvent(Event):
     valid: tuple[bool, ...]
     time_sd_s: float
     age_s: float
-    """Seconds from the scan's instant to when the daemon handled it."""
+    """Seconds from the instant of the scan to its handling by the daemon."""
     late: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sent:
-    """How many messages of each topic this daemon has published of this board: the `seq` that comes next."""
+    """Numbers of messages that this daemon has published for the board, by topic: the next `seq` of each."""
 
     slip: int = 0
     contact: int = 0
@@ -141,7 +141,7 @@ BoardState = Literal["no-device", "syncing", "running", "stalled", "fault"]
 
 @dataclass(frozen=True, kw_only=True)
 class StatusEvent(Event):
-    """How the board, the line and the daemon are; published at 10 Hz whatever happens."""
+    """State of board, line and daemon; published at 10 Hz in every state."""
 
     topic: ClassVar[str] = "status"
     state: BoardState
@@ -150,9 +150,9 @@ class StatusEvent(Event):
     warning: str
     """What should be mended although it works: a noisy line, a board clock that is off, a slow adapter."""
     age_s: float
-    """Seconds since the newest scan began; how old everything on the other topics is."""
+    """Seconds since the newest scan began: the age of the newest data on the other topics."""
     clock_sd_s: float
-    """Sigma of the newest scan's instant; 1e9 before any scan."""
+    """Standard deviation of the newest scan's instant in seconds; 1e9 before any scan."""
     clock_rate_ppm: float
     rate_hz: float
     scans: int
@@ -160,7 +160,7 @@ class StatusEvent(Event):
     scans_missing: int
     scans_duplicate: int
     restarts: int
-    """How often the board booted, or began to count anew."""
+    """Number of boots of the board, or of restarts of its counters."""
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -170,16 +170,16 @@ class StatusEvent(Event):
     slipping: bool
     uptime_s: float
     inhibited_s: float = 0.0
-    """For how much longer slips are published as not valid, because someone asked for it."""
+    """Remaining seconds for which slips are published as not valid, on the request of a client."""
     scans_overrun: int = 0
-    """Of `scans_missing`: the board missed the scan instant and flagged it; the line is not to blame."""
+    """Part of `scans_missing`: the board missed the scan instant and flagged it; the line is in order."""
     sent: Sent = Sent()
-    """What a subscriber that lost nothing has heard of by now."""
+    """Messages that a subscriber without losses has received by now."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InfoEvent(Event):
-    """What stands at the other end of the cable; repeated every second for those who come late."""
+    """Description of board, protocol and array; repeated every second for late subscribers."""
 
     topic: ClassVar[str] = "info"
     board_serial: str
@@ -200,42 +200,42 @@ class InfoEvent(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingEvent(Event):
-    """How the recording is; published each second, and at each change."""
+    """State of the recording; published each second, and at each change."""
 
     topic: ClassVar[str] = "recording"
     state: Literal["off", "recording", "no-room", "failed"]
     reason: str
     file: str
-    """The part being written, by the name it will have; empty where there is none."""
+    """Final name of the file being written; empty for none."""
     parts: int
     bytes_written: int
     free_mb: float
     reads_dropped: int
-    """Reads of the port that are in no file."""
+    """Number of reads of the port that are in no file."""
     reads_waiting: int
-    """Items that wait for the disk."""
+    """Number of items that wait for the disk."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandEvent(Event):
-    """Someone asked the daemon for something, and what came of it."""
+    """Command of a client, and its outcome."""
 
     topic: ClassVar[str] = "command"
     request_id: str
     command: str
     arguments: str
-    """As a JSON object."""
+    """Arguments as a JSON object."""
     who: str
-    """As the client calls itself."""
+    """Name that the client gives itself."""
     key: str
-    """Name of the key that the client proved to own; empty on plain endpoints."""
+    """Name of the CURVE key of the client; empty on plain endpoints."""
     uid: int
-    """User at the other end, as the kernel says; -1 where the transport does not tell it."""
+    """User id of the client from the kernel; -1 where the transport does not provide it."""
     ok: bool
     reason: str
-    """Why not; empty where `ok`."""
+    """Reason for a refusal; empty where `ok`."""
     scan_index: int
-    """First scan that it holds for."""
+    """Index of the first scan that the command applies to."""
 
 
 AnyEvent = (

@@ -1,4 +1,4 @@
-"""Scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
+"""Conversion of scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,11 +14,13 @@ from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout
 
-NO_CLOCK_SD_S = 1e9  # thirty years: before the first scan nobody knows, and messages carry no infinity
+NO_CLOCK_SD_S = (
+    1e9  # standard deviation before the first scan: thirty years, because messages carry no infinity
+)
 
 
 class SampleParams(Params):
-    """How frames become scans."""
+    """Parameters of the conversion from frames to scans."""
 
     late_after_s: float = Field(
         default=0.1,
@@ -34,39 +36,39 @@ class SampleParams(Params):
 
 @dataclass(frozen=True)
 class SampleCounts:
-    """What became of the scans the board sent."""
+    """Counts of scans by what became of them."""
 
     scans: int = 0
     missing: int = 0
     overrun: int = 0
-    """Of those missing: not taken by the board, as the flag ``overrun`` of the next scan says."""
+    """Part of `missing`: not taken by the board, according to the flag ``overrun`` of the next scan."""
     dropped: int = 0
-    """Of those missing: no damaged byte, no interruption and no flag explains them."""
+    """Part of `missing`: explained by no damaged byte, interruption or flag."""
     duplicate: int = 0
     restarts: int = 0
 
 
 class Assembler:
-    """Scan frames in, blocks and gaps out, in order.
+    """Assemble scan frames into blocks and gaps.
 
-    Say `read` for each read of the port, feed `scan`, `corrupt`, `answered` and `other` in the order of the
-    stream, then take what is complete with `flush`. None reads a clock: `now_s` is when bytes were handed
-    over (host monotonic seconds).
+    Call `read` for each read of the port, feed `scan`, `corrupt`, `answered` and `other` in the order of the
+    stream, then take complete items with `flush`. No method reads a clock: `now_s` is the time at which bytes
+    were handed over (host monotonic seconds).
 
     Parameters
     ----------
     layout : Layout
     params : SampleParams, optional
     baud : int
-        Of the line, where it is not the layout's.
+        Baud rate of the line; 0 for that of the layout.
     live : bool
-        Someone acts on the scans as they come. Else none is late, however long it took to arrive.
+        Events are acted on as they come. Otherwise no scan counts as late.
     """
 
     LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
     LEAST_STEP_S = 1e-6  # between two stamps: one tick
-    SPARE_PART = 0.05  # of the line is never filled by scans (protocols/board.md)
-    # Pings under way: a stalled line may hold back some seconds of answers; more are forgotten.
+    SPARE_PART = 0.05  # share of the line that scans never fill (protocols/board.md)
+    # Unanswered pings that are kept: a stalled line may hold back answers for some seconds.
     MOST_PINGS = 16
     TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
 
@@ -115,10 +117,12 @@ class Assembler:
 
     @property
     def counts(self) -> SampleCounts:
+        """Counts of scans since the last reset."""
         return self._counts
 
     @property
     def rate_hz(self) -> float:
+        """Scan rate of the board's hello in hertz; 0.0 before any."""
         return self._hello.rate_hz if self._hello else 0.0
 
     @property
@@ -128,17 +132,18 @@ class Assembler:
 
     @property
     def drift_ppm(self) -> float:
+        """Rate of the board clock against the host clock, parts per million."""
         return self._fit.drift_ppm if self._fit else 0.0
 
     @property
     def clock_warning(self) -> str:
-        """What is wrong with the board's clock and what to set; empty when nothing."""
+        """Fault of the board's clock, and the option to set for it; empty for none."""
         return self._fit.warning if self._fit else ""
 
     def board(self, hello: Hello, now_s: float) -> None:
-        """Take what the board says of itself; a new boot, a new rate or another board begins a new run.
+        """Take the hello of the board; a new boot, a new rate or another board begins a new run.
 
-        A board that keeps no count of its boots is found out by its ticks, which began anew.
+        The reboot of a board that does not count its boots shows in its ticks, which begin at zero again.
         """
         old = self._hello
         restart_seen, self._restart_seen = self._restart_seen, False
@@ -155,40 +160,41 @@ class Assembler:
         if old is not None:
             same_board = hello.board_serial == old.board_serial
             same_run = same_board and hello.boot_count == old.boot_count
-            # Scans that counted anew before this hello came were the same boot, and are counted already.
+            # A restart that scans have shown before this hello is counted already.
             self._count(restarts=same_board and not same_run and not restart_seen)
             self._new_run("rate" if same_run else "restart")
         self._fit = ClockFit(self._params.clock, self._frame_s + float(self._offset_s.max()))
         self.adapter(self._handover_s)
 
     def adapter(self, handover_s: float | None) -> None:
-        """What the adapter says of its timer (None: nothing); a configured one is believed before it."""
+        """Take the latency timer of the adapter (None: unknown); a configured value takes precedence."""
         self._handover_s = handover_s
         if self._fit is not None and self._params.clock.handover_s is None:
             self._fit.handover_s = handover_s
 
     def interrupt(self, cause: GapCause) -> None:
-        """The stream breaks here: close the block and say a Gap before the next scan.
+        """Close the block, and put a Gap before the next scan.
 
-        The board's counters are still followed: should it turn out to have run on, the gap has a count.
+        The counters of the board are followed across it, so that the gap has a count if the board ran on.
         """
         self._close_block()
         self._pending_gap = cause
 
     def _new_run(self, cause: GapCause) -> None:
-        """The board counts anew: so do we."""
+        """Begin a new run of counters and clock."""
         self.interrupt(cause)
         self._counter.reset()
-        self._not_before_s = -np.inf  # what the old run's clock said binds the new one to nothing
+        self._not_before_s = -np.inf  # instants of the old run do not bound those of the new one
         self._pings.clear()
         if self._fit:
             self._fit.reset()
 
     def read(self, now_s: float, bytes_pending: int) -> None:
-        """Bytes were handed over; `bytes_pending` of a frame were there before them.
+        """Begin a read of the port, before which `bytes_pending` bytes of a frame were received.
 
-        Reads at one instant are one read, however a caller cut it. A read that came late (we slept, the line
-        stalled) does not tell when its bytes were handed over, so the one after it has no wait to speak of.
+        Calls with the same `now_s` belong to one read. The time of a late read (the process slept, or the
+        line stalled) does not show when its bytes were handed over, so the wait of the next read counts as
+        unknown.
         """
         if now_s > self._read_s:
             wait_s = now_s - self._read_s
@@ -198,23 +204,23 @@ class Assembler:
             self._whole = bytes_pending == 0
 
     def corrupt(self) -> None:
-        """A frame arrived damaged: if scans turn out to be missing here, that is why."""
+        """Take note of a damaged frame, the cause of scans that turn out to be missing here."""
         self._n_corrupt += 1
-        self.other("hello")  # perhaps: the longest that it can have been
+        self.other("hello")  # it may have been a hello, the longest message
 
     def other(self, name: str) -> None:
-        """A message that is no scan took the line: scans behind it are late, whatever the adapter does."""
+        """Account for a message other than a scan, which delays the scans behind it on the line."""
         self._queued_s += self._line_s.get(name, 0.0)
         self._begun = None
 
     def pinged(self, token: int, now_s: float) -> None:
-        """A ping is being sent; `now_s` is before its first byte."""
+        """Take note of a ping that is about to be sent; `now_s` is before its first byte."""
         self._pings[token] = now_s
         if len(self._pings) > self.MOST_PINGS:
             del self._pings[next(iter(self._pings))]
 
     def answered(self, answer: Acknowledge, now_s: float) -> None:
-        """The board answered a command: of a ping, its ticks were read during the round trip."""
+        """Take an answer to a command; that to a ping has ticks which were read during the round trip."""
         self.other("acknowledge")
         if answer.command != "ping" or answer.result != "ok":
             return
@@ -224,14 +230,14 @@ class Assembler:
         board_s = self._counter.board_s_at(answer.ticks, now_s)
         if board_s is None:
             return
-        # The ping takes the line as the answer does; and ticks say when they began, not how far they are.
+        # Ping and answer occupy the line; ticks give the beginning of a tick, not the time within it.
         earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
         self._fit.answered(board_s, earliest_s, now_s - self._line_s.get("acknowledge", 0.0))
 
     def scan(self, scan: Scan, now_s: float) -> None:
         """Take the next scan frame."""
         whole_by_s = now_s
-        if self._begun is not None:  # the rest of it took no longer than its bytes do
+        if self._begun is not None:  # the rest of that frame took no longer than its bytes on the line
             read_s, n_bytes = self._begun
             whole_by_s = min(now_s, read_s + self._frame_s * (1 - n_bytes / self._layout.wire_bytes("scan")))
             self._begun = None
@@ -257,27 +263,27 @@ class Assembler:
         self._queued_s = max(0.0, self._queued_s - step.n_scans * spare_s)
         self._fit.add(self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
-        # A better fit may move instants back; time itself never does.
+        # A better fit may move instants back, but instants of successive scans never decrease.
         time_s = max(time_s, self._not_before_s)
         self._not_before_s = time_s + self.LEAST_STEP_S
         self._newest_s, self._newest_sd_s = time_s, sd_s
         age_s = now_s - time_s
-        # A scan of the future has a wrong time: as unfit to act on as one of the past.
+        # An instant in the future is wrong, and the scan is as unfit to act on as a late one.
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
         self._rows.append((scan, time_s, sd_s, self._live and not fresh))
         self._count(scans=1)
 
     def flush(self) -> list[ScanBlock | Gap]:
-        """Blocks and gaps that are complete, in order."""
+        """Return complete blocks and gaps, in order."""
         self._close_block()
         out, self._out = self._out, []
         return out
 
     def _place(self, n_scans: int, *, overrun: bool) -> None:
-        """Number the scan, and say the gap before it if there is one.
+        """Number the scan, and put a gap before it if scans are missing.
 
-        Of a gap before an overrun, each damaged frame may have been a scan that the board did take, as may
-        all that an interruption hides; the flag says that it missed one at least.
+        Before an overrun, each damaged frame may have been a scan that the board did take, and so may every
+        scan lost in an interruption; the flag shows that the board missed at least one.
         """
         n_missing = n_scans - 1
         cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
@@ -302,7 +308,7 @@ class Assembler:
         counts = np.stack([scan.counts for scan, *_ in rows])
         n = len(rows)
         sound = np.array([not scan.flags & self._fault_flag for scan, *_ in rows])
-        # At full scale the voltage is unknown above; zero is a finger that touches nothing.
+        # At full scale the true voltage may be higher; zero is a valid reading without contact.
         valid = (counts < self._full_count) & sound[:, np.newaxis]
         self._out.append(
             ScanBlock(

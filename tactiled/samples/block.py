@@ -1,4 +1,4 @@
-"""The two words that acquisition says to detectors: a block of scans, or a gap."""
+"""Input of the detectors: blocks of consecutive scans, and the gaps between them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -19,7 +19,7 @@ class ScanBlock:
     Attributes
     ----------
     volts : (n, channels) float64
-        As sampled; NaN where the source had no number.
+        Readings; NaN where the source had no number.
     time_s : (n,) float64
         Estimated instant at which each scan began (host monotonic clock, or the file's own).
     time_sd_s : (n,) float64
@@ -27,14 +27,14 @@ class ScanBlock:
     index : (n,) int64
         Scan number since the source began, unwrapped; consecutive inside a block.
     valid : (n, channels) bool
-        False where a reading is saturated, dead or flagged: look, but do not conclude.
+        False where a reading is saturated, dead or flagged, so that no conclusion may rest on it.
     rate_hz : float
         Nominal scan rate.
     channel_offset_s : (channels,) float64
-        How long after the scan began each channel is sampled.
+        Delay from the beginning of the scan to the sampling of each channel.
     late : (n,) bool
-        True for scans that were delivered long after their instant (backlog behind a stall):
-        good for the record, too old to act on.
+        True for scans that were delivered long after their instant (backlog behind a stall): recorded, but
+        too old to act on.
     """
 
     volts: FloatArray
@@ -58,7 +58,7 @@ class ScanBlock:
         return len(self.volts)
 
     def __getitem__(self, part: slice) -> "ScanBlock":
-        """Consecutive part of a block, e.g. ``block[3:5]``."""
+        """Return consecutive scans of the block, e.g. ``block[3:5]``."""
         return ScanBlock(
             volts=self.volts[part],
             time_s=self.time_s[part],
@@ -73,16 +73,16 @@ class ScanBlock:
 
 @dataclass(frozen=True)
 class Gap:
-    """Scans that are not there, between two blocks (or before the first).
+    """Missing scans between two blocks, or before the first.
 
     Attributes
     ----------
     n_missing : int
-        Scans the board took and we did not get; 0 where the count cannot be known (restart).
+        Number of missing scans; 0 where it cannot be known (restart).
     cause : str
         ``"corrupt"`` (bytes arrived damaged), ``"missing"`` (bytes never arrived), ``"restart"`` (the
         board rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``,
-        ``"command"`` (someone changed what detectors see or compare with).
+        ``"command"`` (a command changed the zero or the thresholds).
     index : int
         Index of the first scan after the gap.
     """
@@ -101,7 +101,7 @@ def regular_block(
     channel_offset_s: FloatArray | None = None,
     valid: NDArray[np.bool_] | None = None,
 ) -> ScanBlock:
-    """Block of evenly timed scans that some file or test already holds.
+    """Make a block of evenly timed scans, for data of files and tests.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Wire counters that wrap, turned into ones that do not, and told apart from counters that start anew."""
+"""Unwrapping of sequence numbers and ticks, and detection of boards that restarted."""
 
 import math
 from dataclasses import dataclass
@@ -7,15 +7,15 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class CounterStep:
-    """How a scan follows the one before.
+    """Relation of a scan to the one before it.
 
     Attributes
     ----------
     kind : {"next", "duplicate", "restart"}
-        "duplicate": this scan was seen already (or an older one); "restart": the counters cannot belong to
+        "duplicate": this scan or a newer one was counted already; "restart": the counters cannot belong to
         the same run of the board.
     n_scans : int
-        Scans since the one before, 1 when none is missing; 0 unless `kind` is "next".
+        Number of scans since the one before, 1 when none is missing; 0 unless `kind` is "next".
     """
 
     kind: Literal["next", "duplicate", "restart"]
@@ -23,7 +23,7 @@ class CounterStep:
 
 
 class ScanCounter:
-    """Follows a board's sequence number and ticks from scan to scan.
+    """Follow the sequence number and the ticks of a board from scan to scan.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ class ScanCounter:
         Seconds of one tick.
     """
 
-    # A scan instant that the board overran shifts ticks against sequence by a scan or two; a rate that is
-    # being changed shifts a few more before the new hello arrives. More is another run of the board.
+    # An overrun shifts ticks against sequence numbers by a scan or two; a change of rate shifts them by a few
+    # more before the new hello arrives. A larger difference means another run of the board.
     SLACK_SCANS = 5
-    # Long silences: crystals and a rate rounded to millihertz are good for a per cent.
+    # After long silences: crystals, and a rate rounded to millihertz, are accurate to 1 %.
     SLACK_PART = 0.01
-    # Bytes may be queued up somewhere for so long (the kernel's 64 KiB for a tty are 7 s of a board at 115200
-    # baud); more, and the board was off meanwhile.
+    # Longest time that bytes may wait in a queue (the kernel's 64 KiB for a tty are 7 s of a board at 115200
+    # baud); for a longer difference the board was off meanwhile.
     SLACK_S = 10.0
-    # A line that repeats or reorders does so at once; older scans than these do not come back.
+    # A line repeats or reorders scans within this number; an older scan means a restart.
     STRAGGLERS = 16
 
     def __init__(self, sequence_bits: int, tick_bits: int | None, tick_s: float | None) -> None:
@@ -59,14 +59,14 @@ class ScanCounter:
         self._ticks: int | None = None
         self._arrival_s = 0.0
         self.board_s = 0.0
-        """Board time of the last scan, unwrapped, zero at the first scan of the run."""
+        """Board time of the last scan in seconds, unwrapped, zero at the first scan of the run."""
 
     def forget_sequence(self) -> None:
-        """The board was stopped and started: its ticks ran on, its sequence number did not."""
+        """Take note of a stop and start: the ticks of the board ran on, its sequence number did not."""
         self._sequence_known = False
 
     def runs_on(self, ticks: int, now_s: float) -> bool:
-        """Whether ticks read now can belong to the run of the last scan."""
+        """Return True when ticks read at `now_s` can belong to the run of the last scan."""
         if self._ticks is None or self._sequence is None:
             return True
         host_s = now_s - self._arrival_s
@@ -74,22 +74,22 @@ class ScanCounter:
 
     @property
     def tick_s(self) -> float:
-        """Seconds of one tick; 0 where scans carry none."""
+        """Seconds of one tick; 0 where scans carry no ticks."""
         return self._tick_s
 
     def board_s_at(self, ticks: int, now_s: float) -> float | None:
-        """Board time of ticks that were read between scans; None where the run is not known or not theirs."""
+        """Return the board time of ticks that were read between scans; None where they fit no known run."""
         if self._ticks is None or not self.runs_on(ticks, now_s):
             return None
         return self.board_s + self._elapsed(ticks, now_s - self._arrival_s)
 
     def _elapsed(self, ticks: int, host_s: float) -> float:
-        """Board seconds since the last scan: what wrapped ticks may mean, nearest to the host's."""
+        """Board seconds since the last scan: the value of the wrapped ticks that is nearest to host time."""
         turned = _nearest(ticks - (self._ticks or 0), host_s / self._tick_s, self._tick_modulus)
         return turned * self._tick_s
 
     def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> CounterStep:
-        """Take the next scan and say how it follows; duplicates and restarts leave the state as it was."""
+        """Take the next scan, and return how it follows; duplicates and restarts do not change the state."""
         if self._sequence is None:
             self._keep(sequence, ticks, arrival_s, 0.0)
             return CounterStep("next", 1)
@@ -98,7 +98,7 @@ class ScanCounter:
         if ticks is not None and self._ticks is not None:
             elapsed_s = self._elapsed(ticks, host_s)
             slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz)
-        else:  # only the host's clock, and bytes may come in bursts: half a second either way
+        else:  # the host clock alone: bytes may come in bursts, so half a second either way
             slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + 0.5 * rate_hz
         if not self._sequence_known:
             if ticks is not None and not self.runs_on(ticks, arrival_s):
@@ -110,7 +110,7 @@ class ScanCounter:
         if abs(n_scans - expected) > slack:
             return CounterStep("restart", 0)
         if n_scans <= -self.STRAGGLERS:
-            return CounterStep("restart", 0)  # a board that boots counts from zero: not a scan of long ago
+            return CounterStep("restart", 0)  # a board counts from zero after booting; this is no late scan
         if n_scans <= 0:
             return CounterStep("duplicate", 0)
         if n_scans > self.STRAGGLERS and host_s - elapsed_s > self.SLACK_S + self.SLACK_PART * host_s:
@@ -125,5 +125,5 @@ class ScanCounter:
 
 
 def _nearest(residue: int, value: float, modulus: int) -> int:
-    """Number congruent to `residue` that lies nearest to `value`."""
+    """Nearest integer to `value` that is congruent to `residue`."""
     return residue + modulus * math.floor((value - residue) / modulus + 0.5)

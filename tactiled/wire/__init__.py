@@ -1,1 +1,1 @@
-"""Bytes to frames and back, with no I/O: the one room that daemon and emulator share."""
+"""Encoding and decoding of frames, without I/O; shared by daemon and emulator."""

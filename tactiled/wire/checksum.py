@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Checksum:
-    """A checksum algorithm: its width on the wire and its function."""
+    """Checksum algorithm: width on the wire in bytes, and function."""
 
     n_bytes: int
     compute: Callable[[bytes], int]

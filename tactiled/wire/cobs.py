@@ -1,12 +1,12 @@
-"""Consistent Overhead Byte Stuffing (Cheshire, Baker 1999): any bytes, with no zero among them."""
+"""Consistent Overhead Byte Stuffing (Cheshire and Baker 1999): encodes any bytes without zero bytes."""
 
 from collections.abc import Iterator
 
-_LONGEST_RUN = 254  # a code of 255 says: 254 bytes follow and no zero after them
+_LONGEST_RUN = 254  # a code of 255 means that 254 bytes follow without a zero after them
 
 
 def encode(data: bytes) -> bytes:
-    """Stuffed form of `data`, without the closing delimiter."""
+    """Return the stuffed form of `data`, without the closing delimiter."""
     out = bytearray()
     start, size = 0, len(data)
     while True:
@@ -23,7 +23,7 @@ def encode(data: bytes) -> bytes:
 
 
 def decode(stuffed: bytes) -> bytes | None:
-    """Bytes that were stuffed, or None when `stuffed` is not a COBS string. Never raises."""
+    """Return the bytes that were stuffed, or None when `stuffed` is not a COBS string; never raises."""
     if b"\0" in stuffed:
         return None
     out = bytearray()
@@ -41,7 +41,7 @@ def decode(stuffed: bytes) -> bytes | None:
 
 
 def prefixes(stuffed: bytes, start: int) -> Iterator[tuple[int, int]]:
-    """Every way to end a COBS string that begins at `start`.
+    """Find every possible end of a COBS string that begins at `start`.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Frames to bytes and bytes to frames, by a `Layout`. Pure: no I/O, no clock."""
+"""Decoder and encoder of frames according to a `Layout`. Pure: no I/O, no clock."""
 
 import math
 from typing import Any
@@ -14,13 +14,13 @@ from tactiled.wire.schema import IN_UNITS, Direction
 
 
 class Decoder:
-    """Bytes of one direction to frames; see `framing` for the rules that it keeps.
+    """Decode the bytes of one direction; `framing` states the rules.
 
     Parameters
     ----------
     layout : Layout
     direction : {"board-to-host", "host-to-board"}
-        Which end this decoder listens to.
+        Direction of the bytes.
     """
 
     def __init__(self, layout: Layout, direction: Direction = "board-to-host") -> None:
@@ -32,30 +32,34 @@ class Decoder:
         self.reset()
 
     def reset(self) -> None:
-        """Forget pending bytes and counts, as after opening the port."""
+        """Forget pending bytes and counts, for a newly opened port."""
         self._framer = make_framer(self.layout, self._direction)
 
     @property
     def bytes_in(self) -> int:
+        """Bytes received."""
         return self._framer.bytes_in
 
     @property
     def bytes_framed(self) -> int:
+        """Bytes of good frames."""
         return self._framer.bytes_framed
 
     @property
     def bytes_discarded(self) -> int:
+        """Bytes of no good frame."""
         return self._framer.bytes_discarded
 
     @property
     def bytes_pending(self) -> int:
+        """Bytes of a frame that is not complete yet."""
         return self._framer.bytes_pending
 
     def feed(self, data: bytes) -> list[Frame | Corrupt]:
-        """Frames and corruptions that `data` completes, in the order of the stream.
+        """Return the frames and corruptions that `data` completes, in the order of the stream.
 
-        Towards the board, an intact frame that is no message of the layout becomes a `Command` named by
-        its type, ``"0x7f"``, for the board must refuse it by its token.
+        In the direction to the board, an intact frame of an unknown type becomes a `Command` named by its
+        type, ``"0x7f"``, because the board must refuse it with its token.
         """
         return [
             self._unknown(item) if isinstance(item, Corrupt) else self._frame(item)
@@ -98,14 +102,14 @@ class Decoder:
 
 
 class Encoder:
-    """Frames to bytes of one layout; keeps nothing between calls."""
+    """Encode frames of one layout; has no state."""
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
         self._command_ids = {m.name: m.id for m in layout.incoming("host-to-board").values()}
 
     def encode(self, frame: Frame) -> bytes:
-        """Bytes of one frame, delimiter or sync word included.
+        """Return the bytes of one frame, including delimiter or sync word.
 
         Raises
         ------
@@ -125,7 +129,7 @@ class Encoder:
         return self._wrap(self._body(message, values))
 
     def _command_id(self, name: str) -> int:
-        """Type of a command by its name, or by the number that the decoder gave a stranger for a name."""
+        """Type of a command by its name, or by the number that the decoder uses as name of an unknown one."""
         try:
             return self._command_ids[name] if name in self._command_ids else int(name, 16)
         except ValueError:
@@ -153,7 +157,13 @@ class Encoder:
 
 
 def _from_wire(value: Any, per_unit: int, name: str) -> Any:
-    """Value of a field in its unit; ValueError for a text that is not printable ASCII."""
+    """Value of a field in its unit.
+
+    Raises
+    ------
+    ValueError
+        A text is not printable ASCII.
+    """
     if isinstance(value, bytes):
         text = value.decode("ascii")
         if not text.isprintable():
@@ -167,7 +177,7 @@ def _from_wire(value: Any, per_unit: int, name: str) -> Any:
 
 
 def _credible(hello: Hello) -> bool:
-    """Whether the numbers of an intact hello can be computed with; the bounds of `AssumedHello`."""
+    """Return True when the numbers of an intact hello are usable: the bounds are those of `AssumedHello`."""
     positive = (hello.rate_hz, hello.adc_reference_v)
     return (
         1 <= hello.adc_bits <= 32
@@ -177,7 +187,7 @@ def _credible(hello: Hello) -> bool:
 
 
 def _to_wire(value: Any, per_unit: int, dtype: np.dtype[Any]) -> Any:
-    """Wire value of a field, refused where it does not fit instead of wrapped."""
+    """Wire value of a field; raises ValueError where the value does not fit."""
     base = dtype.base
     if base.kind == "S":
         text = str(value)

@@ -1,4 +1,4 @@
-"""What the codec yields and takes: frames, and the one value that says bytes were not a frame."""
+"""Frames of the codec, and `Corrupt` for bytes that are not a frame."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One pass over all channels, as the board sent it.
+    """Frame of one pass over all channels.
 
     Attributes
     ----------
     sequence : int
-        Wraps on the wire.
+        Sequence number; wraps on the wire.
     counts : (channels,) int64
         ADC counts.
     ticks : int or None
-        Board clock when the scan began; wraps on the wire. None where the layout has none.
+        Board clock at the beginning of the scan; wraps on the wire. None where the layout has no ticks.
     flags : int
-        Bits named in the layout's ``[flags]``.
+        Bits as named in the layout's ``[flags]``.
     """
 
     sequence: int
@@ -40,7 +40,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class Hello:
-    """The board introduces itself; units as in the names, whatever the wire uses."""
+    """Self-description of a board; units as in the names, converted from those of the wire."""
 
     board_serial: str
     array_id: str
@@ -56,12 +56,13 @@ class Hello:
 
     @property
     def volts_per_count(self) -> float:
+        """Volts of one ADC count."""
         return float(self.adc_reference_v / 2**self.adc_bits)
 
 
 @dataclass(frozen=True)
 class Acknowledge:
-    """The board's answer to a command: `result` is a name from the layout's ``[results]``."""
+    """Answer of the board to a command; `result` is a name from the layout's ``[results]``."""
 
     token: int
     command: str
@@ -71,7 +72,7 @@ class Acknowledge:
 
 @dataclass(frozen=True)
 class Command:
-    """What the host asks of the board: ``start``, ``stop``, ``set_rate``, ``ping``, ``identify``."""
+    """Command of the host to the board: ``start``, ``stop``, ``set_rate``, ``ping`` or ``identify``."""
 
     name: str
     token: int
@@ -83,18 +84,18 @@ Frame = Scan | Hello | Acknowledge | Command
 
 @dataclass(frozen=True)
 class Corrupt:
-    """Bytes that could have been a frame and are not.
+    """Bytes that were rejected as a frame.
 
     Attributes
     ----------
     reason : str
         ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"length"`` and ``"checksum"``
-        (damaged), ``"type"`` (intact, but no message of the layout: the other end speaks another
-        protocol), or ``"value"`` (intact, but a field holds what it may not).
+        (damaged), ``"type"`` (intact, but no message of the layout: the other end uses another protocol), or
+        ``"value"`` (intact, but a field has an invalid value).
     n_bytes : int
-        How many bytes were given up here, delimiter included.
+        Number of bytes discarded here, including the delimiter.
     body : bytes
-        Of an intact frame that is no message of the layout: its type and fields; else empty.
+        Type and fields of an intact frame that is no message of the layout; otherwise empty.
     """
 
     reason: str
@@ -103,5 +104,5 @@ class Corrupt:
 
 
 def values_of(frame: Frame) -> dict[str, Any]:
-    """Fields of a frame by name."""
+    """Return the fields of a frame by name."""
     return dict(vars(frame))

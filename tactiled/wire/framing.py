@@ -1,21 +1,23 @@
-"""Finding frames in a stream of bytes.
+"""Framing: search for frames in a stream of bytes.
 
-The rules, before the code:
+Rules:
 
-1. What is decided depends on the bytes alone, never on how they were cut into calls of ``feed``.
-2. Every byte ends in exactly one place: ``bytes_in == framed + discarded + pending``.
-3. A corrupt frame costs itself only. Rejected bytes are searched again: a good frame before a broken
-   delimiter, behind a cut frame or inside noise is found.
-4. Any bytes at all are taken; nothing raises; pending bytes are bounded.
+1. The result depends on the bytes alone, not on how they were divided into calls of ``feed``.
+2. Every byte is counted exactly once: ``bytes_in == framed + discarded + pending``.
+3. A corrupt frame costs no other frame. Rejected bytes are searched again, so that a good frame before a
+damaged
+   delimiter, behind a truncated frame or inside noise is found.
+4. Any bytes are accepted, nothing raises, and the number of pending bytes is bounded.
 
-A body is message type and fields, its checksum already verified and taken off.
+A body is message type and fields, without the checksum, which was verified.
 
-Can the search find a frame that was never sent? A window of rejected bytes must be a COBS string, carry
-a known type, have the one length of that type and then the right checksum, of which chance passes 2^-16.
-Counted with board-v1: 7e-5 windows for each byte of noise come as far as the checksum, so 1e-9 false frames
-a byte (a line of nothing but noise at 115200 baud: one a day); in damaged scans 5e-4 a byte, all of
-them the shape of an acknowledge, so 7e-7 a damaged frame. That is a twentieth of what any CRC-16 lets
-through at the frame's own place (2^-16 = 1.5e-5 of the frames damaged beyond what it surely detects).
+Probability that the search finds a frame that was never sent: a window of rejected bytes must be a COBS
+string, have a known type and the one length of that type, and then the right checksum, which random bytes
+have with probability 2^-16. Counted with board-v1: 7e-5 windows for each byte of noise reach the checksum, so
+1e-9 false frames for each byte (one a day on a line of noise alone at 115200 baud). In damaged scans 5e-4 for
+each byte, all with the form of an acknowledge, so 7e-7 for each damaged frame. That is a twentieth of what
+any CRC-16 accepts at the place of the frame itself (2^-16 = 1.5e-5 of the frames with more damage than it
+surely detects).
 """
 
 from collections import defaultdict
@@ -29,20 +31,24 @@ from tactiled.wire.schema import Direction
 
 
 class Framer(Protocol):
-    """Either framing, seen from the codec."""
+    """Interface of both kinds of framing to the codec."""
 
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
 
     @property
-    def bytes_pending(self) -> int: ...
+    def bytes_pending(self) -> int:
+        """Bytes of a frame that is not complete yet."""
+        ...
 
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]: ...
+    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
+        """Yield the bodies and corruptions that `data` completes, in order."""
+        ...
 
 
 class _Checker:
-    """Decides whether a body with its checksum is one of ours."""
+    """Check length, checksum and type of a body."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
         self._order = layout.byte_order
@@ -55,7 +61,7 @@ class _Checker:
         }
 
     def fault(self, guarded: bytes) -> str | None:
-        """Reason to refuse ``body + checksum``, or None when it is good."""
+        """Return the reason to reject ``body + checksum``, or None when it is good."""
         body, tail = guarded[: -self._checksum.n_bytes], guarded[-self._checksum.n_bytes :]
         if len(body) < max(self._type_bytes, 1):
             return "length"
@@ -69,35 +75,37 @@ class _Checker:
         return None
 
 
-# Both ends take frames of a later version up to this many stuffed bytes, to name them (board.md).
+# Both ends accept frames of later protocol versions up to this number of stuffed bytes, to report them
+# (board.md).
 _LEAST_TAKEN = 32
 
 
 class CobsFramer:
-    """COBS frames, each closed by 0x00."""
+    """Find COBS frames, each closed by 0x00."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
         self._checker = _Checker(layout, direction)
         self._tail = layout.checksum.n_bytes
-        # What may follow a first byte (None: any). A search that asks this first is a hundred times cheaper
-        # in the worst noise, a line stuck at 0x01.
+        # Possible sizes by first byte (None: any). Checking the first byte makes the search a hundred times
+        # cheaper in the worst noise, a line stuck at 0x01.
         self._sizes: defaultdict[int | None, set[int]] = defaultdict(set)
         for type_, n in self._checker.body_bytes.items():
             start = type_.to_bytes(layout.type_bytes, layout.byte_order)
             self._sizes[start[0] if start else None].add(n + self._tail)
-        # Stuffing adds one byte, and at most one more for each full run of 254. 1 where nothing can come.
+        # Stuffing adds one byte, and at most one more for each full run of 254. 1 without any message.
         self._longest = max((n + 1 + (n - 1) // 254 for s in self._sizes.values() for n in s), default=1)
-        # Two frames with a broken delimiter between them still fit; what is longer is cut.
+        # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
     def bytes_pending(self) -> int:
+        """Bytes of a frame that is not complete yet."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Bodies and corruptions that `data` completes, in order."""
+        """Yield the bodies and corruptions that `data` completes, in order."""
         self.bytes_in += len(data)
         buffer = self._buffer
         buffer += data
@@ -127,8 +135,8 @@ class CobsFramer:
             self.bytes_discarded += len(chunk) + 1
             yield Corrupt(fault, len(chunk) + 1, guarded[: -self._tail])
             return
-        # First the frame that the delimiter closed: one before it that lost its last byte could pass for
-        # whole with this one's first.
+        # First the frame that the delimiter closed, because a frame before it that lost its last byte could
+        # pass the check with the first byte of this one.
         start, closed = self._frame_before_end(chunk)
         bodies, framed, _ = self._salvage(chunk[:start])
         if closed is not None:
@@ -141,7 +149,7 @@ class CobsFramer:
         yield from bodies
 
     def _overlong(self, chunk: bytes) -> Iterator[bytes | Corrupt]:
-        """No delimiter in `limit` bytes: salvage, and keep what may yet become a frame."""
+        """Handle `limit` bytes without delimiter: search them, and keep the end that may become a frame."""
         bodies, framed, last = self._salvage(chunk)
         used = max(last, len(chunk) - (self._longest - 1))
         del self._buffer[:used]
@@ -151,15 +159,15 @@ class CobsFramer:
         yield from bodies
 
     def _salvage(self, chunk: bytes) -> tuple[list[bytes], int, int]:
-        """Good frames inside rejected bytes, left to right, not overlapping.
+        """Find good frames inside rejected bytes, from left to right, without overlap.
 
         Returns
         -------
         bodies : list of bytes
         framed : int
-            Bytes that the good frames took.
+            Number of bytes of the good frames.
         last : int
-            Where the last of them ended; 0 when there is none.
+            End of the last of them; 0 for none.
         """
         bodies: list[bytes] = []
         start = framed = last = 0
@@ -173,7 +181,7 @@ class CobsFramer:
         return bodies, framed, last
 
     def _frame_before_end(self, chunk: bytes) -> tuple[int, bytes | None]:
-        """Where the good frame begins that ends with the chunk, and its body; None where none does."""
+        """Start and body of the good frame that ends with the chunk; None as body for none."""
         for start in range(max(len(chunk) - self._longest, 0), len(chunk)):
             body, end = self._frame_at(chunk, start)
             if body is not None and end == len(chunk):
@@ -181,7 +189,7 @@ class CobsFramer:
         return len(chunk), None
 
     def _frame_at(self, chunk: bytes, start: int) -> tuple[bytes | None, int]:
-        """Body of the good frame that begins at `start`, or None, and where to search on."""
+        """Body of the good frame that begins at `start`, or None, and the position for the next search."""
         first = 0 if chunk[start] == 1 else chunk[min(start + 1, len(chunk) - 1)]
         sizes = self._sizes.get(None) or self._sizes.get(first)
         if sizes is None:
@@ -197,7 +205,7 @@ class CobsFramer:
 
 
 class SyncFramer:
-    """Frames of sync word, length, body, checksum."""
+    """Find frames of sync word, length, body and checksum."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
         self._checker = _Checker(layout, direction)
@@ -207,18 +215,19 @@ class SyncFramer:
         self._tail = layout.checksum.n_bytes
         self._lengths = set(self._checker.body_bytes.values())
         self._buffer = bytearray()
-        # A frame that lost its last byte passes for whole with the first byte of the next one's sync word,
-        # one time in 256. So an end that could begin a sync word is looked at again: these bytes, counted
-        # as framed, still stand at the front of the buffer.
+        # A frame that lost its last byte passes the check with the first byte of the next sync word with
+        # probability 1/256. An end that could begin a sync word is therefore searched again: these bytes are
+        # counted as framed, and are still at the front of the buffer.
         self._lent = 0
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
     def bytes_pending(self) -> int:
+        """Bytes of a frame that is not complete yet."""
         return len(self._buffer) - self._lent
 
     def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Bodies and corruptions that `data` completes, in order."""
+        """Yield the bodies and corruptions that `data` completes, in order."""
         self.bytes_in += len(data)
         buffer = self._buffer
         buffer += data
@@ -242,7 +251,7 @@ class SyncFramer:
                 yield from self._reject(fault)
 
     def _seek_sync(self) -> bool:
-        """Drop what cannot begin a frame; True when the buffer begins with the sync word."""
+        """Drop bytes that cannot begin a frame; return True when the buffer begins with the sync word."""
         at = self._buffer.find(self._sync)
         if at < 0:
             at = len(self._buffer) - self._sync_begun(self._buffer)
@@ -254,19 +263,19 @@ class SyncFramer:
         return max(k for k in range(len(self._sync)) if data.endswith(self._sync[:k]))
 
     def _lend(self, guarded: bytes) -> None:
-        """Put back the end of a good frame if it may begin the next."""
+        """Put back the end of a good frame if it may begin the next sync word."""
         self._lent = 1 if guarded[-1:] == self._sync else self._sync_begun(guarded)
         self._buffer[:0] = guarded[len(guarded) - self._lent :]
 
     def _drop(self, n: int) -> int:
-        """Take `n` bytes off the front; how many of them were not counted before."""
+        """Remove `n` bytes from the front; return the number of them that was not counted before."""
         del self._buffer[:n]
         lent = min(n, self._lent)
         self._lent -= lent
         return n - lent
 
     def _reject(self, fault: str) -> Iterator[Corrupt]:
-        """Give up one byte only: the frame that was damaged may hide a good one."""
+        """Discard one byte only, because a good frame may begin inside the damaged one."""
         given_up = self._drop(1)
         self.bytes_discarded += given_up
         if given_up:
@@ -274,7 +283,7 @@ class SyncFramer:
 
 
 def make_framer(layout: Layout, direction: Direction) -> Framer:
-    """Framer of the layout's kind, for one direction."""
+    """Make the framer of a layout for one direction."""
     return (
         CobsFramer(layout, direction) if layout.file.framing.kind == "cobs" else SyncFramer(layout, direction)
     )

@@ -1,6 +1,6 @@
-"""The frame layout is data: ``protocols/*.toml`` compiled into numpy record types.
+"""Frame layouts: ``protocols/*.toml`` compiled into numpy record types.
 
-A lab with other firmware writes such a file and no Python.
+Other firmware needs such a file, and no change of code.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _NUMPY = {"u8": "u1", "u16": "u2", "u32": "u4", "i8": "i1", "i16": "i2", "i32": 
 
 @dataclass(frozen=True)
 class MessageFormat:
-    """A compiled message: its record type on the wire and what one unit of each field is."""
+    """Compiled message: record type on the wire, and wire value of one unit of each field."""
 
     name: str
     id: int
@@ -27,7 +27,7 @@ class MessageFormat:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A compiled layout; ``file`` keeps what it was made of."""
+    """Compiled layout; ``file`` is its source."""
 
     file: LayoutFile
     byte_order: Literal["little", "big"]
@@ -39,47 +39,51 @@ class Layout:
 
     @property
     def name(self) -> str:
+        """Name of the layout."""
         return self.file.name
 
     @property
     def n_channels(self) -> int:
+        """Number of channels in a scan."""
         return self.file.channels
 
     def incoming(self, direction: Direction) -> dict[int, MessageFormat]:
-        """Messages of one direction by their type on the wire."""
+        """Return the messages of one direction by their type on the wire."""
         names = [m.name for m in self.file.messages if m.direction == direction]
         return {self.messages[name].id: self.messages[name] for name in names}
 
     def has(self, message: str) -> bool:
+        """Return True when the layout has this message."""
         return message in self.messages
 
     def bits(self, message: str, field: str) -> int | None:
-        """Width in bits of an integer field (to unwrap it), or None where there is no such field."""
+        """Return the width in bits of an integer field (for unwrapping), or None for no such field."""
         names = self.messages[message].dtype.fields if message in self.messages else None
         return 8 * names[field][0].base.itemsize if names and field in names else None
 
     @property
     def leading_token_bytes(self) -> int:
-        """Width of the token when every command begins with one, as wide everywhere; else 0."""
+        """Width in bytes of the token that begins every command; 0 unless all have one of equal width."""
         first = [m.fields[0] for m in self.file.messages if m.direction == "host-to-board"]
         widths = {f.n_bytes(1) if f.name == "token" else 0 for f in first}
         return widths.pop() if len(widths) == 1 else 0
 
     @property
     def tick_s(self) -> float | None:
-        """Seconds of one tick of the board clock, or None where scans carry no ticks."""
+        """Seconds of one tick of the board clock; None where scans carry no ticks."""
         scan = self.messages["scan"]
         return 1.0 / scan.per_unit["ticks"] if "ticks" in scan.per_unit else None
 
     def flag(self, name: str) -> int:
-        """Mask of a flag bit; 0 where the layout does not know the flag."""
+        """Return the mask of a flag bit; 0 where the layout has no such flag."""
         return 1 << self.file.flags[name] if name in self.file.flags else 0
 
     def body_bytes(self, message: MessageFormat) -> int:
+        """Return the number of bytes of type and fields."""
         return self.type_bytes + message.dtype.itemsize
 
     def wire_bytes(self, message: str) -> int:
-        """Bytes that one message takes on the wire, framing and checksum included."""
+        """Return the number of bytes of a message on the wire, including framing and checksum."""
         guarded = self.body_bytes(self.messages[message]) + self.checksum.n_bytes
         if self.file.framing.kind == "cobs":  # one code for each started run of 254, one delimiter
             return guarded + 1 + (guarded - 1) // 254 + 1
@@ -87,7 +91,7 @@ class Layout:
 
 
 def compile_layout(file: LayoutFile) -> Layout:
-    """Record types for each message of a checked file."""
+    """Compile a checked file into record types."""
     order = "<" if file.byte_order == "little" else ">"
 
     def field(f: FieldLayout) -> tuple[Any, ...]:
@@ -114,5 +118,11 @@ def compile_layout(file: LayoutFile) -> Layout:
 
 
 def load_layout(name_or_path: str) -> Layout:
-    """Layout by shipped name (``board-v1``) or by path; `ConfigError` with every fault of the file."""
+    """Load a layout by shipped name (``board-v1``) or by path.
+
+    Raises
+    ------
+    ConfigError
+        Lists every fault of the file.
+    """
     return compile_layout(tomlfile.load(tomltext.locate(name_or_path, "protocols"), LayoutFile))

@@ -1,7 +1,7 @@
-"""Schema of the layout files, ``protocols/*.toml``: what they may say, and what makes no sense.
+"""Schema of the layout files, ``protocols/*.toml``, with checks of their consistency.
 
-Names of messages and fields are the roles that `frames` knows; order, width, byte order, framing and
-checksum are the file's own. `layout` compiles what passes here.
+Names of messages and fields are those of `frames`; a file chooses their order and width, the byte order,
+framing and checksum. `layout` compiles a file that passes.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ Unsigned = Literal["u8", "u16", "u32"]
 FieldType = Literal["u8", "u16", "u32", "i8", "i16", "i32", "f32", "text"]
 Direction = Literal["board-to-host", "host-to-board"]
 
-# Roles: which fields each message may have, and which it must.
+# Required and optional fields of each message.
 _COMMANDS = ("start", "stop", "set_rate", "ping", "identify")
 _MUST: dict[str, set[str]] = {
     "scan": {"sequence", "counts"},
@@ -34,13 +34,13 @@ _MAY: dict[str, set[str]] = {
 }  # fmt: skip
 _PER_CHANNEL = {"counts", "channel_offset_s"}
 _TEXT = {"board_serial", "array_id", "firmware_version"}
-IN_UNITS = {"rate_hz", "adc_reference_v", "channel_offset_s"}  # read as numbers in the unit of the name
-# What samples knows how to act on; another name would be a typing slip that is never noticed.
+IN_UNITS = {"rate_hz", "adc_reference_v", "channel_offset_s"}  # converted to the unit in the name
+# Flags that tactiled.samples uses; another name would be a typing error that nobody notices.
 _FLAGS = ("first_after_start", "overrun", "reference_fault")
 
 
 class FieldLayout(Params):
-    """One field on the wire."""
+    """Field on the wire."""
 
     name: str
     type: FieldType
@@ -65,13 +65,13 @@ class FieldLayout(Params):
         return self
 
     def n_bytes(self, channels: int) -> int:
-        """Bytes on the wire."""
+        """Return the number of bytes on the wire."""
         one = self.size if self.size is not None else int(self.type[1:]) // 8
         return one * (channels if self.count else 1)
 
 
 class MessageLayout(Params):
-    """One message on the wire: its type and its fields in order."""
+    """Message on the wire: its type and its fields in order."""
 
     name: Literal["scan", "hello", "acknowledge", "start", "stop", "set_rate", "ping", "identify"]
     id: int = Field(default=0, ge=0, le=65535)
@@ -95,7 +95,7 @@ class MessageLayout(Params):
 
 
 class Framing(Params):
-    """How a frame is found in a stream of bytes."""
+    """Kind of framing and its parameters."""
 
     kind: Literal["cobs", "sync-length"]
     message_type: Unsigned | None = Field(default=None, description="absent: all is scans")
@@ -117,14 +117,14 @@ def _known_checksum(name: object) -> object:
 
 
 class ChecksumLayout(Params):
-    """What guards a frame."""
+    """Checksum of a frame, and the bytes that it covers."""
 
     algorithm: Annotated[str, BeforeValidator(_known_checksum)]
     covers: Literal["body", "length-and-body"] = "body"
 
 
 class AssumedHello(Params):
-    """What a hello would say, for firmware that never says it."""
+    """Content of a hello, for firmware that never sends one."""
 
     board_serial: str
     array_id: str
@@ -135,7 +135,7 @@ class AssumedHello(Params):
 
 
 def width(kind: Unsigned | None) -> int:
-    """Bytes of an optional unsigned field."""
+    """Return the number of bytes of an optional unsigned field."""
     return int(kind[1:]) // 8 if kind else 0
 
 

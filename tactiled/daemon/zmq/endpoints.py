@@ -122,7 +122,7 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def _is_served(path: Path) -> bool:
-    """Return True when a process listens on a Unix socket; the file of a killed daemon refuses connections."""
+    """Return True when a process listens on a Unix socket (a killed daemon leaves its file)."""
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise ConfigError(
             "publish.endpoints",
