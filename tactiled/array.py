@@ -1,6 +1,6 @@
-"""Geometry of a tactile array: where each taxel is and what each channel of it measures.
+"""Geometry of a tactile array: positions of the taxels, and quantities that channels measure.
 
-The frame: x along columns, y along rows, millimetres; azimuths and directions from +x towards +y.
+Array frame: x along columns, y along rows, millimetres; azimuths and directions from +x towards +y.
 A ``side`` channel sits under one side of its taxel. Sliding the skin along +x loads the trailing side,
 so a side channel at azimuth phi answers motion along direction theta as ``-cos(theta - phi)``:
 R1 (180 degrees) rises and R3 (0 degrees) falls. A ``shear_x`` channel rises when the skin slides
@@ -18,14 +18,14 @@ from pydantic import Field, model_validator
 from tactiled import blas, tomlfile, tomltext
 from tactiled.tomlfile import Params
 
-blas.use_one_thread()  # here, because every room with numerics imports this module first
+blas.use_one_thread()  # here, because every module with numerics imports this one first
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["side", "normal", "shear_x", "shear_y"]
 
 
 class Grid(Params):
-    """One pad: taxels at every (x, y), numbered row by row."""
+    """Pad with taxels at every (x, y), numbered row by row."""
 
     x_mm: list[float] = Field(min_length=1, description="places of the columns")
     y_mm: list[float] = Field(min_length=1, description="places of the rows")
@@ -39,7 +39,7 @@ class Grid(Params):
 
 
 class TaxelPlace(Params):
-    """A taxel off any grid."""
+    """Position of a taxel that is in no grid."""
 
     x_mm: float
     y_mm: float
@@ -47,7 +47,7 @@ class TaxelPlace(Params):
 
 
 class TaxelChannel(Params):
-    """What one channel measures."""
+    """Quantity that one channel measures."""
 
     name: str = Field(min_length=1)
     kind: Kind
@@ -62,7 +62,7 @@ class TaxelChannel(Params):
 
 
 class Channel(TaxelChannel):
-    """A channel listed one by one, with the taxel that it belongs to."""
+    """Channel of an individual list, with the taxel that it belongs to."""
 
     taxel: int = Field(ge=0)
 
@@ -95,7 +95,7 @@ class ArrayFile(Params):
 
 @dataclass(frozen=True, eq=False)
 class Array:
-    """A tactile array.
+    """Tactile array.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Array:
         NaN where the channel is not a side channel.
     sign : (channels,) float64
     full_scale_volts : float
-        No reading is larger than this; sets the grid on which sums are exact.
+        Upper limit of readings; sets the grid on which sums are exact.
     """
 
     name: str
@@ -126,19 +126,21 @@ class Array:
 
     @property
     def n_taxels(self) -> int:
+        """Number of taxels."""
         return len(self.x_mm)
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self.channel_taxel)
 
     @property
     def has_shear(self) -> bool:
-        """Whether direction can be told at all."""
+        """True when some channel responds to shear, so that directions can be estimated."""
         return bool(np.any(self.shear_weights() != 0))
 
     def summary(self) -> dict[str, Any]:
-        """Plain map for `tactiled check-config`."""
+        """Return a plain map for `tactiled check-config`."""
         return {
             "array": self.name,
             "taxels": self.n_taxels,
@@ -152,7 +154,7 @@ class Array:
         }
 
     def in_words(self) -> str:
-        """One line on what the array has, and what it cannot tell."""
+        """Return one line on taxels, channels and missing capabilities."""
         pads = len(set(self.pad.tolist()))
         words = (
             f"array {self.name}: {self.n_taxels} taxels on {pads} pad{'s' * (pads > 1)}, "
@@ -161,7 +163,7 @@ class Array:
         return words if self.has_shear else f"{words}, no shear channels: directions cannot be told"
 
     def shear_weights(self) -> NDArray[np.float64]:
-        """Weights that turn channels into the motion response of each taxel.
+        """Return the weights that convert channels to the motion response of each taxel.
 
         Returns
         -------
@@ -174,7 +176,7 @@ class Array:
         kinds = np.array(self.channel_kind)
         side = kinds == "side"
         azimuth = np.deg2rad(np.where(side, self.azimuth_deg, 0.0))
-        # cos(90 deg) is 6e-17 in floating point; a weight is exact or a zero.
+        # cos(90 deg) is 6e-17 in floating point; rounding makes such weights exactly zero.
         weights[0, self.channel_taxel, channels] = np.where(side, -np.cos(azimuth).round(15), 0.0)
         weights[1, self.channel_taxel, channels] = np.where(side, -np.sin(azimuth).round(15), 0.0)
         for axis, kind in enumerate(("shear_x", "shear_y")):
@@ -182,7 +184,7 @@ class Array:
         return weights * self.sign + 0.0  # + 0.0 turns -0 into 0
 
     def normal_weights(self) -> NDArray[np.float64]:
-        """Weights that turn channels into the pressure response of each taxel.
+        """Return the weights that convert channels to the pressure response of each taxel.
 
         Returns
         -------
@@ -201,11 +203,11 @@ class Array:
         return weights
 
     def columns(self) -> list[list[int]]:
-        """Taxels of each column (one pad, one x), in growing y; only columns of two or more."""
+        """Return the taxels of each column (one pad, one x) in ascending y; only columns of two or more."""
         return self._lines(self.x_mm, self.y_mm)
 
     def rows(self) -> list[list[int]]:
-        """Taxels of each row (one pad, one y), in growing x; only rows of two or more."""
+        """Return the taxels of each row (one pad, one y) in ascending x; only rows of two or more."""
         return self._lines(self.y_mm, self.x_mm)
 
     def _lines(self, across: FloatArray, along: FloatArray) -> list[list[int]]:
@@ -217,7 +219,7 @@ class Array:
 
 
 def build(file: ArrayFile) -> Array:
-    """Array from a checked file."""
+    """Make an array from a checked file."""
     if file.grids:
         places = [(x, y, pad) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
     else:
@@ -242,11 +244,11 @@ def build(file: ArrayFile) -> Array:
 
 
 def load_array(name_or_path: str) -> Array:
-    """Array by shipped name (``wang2019-3x3``) or by path of a TOML file.
+    """Load an array by shipped name (``wang2019-3x3``) or by path of a TOML file.
 
     Raises
     ------
     ConfigError
-        With every fault of the file.
+        Lists every fault of the file.
     """
     return build(tomlfile.load(tomltext.locate(name_or_path, "config/arrays"), ArrayFile))

@@ -1,15 +1,15 @@
-"""BLAS on one thread.
+"""Limit of BLAS to one thread.
 
-A matrix product that is divided between threads is rounded in another order, and events would differ in the
-last digit from one number of cores to another. More threads gain nothing either: matrices of 36 channels do
-not fill two, and each call would wake every core.
+A matrix product that is divided between threads is rounded in another order, so events would differ in the
+last digit between hosts with different numbers of cores. More threads would not be faster: matrices of 36
+channels are too small for two, and each call would wake every core.
 
 The limit is set by a call and not by `OPENBLAS_NUM_THREADS`, which a library reads once, when it is loaded: a
-program that uses tactiled as a library has often imported numpy before. The limit holds for the process. The
-client (`tactiled.client`) has no numerics and leaves the threads of its program alone.
+program that uses tactiled as a library has often imported numpy before. The limit holds for the whole
+process. The client (`tactiled.client`) has no numerics and does not set it.
 """
 
-import scipy.linalg  # noqa: F401  scipy has a BLAS of its own beside numpy's, and only what is loaded is limited
+import scipy.linalg  # noqa: F401  scipy has its own BLAS beside that of numpy, and the limit applies to loaded libraries only
 from threadpoolctl import threadpool_limits
 
 

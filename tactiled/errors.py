@@ -1,44 +1,44 @@
-"""Everything tactiled raises on purpose, split by who can act on it.
+"""Exceptions of tactiled, divided by the person who can correct the cause.
 
 ::
 
     TactiledError
-    |-- OperatorError          the person at the keyboard can mend it
-    |   |-- ConfigError        a file or option says something impossible; every fault at once
-    |   |-- DataError          a data file cannot be read as what it claims to be
-    |   |-- PortError          the port cannot be opened or was lost (retried by the daemon)
-    |   `-- UnavailableError   something of this host is in use or not there yet: worth trying again
-    `-- ContractError          our own code broke a promise: a bug, please report it
+    |-- OperatorError          the user can correct it
+    |   |-- ConfigError        a file or option has an invalid value; lists every fault
+    |   |-- DataError          a data file is not of the expected format
+    |   |-- PortError          the port cannot be opened or was lost (the daemon tries again)
+    |   `-- UnavailableError   a resource of this host is in use or not there yet: worth trying again
+    `-- ContractError          code of tactiled violated an interface: a bug, please report it
 
 Corrupt bytes, missing frames and estimates that cannot be made are *values* (``Corrupt``, ``Gap``,
-``TextureEvent.status``), not exceptions: they are what a robot sees every day. So is a
-board that is not the one configured, or that refuses a command: `status` says so.
+``TextureEvent.status``), not exceptions, because they occur in normal operation. The same holds for a
+board that is not the configured one or refuses a command: `status` reports it.
 """
 
 from collections.abc import Sequence
 
 
 class TactiledError(Exception):
-    """Root of the tree; ``exit_code`` is what the command line ends with."""
+    """Base of all exceptions of tactiled; ``exit_code`` is the exit code of the command line."""
 
     exit_code = 1
 
 
 class OperatorError(TactiledError):
-    """The person at the keyboard can mend it."""
+    """Fault that the user can correct."""
 
     exit_code = 2
 
 
 class ConfigError(OperatorError):
-    """A file or option says something impossible.
+    """Invalid value in a file or option.
 
     Parameters
     ----------
     source : str
-        The file (or "command line") that is wrong.
+        The file, or "command line".
     faults : sequence of str
-        One line for each fault, each naming its place and, where we can, what to do.
+        One line for each fault, with its place and, where possible, what to do.
     """
 
     def __init__(self, source: str, faults: Sequence[str]) -> None:
@@ -49,18 +49,18 @@ class ConfigError(OperatorError):
 
 
 class DataError(OperatorError):
-    """A data file cannot be read as what it claims to be."""
+    """Data file that is not of the expected format."""
 
 
 class PortError(OperatorError):
-    """The port cannot be opened, or was lost; the daemon retries, one-shot commands end."""
+    """Port that cannot be opened, or was lost; the daemon tries again, other commands end."""
 
 
 class UnavailableError(OperatorError):
-    """Something of this host is in use or not there yet; a service manager should try again."""
+    """Resource of this host that is in use or not there yet; a service manager should try again."""
 
     exit_code = 1
 
 
 class ContractError(TactiledError):
-    """Our own code broke a promise between two rooms: a bug."""
+    """Violation of an interface between two parts of tactiled: a bug."""

@@ -1,4 +1,4 @@
-"""The first four rooms in one object: bytes in, events out. Live, replayed and offline run this code."""
+"""Pipeline from bytes to events: decoding, timing and detection, for live, replayed and offline data."""
 
 import heapq
 from collections import Counter
@@ -21,11 +21,11 @@ from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
 Output = Event | Hello | Acknowledge
-RATES_HZ = (0.1, 20_000.0)  # slower, and a stall has no meaning; faster, and no serial line carries it
+RATES_HZ = (0.1, 20_000.0)  # below, a stall cannot be detected; above, no serial line can carry the scans
 
 
 class PipelineParams(Params):
-    """Parameters of the rooms that a pipeline is made of."""
+    """Parameters of the parts of a pipeline."""
 
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()
@@ -39,17 +39,17 @@ class Health:
     scans: int
     scans_missing: int
     scans_overrun: int
-    """Of those missing: the board missed the instant and said so."""
+    """Part of `scans_missing`: the board missed the instant and flagged it."""
     scans_dropped: int
-    """Of those missing: left out whole, between intact frames, without a reason that is known."""
+    """Part of `scans_missing`: missing between intact frames, without a flag or another known cause."""
     scans_duplicate: int
     restarts: int
-    """How often the board booted or counted anew; scans are not missing for that."""
+    """Number of boots of the board or restarts of its counters; they do not count as missing scans."""
     frames: int
-    """Good frames of any kind."""
+    """Number of good frames of any kind."""
     frames_corrupt: int
     corrupt_by_reason: Mapping[str, int]
-    """The same by `Corrupt.reason`."""
+    """Corrupt frames by `Corrupt.reason`."""
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -59,14 +59,14 @@ class Health:
     clock_sd_s: float
     clock_rate_ppm: float
     clock_warning: str
-    """What is wrong with the board's clock and what to set; empty when nothing."""
+    """Fault of the board's clock, and the option to set for it; empty for none."""
     rate_hz: float
     contact: ContactState
     slipping: bool
 
 
 class Pipeline:
-    """Bytes of a board to events.
+    """Process the bytes of a board into events.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ class Pipeline:
     array : Array
     params : PipelineParams
     live : bool
-        Someone acts on events as they come, or wants those of then: scans that were handed over late are
-        marked so, and events that rest on them are not valid. Where a file is analysed, no scan is late.
+        True for live data and exact replays: scans that were handed over late are marked, and events that
+        rest on them are not valid. False for the analysis of a file, in which no scan is late.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Pipeline:
         self.reset()
 
     def reset(self) -> None:
-        """As new: board, clock, detectors and counters forgotten."""
+        """Return to the initial state: forget board, clock, detectors and counters."""
         self._decoder.reset()
         self._assembler.reset()
         self.tuning.reset()
@@ -107,14 +107,14 @@ class Pipeline:
             self._accept(Hello(protocol_version=self.layout.file.protocol_version, **fields), 0.0)
 
     def receive_data(self, data: bytes, now_s: float) -> list[Output]:
-        """Everything that `data` completes, in the order of the stream.
+        """Process bytes, and return all outputs that they complete, in the order of the stream.
 
         Parameters
         ----------
         data : bytes
             Any part of the stream, of any length.
         now_s : float
-            When it was handed over, host monotonic seconds.
+            Time at which the bytes were handed over, host monotonic seconds.
         """
         out: list[Output] = []
         self._assembler.read(now_s, self._decoder.bytes_pending)
@@ -141,12 +141,12 @@ class Pipeline:
         return out
 
     def disconnected(self) -> None:
-        """The port was lost: half a frame is none, and a Gap comes before the next scan."""
+        """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""
         self.interrupted()
         self.hello = None if self.layout.has("hello") else self.hello
 
     def interrupted(self) -> None:
-        """Bytes are missing here, of the same board: as `disconnected`, and the board stays known."""
+        """Handle missing bytes: as `disconnected`, but the board stays known."""
         sums = (self._decoder.bytes_in, self._decoder.bytes_framed, self._decoder.bytes_discarded)
         pending = self._decoder.bytes_pending
         before = [old + new for old, new in zip(self._bytes_before, sums, strict=True)]
@@ -155,7 +155,7 @@ class Pipeline:
         self._assembler.interrupt("disconnect")
 
     def health(self) -> Health:
-        """Counters and state as they are now."""
+        """Return the present counters and state."""
         counts = self._assembler.counts
         bytes_in, framed, discarded = self._bytes_before
         newest_s, sd_s = self._assembler.newest
@@ -183,7 +183,9 @@ class Pipeline:
         )
 
     def command(self, name: str, arguments: Mapping[str, Any], now_s: float) -> tuple[str, list[Event]]:
-        """Change what clock and detectors go by, between two reads; same commands, same events.
+        """Change settings of clock and detectors between two reads.
+
+        The events that follow depend on the commands and the data alone, so that a replay repeats them.
 
         Parameters
         ----------
@@ -198,9 +200,9 @@ class Pipeline:
         Returns
         -------
         reason : str
-            Why it was refused; empty when it was done.
+            Reason for a refusal; empty when the command was done.
         events : list of Event
-            What it brought: a contact or slip that it cut off ends, not valid.
+            Ends of a contact or slip that the command interrupted, not valid.
         """
         tuning = self.tuning
         reason, events = "", list[Event]()
@@ -233,11 +235,11 @@ class Pipeline:
         for item in items:
             found = self._note(self.tuning.process(item))
             scans = scan_events(item, now_s) if isinstance(item, ScanBlock) else iter(())
-            # Each event behind the scan that completed it, however many scans came at once.
+            # Each event follows the scan that completed it, independent of the number of scans in a read.
             yield from heapq.merge(scans, found, key=lambda event: event.evidence_s)
 
     def _note(self, events: Sequence[Event]) -> Iterator[Event]:
-        """Keep what health tells of the contact."""
+        """Keep the state of contact and slip for `health`."""
         for event in events:
             if isinstance(event, ContactEvent):
                 self._contact = event.state
@@ -247,7 +249,7 @@ class Pipeline:
 
 
 def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
-    """One event a scan, for those who want the voltages."""
+    """Yield one event for each scan of a block."""
     rows = zip(
         block.index.tolist(), block.volts.tolist(), block.valid.tolist(),
         block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), strict=True,
@@ -265,7 +267,7 @@ def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
 
 
 def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
-    """Reason why this board does not fit, or None when it does."""
+    """Return the reason why this board does not fit layout and array, or None when it does."""
     wanted = layout.file.protocol_version
     if hello.protocol_version != wanted:
         return (

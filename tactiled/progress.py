@@ -1,4 +1,4 @@
-"""How far a verb is: a bar on standard error if that is a terminal, else one plain line at the start."""
+"""Progress of a command: a bar on standard error if that is a terminal, else one line at the start."""
 
 import sys
 from types import TracebackType
@@ -10,23 +10,23 @@ if TYPE_CHECKING:
 
 
 class ProgressBar:
-    """A context manager; its bar disappears at the end.
+    """Context manager that shows a progress bar, and removes it at the end.
 
     Parameters
     ----------
     title : str
-        What is done, e.g. ``replay slide.mcap``.
+        Name of the work, e.g. ``replay slide.mcap``.
     total : float, optional
-        Work to come, in any unit; without it the bar shows that time passes.
+        Amount of work, in any unit; without it the bar shows only that the command is running.
     writes_lines : bool
-        The verb prints to standard output meanwhile. Where that is a terminal too, there is no bar: it would
-        be drawn into those lines.
+        The command prints to standard output meanwhile. Where that is a terminal too, there is no bar, which
+        would be drawn into those lines.
     terminal : TextIO, optional
-        Where the bar is drawn; standard error if not given.
+        Stream for the bar; standard error if not given.
 
     Notes
     -----
-    `rich` is imported where a bar is drawn and nowhere else.
+    `rich` is imported only where a bar is drawn.
     """
 
     def __init__(
@@ -79,20 +79,20 @@ class ProgressBar:
             self._bar.stop()
 
     def begin(self, total: float) -> None:
-        """Say how much work there is, once that is known."""
+        """Set the amount of work, once it is known."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, total=total)
 
     def advance(self, what: str, work: float = 1.0) -> None:
-        """Count work as done; `what` names it beside the title."""
+        """Add finished work; `what` is shown beside the title."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, advance=work, description=f"{self._title}: {what}")
 
     def reach(self, done: float) -> None:
-        """Say how much is done in all."""
+        """Set the total amount of finished work."""
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done)
 
     def note(self, what: str) -> None:
-        """Name what is being done now."""
+        """Show `what` beside the title as the present work."""
         self.advance(what, 0.0)

@@ -1,4 +1,4 @@
-"""Where the files that travel with tactiled are: protocols/, config/, systemd/."""
+"""Paths of the files that ship with tactiled: protocols/, config/, systemd/."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ _ROOT = _PACKAGE / "_data" if (_PACKAGE / "_data").is_dir() else _PACKAGE.parent
 
 
 def shipped(*parts: str) -> Path:
-    """Path of a file or folder that ships with tactiled, e.g. ``shipped("config", "scenes")``."""
+    """Return the path of a shipped file or folder, e.g. ``shipped("config", "scenes")``."""
     return _ROOT.joinpath(*parts)
 
 
 def find(name_or_path: str, kind: str) -> Path:
-    """Path of a TOML file given by shipped name or by path.
+    """Return the path of a TOML file that is given by shipped name or by path.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def find(name_or_path: str, kind: str) -> Path:
     Returns
     -------
     Path
-        May not exist: whoever opens it reports that, with the name the user gave.
+        May not exist; the code that opens it reports that, with the name that the user gave.
     """
     if not is_name(name_or_path):
         return Path(name_or_path)
@@ -34,10 +34,10 @@ def find(name_or_path: str, kind: str) -> Path:
 
 
 def is_name(name_or_path: str) -> bool:
-    """Whether `find` looks this up among the shipped files."""
+    """Return True for a bare name, which `find` looks up among the shipped files."""
     return not Path(name_or_path).suffix and "/" not in name_or_path
 
 
 def shipped_names(kind: str) -> list[str]:
-    """Names that `find` knows for this kind, sorted."""
+    """Return the sorted names of the shipped files of a kind."""
     return sorted(path.stem for path in shipped(*kind.split("/")).glob("*.toml"))

@@ -1,7 +1,7 @@
-"""TOML files checked against a schema: every fault at once, each with its place and a hint.
+"""Check of TOML files against a schema, with a list of all faults, their places and hints.
 
-Rooms describe what they accept as `Params` (frozen, no unknown keys, no NaN); this file turns a TOML
-document into one, and pydantic's findings into lines that a person can act on.
+Packages describe their parameters as `Params` (frozen, no unknown keys, no NaN). This module makes them from
+a TOML document, and turns pydantic's errors into lines that a user can act on.
 """
 
 import difflib
@@ -19,7 +19,7 @@ __all__ = ["Params", "load", "parse", "read"]
 
 
 class Params(BaseModel):
-    """Base of every set of parameters: immutable, closed, finite."""
+    """Base of all parameters: immutable, without unknown keys, finite."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
 
@@ -39,7 +39,13 @@ def load(path: Path, schema: type[P]) -> P:
 
 
 def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:
-    """Check plain dictionaries against `schema`; `ConfigError` lists every fault."""
+    """Check plain dictionaries against `schema`.
+
+    Raises
+    ------
+    ConfigError
+        Lists every fault.
+    """
     try:
         return schema.model_validate(document)
     except ValidationError as error:
@@ -70,7 +76,7 @@ def _place(location: tuple[int | str, ...]) -> str:
 
 
 def _hint(location: tuple[int | str, ...], schema: type[BaseModel]) -> str:
-    """Nearest known key, so that a wrong unit or a typing slip names its cure."""
+    """Nearest known key, as a hint for a wrong unit or a typing error."""
     key = str(location[-1])
     known = [name for model in _models_at(location[:-1], schema) for name in model.model_fields]
     stem = key.rsplit("_", 1)[0]
@@ -84,7 +90,7 @@ def _hint(location: tuple[int | str, ...], schema: type[BaseModel]) -> str:
 
 
 def _models_at(location: tuple[int | str, ...], schema: type[BaseModel]) -> list[type[BaseModel]]:
-    """Models that may stand at a place of the document."""
+    """Models that are allowed at a place of the document."""
     models = [schema]
     for part in location:
         if isinstance(part, int):
@@ -94,7 +100,7 @@ def _models_at(location: tuple[int | str, ...], schema: type[BaseModel]) -> list
             for model in models
             if part in model.model_fields
             for inner in _models_in(model.model_fields[part].annotation)
-        ] or models  # a union's tag is a part of the place that is no key: stay
+        ] or models  # the tag of a union is in the location, but no key
     return models
 
 

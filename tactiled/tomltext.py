@@ -14,12 +14,12 @@ _CALLED = {"config/arrays": "array", "protocols": "layout"}
 
 
 def locate(name_or_path: str, kind: str) -> Path:
-    """Path of an array (``config/arrays``) or a layout (``protocols``) by shipped name or path.
+    """Return the path of an array (``config/arrays``) or layout (``protocols``) by shipped name or path.
 
     Raises
     ------
     ConfigError
-        Nothing of this name ships with tactiled. A path is not looked at: `read` does that.
+        No shipped file has this name. A path is not checked here: `read` does that.
     """
     path = resources.find(name_or_path, kind)
     if resources.is_name(name_or_path) and not path.exists():

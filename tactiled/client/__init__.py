@@ -1,4 +1,4 @@
-"""What a grasp controller imports: tactile events as they happen, and the truth about their age.
+"""Client for grasp controllers: tactile events as they happen, with their age and with notice of losses.
 
 Needs pyzmq and msgpack only. ::
 
@@ -12,8 +12,8 @@ Needs pyzmq and msgpack only. ::
                 case Stale(reason=reason):
                     hold_without_touch(reason)
 
-`Recovered` is a message that was missed and fetched: old news. `Lost` is what is beyond recovery. To tell the
-daemon something: ``AsyncCommander().send("inhibit", duration_s=0.4)``.
+`Recovered` has a message that was missed and requested again, so it is old. `Lost` counts messages that
+cannot be recovered. Commands to the daemon: ``AsyncCommander().send("inhibit", duration_s=0.4)``.
 
 Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
 """

@@ -1,4 +1,4 @@
-"""``python -m tactiled.client``: what `tactiled listen` is where only tactiled-client is installed."""
+"""``python -m tactiled.client``: `tactiled listen` for hosts with tactiled-client alone."""
 
 import argparse
 import sys

@@ -1,13 +1,13 @@
-"""Each topic's messages in order, each once, with what was missed fetched from the daemon. No I/O.
+"""Order of the messages of each topic, and recovery of missed ones from the daemon. No I/O.
 
-A hole shows in the numbers: of the topic itself, or of a status, which says what has been sent of every
-topic. The daemon is asked for what is missing, and until it has answered, what is newer of that topic waits:
-a millisecond on one host, `HOLD_S` at most. What the daemon no longer has, or does not answer for in
-time, is `Lost`. Then, and before the daemon has answered at all, nothing waits until it answers again: where
-nobody answers, loss is only told.
+A hole shows in the sequence numbers of a topic, or in a status, which has the number of messages sent on
+every topic. The daemon is asked for missing messages, and newer ones of that topic wait for its answer: a
+millisecond on one host, at most `HOLD_S`. Messages that the daemon no longer has, or does not return in time,
+are `Lost`. After that, and before the first answer of the daemon, nothing waits: where nobody answers, losses
+are only reported.
 
-Numbers begin anew with each run of the daemon (`run` in every message): the holes of the old run are given
-up, and everything of the new one is expected from number 0.
+Sequence numbers begin at 0 with each run of the daemon (`run` in every message). Holes of the old run then
+count as lost, and the messages of the new run are expected from number 0.
 """
 
 import math
@@ -18,37 +18,37 @@ from typing import Any
 from tactiled.client.items import Item, Key, Lost, Message, Recovered, Restarted
 from tactiled.client.parse import message_of
 
-HOLD_S = (
-    0.5  # longer than a reconnection to the daemon takes (0.1 s), shorter than anyone should wait for touch
-)
-PROBE_S = 1.0  # how often a daemon that does not answer is asked again
-_MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than come while one waits
-_MOST_TOPICS = 1024  # what a publisher of nonsense can make us remember
+# Longest delay of a message behind a hole: more than a reconnection to the daemon takes (0.1 s), and little
+# enough for a controller.
+HOLD_S = 0.5
+PROBE_S = 1.0  # period of asking a daemon that does not answer
+_MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than arrive within `HOLD_S`
+_MOST_TOPICS = 1024  # bounds the memory that a publisher of invalid topics can occupy
 
 
 @dataclass
 class _Line:
-    """One topic of one board."""
+    """State of one topic of one board."""
 
     next_seq: int
     end_seq: int = 0
-    """Everything before it is known to have been sent."""
+    """End of the sequence numbers that are known to have been sent."""
     hole_end: int = 0
-    """Where the hole ends that is being asked for; 0 when there is none."""
+    """End of the hole that was requested; 0 for none."""
     asked: str = ""
     until_s: float = math.inf
     held: deque[Message] = field(default_factory=deque)
     given: bool = False
-    """Whether anything of it was handed on."""
+    """True after any message of the topic was handed on."""
 
 
 class CatchUp:
-    """Puts messages in order and fills holes.
+    """Put messages in order and fill holes.
 
     Parameters
     ----------
     enabled : bool
-        Whether there is anyone to ask.
+        There is a daemon to send requests to.
     now_s : float
     """
 
@@ -57,7 +57,7 @@ class CatchUp:
         self.recovered = 0
         self._lines: dict[Key, _Line] = {}
         self._runs: dict[str, int] = {}
-        self._new_runs: set[str] = set()  # boards whose present run we know from its beginning
+        self._new_runs: set[str] = set()  # boards whose present run was observed from its beginning
         self._asking: dict[str, Key] = {}
         self._unsent: dict[str, dict[str, Any]] = {}
         self._number = 0
@@ -66,7 +66,7 @@ class CatchUp:
 
     @property
     def deadline_s(self) -> float:
-        """When `tick` is due."""
+        """Time of the next `tick`, monotonic seconds."""
         return min([self._probe_s, *(line.until_s for line in self._lines.values())])
 
     @property
@@ -75,11 +75,11 @@ class CatchUp:
         return list(self._unsent.values())
 
     def sent(self, request: dict[str, Any]) -> None:
-        """A request has left."""
+        """Take note of a request that was sent."""
         self._unsent.pop(request["id"], None)
 
     def tick(self, now_s: float) -> list[Item]:
-        """What follows from time having passed."""
+        """Return the items that follow from passed deadlines."""
         if now_s >= self._probe_s:
             self._probe_s = now_s + PROBE_S
             self._unsent = {id_: asked for id_, asked in self._unsent.items() if asked["do"] != "state"}
@@ -92,14 +92,14 @@ class CatchUp:
         return items
 
     def has_room(self, message: Message) -> bool:
-        """Whether a message is of a board and a topic that we know, or may still get to know."""
+        """Return True for a message of a known board and topic, or while there is room for new ones."""
         key = (message.board, message.topic)
         return (key in self._lines or len(self._lines) < _MOST_TOPICS) and (
             message.board in self._runs or len(self._runs) < _MOST_TOPICS
         )
 
     def watch_run(self, message: Message) -> list[Item]:
-        """See whether a message comes from another run than those before."""
+        """Detect a message of a new run of the daemon, and give up the holes of the old one."""
         board, run = message.board, message.data["run"]
         known = self._runs.setdefault(board, run)
         if known == run:
@@ -114,13 +114,13 @@ class CatchUp:
         return [*items, Restarted(board)]
 
     def place(self, message: Message, now_s: float) -> list[Item]:
-        """Take a message that came; gives it, and what had to come before it, when its time has come."""
+        """Take a received message; return the messages that are in order now."""
         key = (message.board, message.topic)
         line = self._line(key, message.seq)
         if line is None:
             return []
         if message.seq < line.next_seq:
-            return []  # fetched already
+            return []  # recovered already
         line.end_seq = max(line.end_seq, message.seq + 1)
         line.held.append(message)
         if line.hole_end and len(line.held) <= _MOST_HELD:
@@ -128,7 +128,7 @@ class CatchUp:
         return self._settle(key, line, line.hole_end, now_s)
 
     def expect(self, key: Key, end_seq: int, now_s: float) -> list[Item]:
-        """A status says that everything before `end_seq` was sent, and so it came before the status."""
+        """Take note that all messages before `end_seq` were sent, which a status shows."""
         line = self._line(key, end_seq)
         if line is None:
             return []
@@ -136,7 +136,7 @@ class CatchUp:
         return [] if line.hole_end else self._settle(key, line, 0, now_s)
 
     def answer(self, reply: dict[str, Any], now_s: float, unix_s: float) -> list[Item]:
-        """Take a reply; never raises for what it holds."""
+        """Take a reply; never raises, whatever it contains."""
         id_ = reply.get("id")
         if reply.get("do") == "state" and isinstance(reply.get("messages"), dict):
             first, self._answered, self._probe_s = not self._answered, True, math.inf
@@ -157,17 +157,17 @@ class CatchUp:
             return items
         return items + self._settle(key, line, max(settled, line.next_seq), now_s)
 
-    # ---- how it is done ----------------------------------------------------------------------------
+    # ---- state of topics ---------------------------------------------------------------------------
 
     def _line(self, key: Key, joined_seq: int) -> _Line | None:
-        """What is known of a topic; one that is new begins here, since joining late is no loss."""
+        """State of a topic; a new one begins at `joined_seq`, because earlier messages are not lost."""
         line = self._lines.get(key)
         if line is None and len(self._lines) < _MOST_TOPICS:
             line = self._lines[key] = _Line(0 if key[0] in self._new_runs else joined_seq)
         return line
 
     def _fill(self, key: Key, line: _Line, messages: list[Any], now_s: float, unix_s: float) -> list[Item]:
-        """Messages of a reply, as far as they belong into the hole."""
+        """Hand on messages of a reply that belong to the hole."""
         items: list[Item] = []
         for data in messages:
             message = message_of(key[1], data, now_s, unix_s) if isinstance(data, dict) else None
@@ -180,7 +180,7 @@ class CatchUp:
         return items
 
     def _settle(self, key: Key, line: _Line, settled_seq: int, now_s: float) -> list[Item]:
-        """Nothing more comes of what lies before `settled_seq`; go on to the next hole, and ask for it."""
+        """Count missing messages before `settled_seq` as lost; go on to the next hole, and request it."""
         items = self._lose(key, line, settled_seq)
         self._forget(line)
         while True:
@@ -198,7 +198,7 @@ class CatchUp:
             items += self._lose(key, line, hole_end)
 
     def _give_up(self, key: Key, line: _Line) -> list[Item]:
-        """Nobody will fill the holes of a topic; what waits behind them is let go."""
+        """Count the holes of a topic as lost, and hand on the messages that wait behind them."""
         items: list[Item] = []
         self._forget(line)
         for message in line.held:
@@ -216,7 +216,7 @@ class CatchUp:
         return [Lost(key[1], key[0], count)]
 
     def _retained(self, messages: dict[str, Any], now_s: float, unix_s: float) -> list[Item]:
-        """The newest of each topic, for one who has just come; scans and statuses come by themselves."""
+        """Hand on the newest message of each topic to a new subscriber, except scans and statuses."""
         items: list[Item] = []
         for path, data in messages.items():
             topic = path.rsplit("/", 1)[-1] if isinstance(path, str) else ""
@@ -246,7 +246,7 @@ class CatchUp:
         return id_
 
     def _forget(self, line: _Line) -> None:
-        """The request for a line's hole, if there is one, is over."""
+        """Forget the request for a hole."""
         self._asking.pop(line.asked, None)
         self._unsent.pop(line.asked, None)
         line.asked, line.hole_end, line.until_s = "", 0, math.inf

@@ -1,7 +1,7 @@
-"""Asking the daemon for something, and knowing what came of it: `Commander`, `AsyncCommander`.
+"""Commands to the daemon, and their replies: `Commander`, `AsyncCommander`.
 
-A command that got no reply is sent again with the same session and id. The daemon does it once however often
-it comes, so a reply that was lost never makes a command happen twice.
+A command without a reply is sent again with the same session and id. The daemon carries it out once, however
+often it arrives, so the loss of a reply never repeats a command.
 """
 
 import itertools
@@ -23,19 +23,19 @@ from tactiled.client.parse import parse_map
 from tactiled.errors import OperatorError
 from tactiled.events.endpoints import control_endpoint
 
-TIMEOUT_S = 5.0  # the slowest command, a rate that the board does not take, is answered within 3 s
-_AGAIN_S = 0.5  # a reply takes a millisecond; a change of rate some 100
+TIMEOUT_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
+_AGAIN_S = 0.5  # a reply takes a millisecond, that to a change of rate some 100 ms
 
 
 @dataclass(frozen=True)
 class Reply:
-    """What the daemon answered.
+    """Reply of the daemon.
 
     Attributes
     ----------
     ok : bool
     reason : str
-        Why not; empty where `ok`.
+        Reason for a refusal; empty where `ok`.
     data : dict
         The whole map (protocols/control.md).
     """
@@ -46,7 +46,7 @@ class Reply:
 
 
 class _Request:
-    """One request until it is answered; `session` and `number` tell it from all others."""
+    """Request until it is answered; identified by `session` and `number`."""
 
     def __init__(self, do: str, session: str, number: int, rest: dict[str, Any], timeout_s: float) -> None:
         self.id = f"{session[:8]}-{number}"
@@ -55,14 +55,14 @@ class _Request:
         self.again_s = 0.0
 
     def wait_ms(self, endpoint: str) -> int:
-        """How long to wait for the reply now; raises when the time is up."""
+        """Return the time to wait for the reply, milliseconds; raises OperatorError after the time limit."""
         now_s = time.monotonic()
         if now_s >= self.until_s:
             raise OperatorError(f"{endpoint}: no answer; is tactiled running there, and our key known to it?")
         return max(1, round(1000 * (min(self.until_s, self.again_s) - now_s)))
 
     def is_due(self) -> bool:
-        """Whether to send it (again) now."""
+        """Return True when the request must be sent now, for the first time or again."""
         now_s = time.monotonic()
         if now_s < self.again_s:
             return False
@@ -70,7 +70,7 @@ class _Request:
         return True
 
     def reply(self, payload: bytes) -> Reply | None:
-        """The reply, if that is ours."""
+        """Return the reply to this request, or None for another message."""
         data = parse_map(payload, "reply")
         if isinstance(data, Malformed) or data.get("id") != self.id:
             return None
@@ -78,7 +78,7 @@ class _Request:
 
 
 class _Connected:
-    """Where requests go."""
+    """Socket for requests, with session and request numbers."""
 
     def __init__(
         self,
@@ -109,46 +109,47 @@ class _Connected:
         return _Request(do, self._session, next(self._numbers), rest, timeout_s)
 
     def close(self) -> None:
+        """Close the connection."""
         self._socket.close(linger=0)
         self._context.term()
 
 
 class Commander(_Connected):
-    """Commands to a daemon, one after the other.
+    """Send commands to a daemon, one at a time.
 
     Parameters
     ----------
     endpoint : str, optional
-        Where the daemon publishes; left out: the ipc endpoint of the one daemon of this host (`nearby`).
+        Endpoint for events of the daemon; left out: the one daemon of this host, over ipc (`nearby`).
     who : str
-        How we call ourselves, for the record.
+        Name of this client, for the recording.
     control : str, optional
-        Where it takes requests; left out: beside `endpoint`, by the daemon's own rule.
+        Endpoint for requests; left out: derived from `endpoint` (`control_endpoint`).
     keys : path, optional
-        Our file of `tactiled keys make`.
+        File of this client from `tactiled keys make`.
 
     Raises
     ------
     ConfigError
-        The endpoint is none, or there are no keys in the file.
+        The endpoint is invalid, or the file has no keys.
     OperatorError
-        No endpoint is given, and on this host is no daemon, more than one, or one that does not let us in.
+        No endpoint is given, and this host has no daemon, several, or one that this user may not command.
 
     Examples
     --------
     ::
 
         with Commander(who="left gripper") as daemon:
-            daemon.send("inhibit", duration_s=0.4)  # our own motion: no slip, whatever it looks like
+            daemon.send("inhibit", duration_s=0.4)  # our own motion must not count as slip
     """
 
     def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
-        """Ask for something and wait for the reply.
+        """Send a request and wait for the reply.
 
         Raises
         ------
         OperatorError
-            Nobody answered in time. Whether a command was done is not known then.
+            No reply came in time. The command may have been carried out all the same.
         """
         request = self._request(do, arguments, timeout_s)
         while True:
@@ -167,15 +168,15 @@ class Commander(_Connected):
 
 
 class AsyncCommander(_Connected):
-    """The same for asyncio; parameters and errors as `Commander`'s."""
+    """Send commands to a daemon from asyncio; parameters and errors as for `Commander`."""
 
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
-        """Ask for something and wait for the reply; errors as `Commander.send`'s. One at a time."""
+        """Send a request and wait for the reply, one at a time; errors as for `Commander.send`."""
         request = self._request(do, arguments, timeout_s)
         sock: zmq.asyncio.Socket = zmq.asyncio.Socket(shadow=self._socket)
         while True:
             wait_ms = request.wait_ms(self._endpoint) if request.is_due() else 0
-            # pyzmq's stub does not know of the flags.
+            # pyzmq's stub lacks the flags.
             if wait_ms and await sock.poll(wait_ms, zmq.POLLOUT):  # type: ignore[call-arg]
                 self._socket.send(request.payload)
             if await sock.poll(request.wait_ms(self._endpoint)):
@@ -191,7 +192,7 @@ class AsyncCommander(_Connected):
 
 
 def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:
-    """Arguments of a request from words like ``speed_mm_s=5``; values are JSON, or else text.
+    """Parse arguments of a request from words like ``speed_mm_s=5``; values are JSON, or else text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Sockets of a client: events in, requests out, with keys where the daemon asks for them."""
+"""Sockets of a client for events and requests, with keys where the daemon requires them."""
 
 import tomllib
 from collections.abc import Sequence
@@ -11,19 +11,21 @@ from tactiled.errors import ConfigError
 from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT
 
-_RECEIVE_HIGH_WATER = 2000  # as the publisher's: a sleep of some 18 s loses nothing
-_LARGEST_BYTES = 1 << 20  # our largest message is some 40 kB (4096 channels); libzmq drops who sends more
+_RECEIVE_HIGH_WATER = 2000  # as the publisher's: a pause of some 18 s loses nothing
+_LARGEST_BYTES = (
+    1 << 20
+)  # the largest message has some 40 kB (4096 channels); libzmq disconnects from larger ones
 _REQUEST_HIGH_WATER = 64
-_RECONNECT_MS = 30  # a request waits for the way to a daemon that comes back; libzmq's own is 100
+_RECONNECT_MS = 30  # requests wait for the connection to a daemon that restarts; libzmq's default is 100
 
 
 def subscribe(
     sock: zmq.Socket[Any], endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None
 ) -> None:
-    """Set a SUB socket up and connect it; parameters and errors as `Client`'s."""
+    """Set up a SUB socket and connect it; parameters and errors as for `Client`."""
     sock.setsockopt(zmq.RCVHWM, _RECEIVE_HIGH_WATER)
     if board is None:
-        prefixes = ["tactile/"]  # the board comes before the topic: which topic it is, the inbox sees
+        prefixes = ["tactile/"]  # the topic comes after the board, so the inbox filters by it
     else:
         wanted = {*topics, "status"} if topics else {""}
         prefixes = [topic_of(board, topic) for topic in sorted(wanted)] + [topic_of("", "status")]
@@ -33,7 +35,7 @@ def subscribe(
 
 
 def ask(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
-    """Set a DEALER socket up and connect it; a request is taken only while someone is there to read it."""
+    """Set up a DEALER socket and connect it; it accepts requests only while it is connected."""
     sock.setsockopt(zmq.SNDHWM, _REQUEST_HIGH_WATER)
     sock.setsockopt(zmq.RCVHWM, _REQUEST_HIGH_WATER)
     sock.setsockopt(zmq.IMMEDIATE, 1)
@@ -60,7 +62,7 @@ def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
 
 
 def _read_keys(path: Path) -> tuple[bytes, bytes, bytes]:
-    """Our public and secret key, and the daemon's public one, from what `tactiled keys make` wrote."""
+    """Keys in a file of `tactiled keys make`: public and secret of the client, public of the daemon."""
     try:
         mode = path.stat().st_mode
         document = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -1,11 +1,12 @@
-"""What arrives, judged: messages, and between them what was lost, stale, malformed. No I/O.
+"""Conversion of received frames to items: messages, losses, staleness, malformed data. No I/O.
 
-Two things make old news look new, and both are caught here. *Silence*: the daemon, the cable or the board
-is gone, and the last message stands for ever. *Backlog*: we slept, and messages wait in a queue, each of
-them fresh when it was sent. So freshness is never inferred from a message having arrived: it is the daemon
-saying ``valid`` in its status, and that status itself being young, by both clocks.
+Two conditions make old data look new. *Silence*: daemon, cable or board is gone, and the last message stays
+the newest. *Backlog*: the client has paused, and messages wait in a queue, each of which was fresh when it
+was sent. Freshness is therefore not inferred from the arrival of a message: the daemon must state ``valid``
+in a status, and that status must be recent by both clocks.
 
-Ages compare the publisher's clock with ours: on one host they are the same; across hosts keep both to NTP.
+Ages compare the publisher's clock with the client's: on one host they are the same, between hosts NTP must
+keep them together.
 """
 
 import math
@@ -16,24 +17,24 @@ from tactiled.client.catchup import CatchUp
 from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
 from tactiled.client.parse import message_of, parse_map
 
-_CLOCKS_PART = 5e-4  # by which crystals of two hosts may differ: five times a bad one's 100 ppm
+_CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
 
 
 class Inbox:
-    """Raw frames and the passing of time to items.
+    """Convert raw frames and passing time to items.
 
     Parameters
     ----------
     topics : sequence of str
-        Topics to hand on; empty for all. Status is always looked at, whether handed on or not.
+        Topics to hand on; empty for all. Statuses are always evaluated, whether handed on or not.
     board : str, optional
-        Only this board.
+        Hand on messages of this board only.
     stale_after_s : float
         Silence, or age of the newest status, that counts as stale.
     now_s : float
         Monotonic clock at the start.
     catch_up : bool
-        Whether what is missed can be asked for: `catch_up` has the requests, `answer` takes the replies.
+        Request missed messages: `catch_up` has the requests, `answer` takes the replies.
     """
 
     def __init__(
@@ -54,22 +55,22 @@ class Inbox:
         self._lead: tuple[object, float, float] = (None, 0.0, now_s)  # run, least lead, when
 
     def is_fresh(self, now_s: float) -> bool:
-        """Whether touch may be acted on: said so by a status that is young even now."""
+        """Return True while the last status is valid and recent, so that tactile data may be acted on."""
         return self._state == "fresh" and now_s < self._status_s + self._stale_after_s
 
     @property
     def deadline_s(self) -> float:
-        """When `tick` is due."""
+        """Time of the next `tick`, monotonic seconds."""
         return min(self.catch_up.deadline_s, self._silence_due_s)
 
     @property
     def _silence_due_s(self) -> float:
-        """When silence is to be reported; inf when it has been already."""
+        """Time at which silence counts as stale; inf when that was reported already."""
         return math.inf if self._state == "stale" else self._status_s + self._stale_after_s
 
     def receive(self, parts: Sequence[bytes], now_s: float, unix_s: float) -> list[Item]:
-        """Items that a message from the socket gives; never raises, whatever it holds."""
-        items = self.tick(now_s)  # when we slept: stale before any of what waited
+        """Return the items from a received message; never raises, whatever it contains."""
+        items = self.tick(now_s)  # after a pause, stale comes before the messages that waited
         message = self._parse(parts, now_s, unix_s)
         if isinstance(message, Message) and not self.catch_up.has_room(message):
             message = Malformed(f"{message.topic}: more boards and topics than any daemon has")
@@ -89,7 +90,7 @@ class Inbox:
         return items
 
     def answer(self, payload: bytes, now_s: float, unix_s: float) -> list[Item]:
-        """Items that a reply of the daemon gives; never raises, whatever it holds."""
+        """Return the items from a reply of the daemon; never raises, whatever it contains."""
         reply = parse_map(payload, "reply")
         if isinstance(reply, Malformed):
             self.malformed += 1
@@ -97,7 +98,7 @@ class Inbox:
         return [item for item in self.catch_up.answer(reply, now_s, unix_s) if self._is_for_us(item)]
 
     def tick(self, now_s: float) -> list[Item]:
-        """Items that follow from nothing having come."""
+        """Return the items that follow from silence and from passed deadlines."""
         items = self.catch_up.tick(now_s)
         if now_s >= self._silence_due_s:
             silent_s = now_s - self._status_s
@@ -109,14 +110,14 @@ class Inbox:
         return not self._topics or topic in self._topics
 
     def _is_for_us(self, item: Item) -> bool:
-        """Whether what was retained is of a topic and a board that were asked for."""
+        """Return False for a recovered message of a topic or board that was not subscribed."""
         if not isinstance(item, Recovered):
             return True
         message = item.message
         return self._is_wanted(message.topic) and self._board in (None, message.board)
 
     def _parse(self, parts: Sequence[bytes], now_s: float, unix_s: float) -> Message | Malformed | None:
-        """A message, None when it is not for us, or why it is none of ours."""
+        """Message, None for one that was not subscribed, or the reason why it is malformed."""
         if len(parts) != 2:
             return Malformed(f"{len(parts)} frames, not 2")
         path = parts[0].decode(errors="replace").split("/")
@@ -129,7 +130,7 @@ class Inbox:
         message = data if isinstance(data, Malformed) else message_of(topic, data, now_s, unix_s)
         if isinstance(message, Malformed):
             return message
-        # Before the daemon knows which board it has, its status names none.
+        # Until the daemon has a hello of its board, its status has no board name.
         if self._board not in (None, message.board) and (message.board, topic) != ("", "status"):
             return None
         return message
@@ -149,11 +150,11 @@ class Inbox:
         return [Fresh()]
 
     def _behind_s(self, status: dict[str, Any], now_s: float) -> float:
-        """How long a status waited for us by steady clocks, the daemon's and ours, which nobody sets."""
+        """Seconds that a status waited to be read, by the monotonic clocks of daemon and client."""
         uptime_s, run = status.get("uptime_s"), status.get("run")
         if not isinstance(uptime_s, float):
             return 0.0
-        lead_s = now_s - uptime_s  # our clock over its own, and how long this one waited
+        lead_s = now_s - uptime_s  # offset of both clocks plus the waiting time of this status
         known_run, least_s, at_s = self._lead
         allowed_s = least_s + _CLOCKS_PART * (now_s - at_s)
         if run != known_run or lead_s < allowed_s:
@@ -169,7 +170,7 @@ class Inbox:
 
 
 def _sent(status: dict[str, Any]) -> dict[str, int]:
-    """How many messages of each topic there were, as a status says; nothing where it says nonsense."""
+    """Numbers of messages by topic from a status; empty where they are invalid."""
     sent = status.get("sent")
     if not isinstance(sent, dict):
         return {}

@@ -1,4 +1,4 @@
-"""What a subscription yields."""
+"""Items of a subscription."""
 
 import time
 from dataclasses import dataclass, field
@@ -7,22 +7,22 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Message:
-    """One event, as it was published.
+    """Published event.
 
     Attributes
     ----------
     topic : str
         ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...
     board : str
-        Serial number.
+        Serial number of the board.
     seq : int
-        Running number within board and topic.
+        Sequence number within board and topic.
     timestamp : float
-        Instant that the event is about, epoch seconds.
+        Instant of the event, epoch seconds.
     data : dict
-        The whole map, as protocols/events/ describes it.
+        The whole map (protocols/events.md).
     received_s : float
-        When we took it out of the socket, ``time.monotonic()``.
+        Time at which it was read from the socket, ``time.monotonic()``.
     """
 
     topic: str
@@ -35,15 +35,15 @@ class Message:
 
     @property
     def age_s(self) -> float:
-        """How long ago the event was, now: it grows while the message is held."""
+        """Present age of the event in seconds; grows while the message is held."""
         return self._age_received_s + time.monotonic() - self.received_s
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """A message that did not reach us when it was sent, fetched since: old news, in its place before newer.
+    """Message that was missed and requested again; it comes before newer ones of its topic.
 
-    Not a `Message`, so that no controller takes it for something that happens now; `message.age_s` tells.
+    It is not a `Message`, so that no controller takes it for a present event; `message.age_s` is its age.
     """
 
     message: Message
@@ -51,7 +51,7 @@ class Recovered:
 
 @dataclass(frozen=True)
 class Lost:
-    """Messages of a topic that were sent, never arrived, and are beyond recovery."""
+    """Number of messages of a topic that were sent, did not arrive, and cannot be recovered."""
 
     topic: str
     board: str
@@ -60,32 +60,32 @@ class Lost:
 
 @dataclass(frozen=True)
 class Restarted:
-    """The daemon was started anew. How many messages the run before still sent cannot be known."""
+    """Restart of the daemon; the number of messages lost at the end of its last run is not known."""
 
     board: str
 
 
 @dataclass(frozen=True)
 class Stale:
-    """From here on what is known may be old: do not act on touch until `Fresh`."""
+    """Begin of a time in which data may be old; do not act on tactile data until `Fresh`."""
 
     reason: str
     silent_s: float
-    """Age of what is newest."""
+    """Age of the newest data, seconds."""
 
 
 @dataclass(frozen=True)
 class Fresh:
-    """The board runs, and what arrives is new."""
+    """Begin of a time in which the board runs and arriving data are new."""
 
 
 @dataclass(frozen=True)
 class Malformed:
-    """Something arrived that is not one of our messages."""
+    """Received data that are no message of tactiled."""
 
     reason: str
 
 
 Item = Message | Recovered | Lost | Restarted | Stale | Fresh | Malformed
 Key = tuple[str, str]
-"""Board and topic: what numbers count within."""
+"""Board and topic; sequence numbers count within this pair."""

@@ -1,4 +1,4 @@
-"""`tactiled listen`: events as JSON lines for programs, everything else as text for people."""
+"""`tactiled listen`: events as JSON lines on stdout, other items as text on stderr."""
 
 import json
 import os
@@ -24,24 +24,24 @@ def listen(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> int:
-    """Print messages until `count` of them, or `timeout_s`, or interrupted.
+    """Print messages until `count` is reached, `timeout_s` has passed, or Ctrl-C.
 
     Parameters
     ----------
     endpoint, topics, board, keys
         As for `Client`.
     count : int, optional
-        End after so many messages.
+        End after this number of messages.
     timeout_s : float, optional
-        End after so many seconds in all.
+        End after this time in all.
     out, err : text streams
-        Where JSON lines and words go.
+        For JSON lines, and for text.
 
     Returns
     -------
     int
-        0 when `count` was reached, or without `count` when anything was printed or we were interrupted;
-        1 when the time was up before that.
+        0 when `count` was reached, or without `count` after any message or Ctrl-C; 1 when `timeout_s` passed
+        before that.
     """
     out = sys.stdout if out is None else out
     err = sys.stderr if err is None else err
@@ -63,20 +63,20 @@ def listen(
     except KeyboardInterrupt:
         return 0
     except BrokenPipeError:
-        # Whoever read us has had enough, as `| head` does; Python's own flush at exit must not complain.
+        # The reader has closed the pipe, as `| head` does; Python's flush at exit must not print an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
     return 0
 
 
 def _json_line(item: Item) -> str | None:
-    """The message map, its topic, and whether it is old news; None for what is no message or no JSON."""
+    """JSON of a message with its topic and mark of recovery; None for other items and invalid values."""
     mark = {"recovered": True} if isinstance(item, Recovered) else {}
     message = item.message if isinstance(item, Recovered) else item
     if not isinstance(message, Message):
         return None
     try:
         return json.dumps({"topic": message.topic, **mark, **message.data}, allow_nan=False)
-    except (TypeError, ValueError):  # bytes, ext or NaN: not from a tactiled of ours
+    except (TypeError, ValueError):  # bytes, ext or NaN, which tactiled never sends
         return None
 
 

@@ -1,4 +1,4 @@
-"""The daemon of this host that takes our commands: where its ipc endpoint is."""
+"""Search for the ipc endpoint of the daemon on this host that accepts commands of this user."""
 
 import os
 import socket
@@ -7,17 +7,17 @@ from pathlib import Path
 
 from tactiled.errors import OperatorError
 
-_OF_UNITS = Path("/run/tactiled")  # the unit's RuntimeDirectory is a folder in it
+_OF_UNITS = Path("/run/tactiled")  # RuntimeDirectory= of each unit is a folder in it
 _NAME = "control.ipc"
 
 
 def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
-    """Endpoint for requests of the one daemon that runs here, of our own or as a unit.
+    """Return the endpoint for requests of the one daemon on this host, run by this user or as a unit.
 
     Raises
     ------
     OperatorError
-        There is none, or more than one, or we may not connect; says what to do.
+        There is none, or more than one, or this user may not connect; the message says what to do.
     """
     session = environ.get("XDG_RUNTIME_DIR")
     own = Path(session) / "tactiled" if session else Path(f"/tmp/tactiled-{os.getuid()}")
@@ -32,7 +32,7 @@ def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS)
         except PermissionError:
             closed.append(folder)
         except OSError:
-            continue  # none there, or a daemon that was killed left its file
+            continue  # no daemon, or the file of one that was killed
     if len(found) == 1:
         return f"ipc://{found[0]}"
     if found:

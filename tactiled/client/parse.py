@@ -1,4 +1,4 @@
-"""Bytes of anyone to messages of ours, or the reason why they are none."""
+"""Parser of received bytes into messages."""
 
 import math
 from collections.abc import Mapping
@@ -11,10 +11,12 @@ from tactiled.events.codec import MESSAGE_VERSION
 
 
 def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
-    """A msgpack map with string keys of a version that we read; never raises."""
+    """Parse a msgpack map with string keys and a supported version; never raises."""
     try:
         data = msgpack.unpackb(payload)
-    except Exception as error:  # msgpack raises half a dozen kinds; a forged payload may find another
+    except (
+        Exception
+    ) as error:  # msgpack raises half a dozen kinds of exception, and perhaps others for forged data
         return Malformed(f"{name}: not msgpack ({type(error).__name__})")
     if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
         return Malformed(f"{name}: not a map with string keys")
@@ -24,7 +26,7 @@ def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
 
 
 def message_of(topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> Message | Malformed:
-    """A message of a map that was read just now; never raises."""
+    """Make a message from a map that was received at `now_s`; never raises."""
     seq, stamp, board, run = data.get("seq"), data.get("timestamp"), data.get("board"), data.get("run")
     if type(seq) is not int or seq < 0 or type(stamp) is not float or not math.isfinite(stamp):
         return Malformed(f"{topic}: seq or timestamp is missing or no number")

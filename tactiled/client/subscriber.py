@@ -1,4 +1,4 @@
-"""Subscribing: `Client` for asyncio, `Subscription` for plain loops; both are sockets around an `Inbox`."""
+"""Subscriptions: `Client` for asyncio, `Subscription` without; both are sockets around an `Inbox`."""
 
 import math
 import time
@@ -16,14 +16,14 @@ from tactiled.client.inbox import Inbox
 from tactiled.client.items import Item
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 
-STALE_AFTER_S = 0.5  # five statuses in a row
-_RETRY_MS = 10  # how soon a request is tried again for which there was no way
+STALE_AFTER_S = 0.5  # five periods of the status
+_RETRY_MS = 10  # interval of sending a request while the socket is not connected
 
 
-class _Judged:
-    """What both kinds of subscription know, and how they read their sockets.
+class _SubscriptionBase:
+    """Common part of both kinds of subscription.
 
-    `_events` and `_control` are plain sockets, or the plain side of asyncio's.
+    `_events` and `_control` are blocking sockets, or blocking shadows of asyncio sockets.
     """
 
     def __init__(
@@ -48,22 +48,22 @@ class _Judged:
 
     @property
     def fresh(self) -> bool:
-        """Whether touch may be acted on, now: true between `Fresh` and `Stale`, and never while asleep."""
+        """True while tactile data may be acted on: between `Fresh` and `Stale`, and with a recent status."""
         return self._inbox.is_fresh(time.monotonic())
 
     @property
     def lost(self) -> int:
-        """Messages so far that are beyond recovery."""
+        """Number of messages so far that cannot be recovered."""
         return self._inbox.catch_up.lost
 
     @property
     def recovered(self) -> int:
-        """Messages so far that were missed and fetched."""
+        """Number of messages so far that were missed and recovered."""
         return self._inbox.catch_up.recovered
 
     @property
     def malformed(self) -> int:
-        """Messages so far that were none of ours."""
+        """Number of malformed messages so far."""
         return self._inbox.malformed
 
     def _connect(self, events: zmq.Socket[Any], control: zmq.Socket[Any] | None) -> None:
@@ -74,7 +74,7 @@ class _Judged:
             self._control = zmq.Socket.shadow(control.underlying)
 
     def _read(self) -> None:
-        """Take one message and one reply, if they are there, and what follows from time passing."""
+        """Read at most one message and one reply, and act on passed deadlines."""
         if self._control is not None and (parts := _take(self._control)):
             self._items += self._inbox.answer(parts[-1], time.monotonic(), time.time())
         if self._events is not None and (parts := _take(self._events)):
@@ -83,7 +83,7 @@ class _Judged:
         self._ask()
 
     def _ask(self) -> None:
-        """Send what is to be asked, as far as there is a way."""
+        """Send pending requests while the socket accepts them."""
         if self._control is not None:
             for request in self._inbox.catch_up.unsent:
                 try:
@@ -93,7 +93,7 @@ class _Judged:
                 self._inbox.catch_up.sent(request)
 
     def _wait_ms(self, until_s: float | None = None) -> int:
-        """How long to wait for a message before something else is due; -1 for ever."""
+        """Time to wait for a message before the next deadline, milliseconds; -1 without a deadline."""
         due_s = min(self._inbox.deadline_s, math.inf if until_s is None else until_s)
         wait_ms = -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
         if self._inbox.catch_up.unsent and not 0 <= wait_ms < _RETRY_MS:
@@ -101,30 +101,30 @@ class _Judged:
         return wait_ms
 
 
-class Client(_Judged):
-    """Items from a daemon, as they come.
+class Client(_SubscriptionBase):
+    """Receive items from a daemon in asyncio.
 
     Parameters
     ----------
     endpoint : str
-        Where the daemon publishes.
+        Endpoint for events of the daemon.
     topics : sequence of str
         ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...;
         empty for all.
     board : str, optional
-        Only this board; spares the others' messages the way here.
+        Receive messages of this board only; the others are not sent.
     stale_after_s : float
         Silence, or age of the newest status, that is reported as `Stale`.
     control : str, optional
-        Where the daemon takes requests, so that what is missed can be fetched. Left out: beside
-        `endpoint`, by the daemon's own rule. Empty: nothing is fetched, loss is only told.
+        Endpoint for requests, by which missed messages are recovered. Left out: derived from `endpoint`
+        (`control_endpoint`). Empty: nothing is recovered, losses are only reported.
     keys : path, optional
-        Our file of `tactiled keys make`, for endpoints that other hosts can reach.
+        File of this client from `tactiled keys make`, for endpoints that other hosts can reach.
 
     Raises
     ------
     ConfigError
-        The endpoint is none, or there are no keys in the file.
+        The endpoint is invalid, or the file has no keys.
     """
 
     async def __aenter__(self) -> Self:
@@ -152,16 +152,16 @@ class Client(_Judged):
 
     async def __anext__(self) -> Item:
         while not self._items:
-            # Poll, then take without waiting: a cancelled wait cannot take a message with it.
+            # Polling first, then reading without waiting: a cancelled wait cannot lose a message.
             await self._poller.poll(self._wait_ms())
             self._read()
         return self._items.popleft()
 
 
-class Subscription(_Judged):
-    """The same without asyncio; parameters and errors as `Client`'s.
+class Subscription(_SubscriptionBase):
+    """Receive items from a daemon without asyncio; parameters and errors as for `Client`.
 
-    `next_item` can wait for a limited time, which a control loop without threads needs.
+    `next_item` can wait for a limited time, for a control loop without threads.
     """
 
     def __init__(
@@ -188,7 +188,7 @@ class Subscription(_Judged):
             self._poller.register(sock, zmq.POLLIN)
 
     def next_item(self, until_s: float | None = None) -> Item | None:
-        """The next item, or None when there is none before `until_s` (``time.monotonic()``)."""
+        """Return the next item, or None when there is none before `until_s` (``time.monotonic()``)."""
         while not self._items:
             self._poller.poll(self._wait_ms(until_s))
             self._read()
@@ -197,6 +197,7 @@ class Subscription(_Judged):
         return self._items.popleft()
 
     def close(self) -> None:
+        """Close the sockets."""
         for sock in self._sockets:
             sock.close(linger=0)
         self._context.term()
@@ -216,7 +217,7 @@ def subscribe(
     control: str | None = None,
     keys: Path | str | None = None,
 ) -> Iterator[Item]:
-    """Items from a daemon, as they come, for ever; parameters and errors as `Client`'s.
+    """Yield items from a daemon without end; parameters and errors as for `Client`.
 
     Connects when iteration begins; the sockets are closed with the iterator.
     """
@@ -226,7 +227,7 @@ def subscribe(
 
 
 def _take(sock: zmq.Socket[bytes]) -> list[bytes]:
-    """A message that is there; empty when there is none."""
+    """Read a message that has arrived; empty for none."""
     try:
         return sock.recv_multipart(zmq.NOBLOCK)
     except zmq.Again:

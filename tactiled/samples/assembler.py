@@ -65,12 +65,13 @@ class Assembler:
         Events are acted on as they come. Otherwise no scan counts as late.
     """
 
-    LARGEST_LEAD_S = 0.05  # beyond this no fit of ours errs
-    LEAST_STEP_S = 1e-6  # between two stamps: one tick
+    LARGEST_LEAD_S = 0.05  # largest error of the clock fit towards the future
+    LEAST_STEP_S = 1e-6  # least difference of two instants: one tick
     SPARE_PART = 0.05  # share of the line that scans never fill (protocols/board.md)
     # Unanswered pings that are kept: a stalled line may hold back answers for some seconds.
     MOST_PINGS = 16
-    TIMELY_PART = 0.9  # of the wait before: a read after a shorter one followed a read that was late
+    # A read that comes after less than this part of the wait before it follows a read that was late.
+    TIMELY_PART = 0.9
 
     def __init__(
         self, layout: Layout, params: SampleParams | None = None, baud: int = 0, *, live: bool = True
