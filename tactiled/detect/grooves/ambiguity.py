@@ -7,7 +7,14 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.linear import PlaneWaves
-from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, period_and_angle
+from tactiled.detect.grooves.model import (
+    MAX_CANDIDATES,
+    ChannelLayout,
+    WaveFit,
+    WaveMotion,
+    WaveParams,
+    period_and_angle,
+)
 from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.refine import RefinedWave, design_effect, refine
 from tactiled.detect.grooves.search import channel_phasors, search_wave_vectors
@@ -15,8 +22,6 @@ from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, normal_equations
 from tactiled.events.types import Candidate
 
-# Candidates in an event.
-_MOST_CANDIDATES = 8
 # Likelihoods of mismatch models are tempered (raised to the power 1 / 2), since mismatch is not quite what
 # the models assume.
 TEMPERATURE = 2.0
@@ -152,7 +157,7 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
 
 def _candidates(found: PlaneWaves, weights: FloatArray) -> tuple[Candidate, ...]:
     """The likeliest readings, with their weights."""
-    shown = [i for i in np.argsort(-weights, kind="stable")[:_MOST_CANDIDATES] if weights[i] > 1e-4]
+    shown = [i for i in np.argsort(-weights, kind="stable")[:MAX_CANDIDATES] if weights[i] > 1e-4]
     return tuple(
         Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))
         for i in shown

@@ -30,6 +30,8 @@ from tactiled.tomlfile import Params
 ALIASED = 0.45
 # Phase at the edge of the array. Wave vectors that differ by less are the same wave.
 SAME_WAVE_RAD = 0.3
+# Candidates in an event.
+MAX_CANDIDATES = 8
 
 
 class WaveParams(Params):

@@ -21,6 +21,7 @@ from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams
 from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.spectrum import (
     FALSE_LINE,
+    MOST_UNEXPLAINED_PART,
     foreign_lines,
     line_powers,
     noise_variance,
@@ -36,8 +37,6 @@ _CONVERGED_RAD = 1e-5
 _LARGEST_PHASE_RATE_MOVE = np.pi
 # Variance, radians^2. Phases of real skins deviate by 0.3 radians; random phases by 1.8.
 _MOST_MISMATCH = 0.5
-# Part of what the channels' own fits explain. A wave leaves no more than this.
-_MOST_UNEXPLAINED_PART = 0.4
 # Frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8
 # Periods of the window, less rounding. Closer to the line the fit has absorbed the noise.
@@ -130,7 +129,7 @@ def _climb(
     # Where this wave is right, it also passes at the maximum without mismatch.
     is_wave = any(
         free - float(plain.solve(equations, best.k, best.phase_rate, steps, best.phase).gain[0])
-        < max(_MOST_UNEXPLAINED_PART * free, noise)
+        < max(MOST_UNEXPLAINED_PART * free, noise)
         for steps in (0, 2)
     )
     is_wave &= abs(float(best.phase_rate[0] - start.phase_rate[0])) < _LARGEST_PHASE_RATE_MOVE

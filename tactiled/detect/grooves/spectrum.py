@@ -47,8 +47,9 @@ _LEAST_FUNDAMENTAL = 0.03
 _FALSE_FOREIGN = 1e-6
 # Part of a line's power. Less is not worth a search for another wave.
 _LEAST_FOREIGN_PART = 0.05
-# Part of a line's power. With more unexplained, the wave does not explain the line, whatever else may.
-_MOST_UNEXPLAINED_PART = 0.4
+# Part of a line's power, as the channels' own fits explain it. A wave that leaves more does not explain the
+# line.
+MOST_UNEXPLAINED_PART = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,7 +389,7 @@ def foreign_lines(
         untied = free - power * explained_power(z, layout, h * waves.k[0], variance)
         if untied < max(level, _LEAST_FOREIGN_PART * free):
             continue
-        if untied < _MOST_UNEXPLAINED_PART * free:
+        if untied < MOST_UNEXPLAINED_PART * free:
             other, n_tried = most_explained_power(
                 z, h * equations.phase_rate, window, layout, motion, params, variance
             )

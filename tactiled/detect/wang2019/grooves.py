@@ -39,14 +39,13 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.model import MAX_CANDIDATES
 from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.events.types import Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
 # Within 30 degrees of the column, delays along it say little about the angle.
 _MIN_COS_COLUMN = 0.5
-# Candidates in an event.
-_MAX_CANDIDATES = 8
 # An answer that is less than this outside the limits counts as one more, even where it is unlikely.
 _COUNTED_SIGMAS = 3.0
 # A sine between two bins, d of a bin from the nearest bin k, leaks its mirror image at -f into that bin: d /
@@ -167,7 +166,7 @@ def estimate(
         float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params
     )
     if len(readings) != 1 or not readings[0].is_within(params, 0.0):
-        return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
+        return replace(found, status="ambiguous", candidates=_candidates(readings[:MAX_CANDIDATES]))
     (reading,) = readings
     delays_s = delays_s + reading.turns * period_s
     answers = [_angle_and_period(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
