@@ -46,11 +46,13 @@ def _from_mcap(path: Path) -> Recording:
     """Bytes through the pipeline that runs live, for the scans alone."""
     replay = Replay([path])
     scans = Collector(replay.header.source.array)
+    hello = None
     for step in replay:
         for said in step.now:
             if isinstance(said.event, ScanEvent):
                 scans.add(said.event)
-    hello = replay.pipeline.hello
+        # A recording that was ended regularly ends with a lost port, after which the board is unknown.
+        hello = replay.pipeline.hello or hello
     if not scans or hello is None:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
     return scans.recording(path.name, hello.rate_hz, hello.channel_offset_s)

@@ -1,0 +1,63 @@
+"""README and the pages under docs/ and protocols/: links lead somewhere, commands exist."""
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from bench.__main__ import BENCHES
+from tactiled.cli.entry import cli
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    page
+    for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md")
+    for page in ROOT.glob(pattern)
+)
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def anchors(page: Path) -> set[str]:
+    """Names that GitHub gives the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def commands(text: str) -> list[str]:
+    """Command lines of a page: indented or fenced lines, and code in backticks, that begin with a verb."""
+    blocks = re.findall(r"^ {4,}(?:sudo )?((?:tactiled|\./run) .+)$", text, re.MULTILINE)
+    inline = re.findall(r"`((?:tactiled|\./run) [^`]+)`", text.replace("\n", " "))
+    return [line.split("  #")[0].strip() for line in (*blocks, *inline)]
+
+
+@every_page
+def test_relative_links_and_their_anchors_exist(page: Path) -> None:
+    for target in re.findall(r"\]\((?!https?://)([^)\s]+)\)", page.read_text()):
+        path, _, anchor = target.partition("#")
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), target
+        if anchor and linked.suffix == ".md":
+            assert anchor in anchors(linked), target
+
+
+@every_page
+def test_commands_and_their_options_exist(page: Path) -> None:
+    for line in commands(page.read_text()):
+        program, verb, *words = shlex.split(line)
+        if verb in ("VERB", "ANYTHING") or (program == "./run" and verb in ("test", "lint")):
+            continue
+        if program == "./run" and verb == "bench":
+            assert words[0] in (*BENCHES, "NAME"), line
+            continue
+        command = cli.commands.get(verb)
+        assert command is not None, line
+        if isinstance(command, click.Group):
+            command = command.commands[words[0]]
+        known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        assert {word for word in words if re.fullmatch(r"--?[a-z][\w-]*", word)} <= known | {"--help"}, line
+
+
+def test_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 200
