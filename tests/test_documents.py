@@ -55,7 +55,7 @@ def test_commands_and_their_options_exist(page: Path) -> None:
         assert command is not None, line
         if isinstance(command, click.Group):
             command = command.commands[words[0]]
-        known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
         assert {word for word in words if re.fullmatch(r"--?[a-z][\w-]*", word)} <= known | {"--help"}, line
 
 
