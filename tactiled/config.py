@@ -26,7 +26,7 @@ from tactiled.wire.schema import LayoutFile
 
 
 class BoardFiles(Params):
-    """What stands at the other end of the cable."""
+    """Frame layout and array of the board."""
 
     protocol: str = Field(default="board-v1", description="frame layout: a shipped name or a TOML file")
     array: str = Field(default="wang2019-3x3", description="array: a shipped name or a TOML file")

@@ -56,7 +56,7 @@ def _descriptors() -> set[tuple[int, str]]:
 def leaks_nothing(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Fail a test that leaves asyncio tasks, threads or file descriptors behind."""
     tasks: list[str] = []
-    cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]
+    cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]  # noqa: SLF001  the only sign of them
 
     def note_and_cancel(loop: asyncio.AbstractEventLoop) -> None:
         """Note what the coroutine given to `asyncio.run` left, which `asyncio.run` cancels without a word."""

@@ -1,4 +1,4 @@
-"""The board itself: opened, asked who it is, listened to for a moment, and left as it was found."""
+"""Check of the board: open its port, identify it, receive scans for 2 s, and restore its state."""
 
 import asyncio
 import time
@@ -30,15 +30,15 @@ _NOISY_PART = 0.01
 
 @dataclass
 class BoardObservation:
-    """What came of listening."""
+    """Data of a board that was received for `LISTEN_S`."""
 
     status: StatusEvent
     health: Health
     hello: Hello | None
     scans_s: list[float] = field(default_factory=list)
-    """Instants of the scans."""
+    """Instants of the scans, host monotonic seconds."""
     tail: bytes = b""
-    """The last that came."""
+    """Last bytes that were received."""
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
@@ -56,7 +56,7 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
 
 
 async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
-    """Be the daemon for `LISTEN_S`, then put the board back as it was."""
+    """Run the board link of the daemon for `LISTEN_S`, then restore the state of the board."""
     layout, pipeline = setup.layout, setup.make_pipeline()
     link = make_link(pipeline, setup.config.session, baud, other_layouts(layout))
     session, encoder = link.session, Encoder(layout)

@@ -74,7 +74,7 @@ class World:
         self.items += self.inbox.tick(self.now_s)
 
     def story(self, topic: str = "slip") -> list[int | str]:
-        """What was yielded of a topic: numbers of live messages, ``r7`` recovered, ``lost 3``, restarts."""
+        """Items of a topic as text: numbers of live messages, ``r7`` recovered, ``lost 3``, restarts."""
         out: list[int | str] = []
         for item in self.items:
             match item:
@@ -359,6 +359,6 @@ def test_endless_holes_do_not_fill_the_memory(catch_up: bool) -> None:
     world.deaf = True
     for heard in [True, False] * 6000:
         world.publish(SLIP, heard=heard)
-    line = world.inbox.catch_up._lines["b", "slip"]
+    line = world.inbox.catch_up._lines["b", "slip"]  # noqa: SLF001  the bound on held messages has no public sign
     assert len(line.held) <= 4001
     assert len(world.inbox.catch_up.unsent) <= 2

@@ -1,4 +1,4 @@
-"""The daemon of this host is found where it runs, and who may not command it is told so."""
+"""Search for the daemon of this host, and the message for a user who may not command it."""
 
 import os
 import socket

@@ -26,7 +26,7 @@ CLOCK_S = 0.02  # hand-overs of 16 ms, before the fit knows
 
 
 class AnyFaults(RuleBasedStateMachine):
-    """The daemon's link on an emulated port in simulated time; faults at any moment, also in each other."""
+    """Board link on an emulated port in simulated time, with faults at any moment, also overlapping."""
 
     @initialize(
         stall_s=st.sampled_from([0.03, 0.5, 2.0]),

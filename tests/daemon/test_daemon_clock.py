@@ -1,4 +1,4 @@
-"""The offset to epoch seconds: held against jitter, followed when the wall clock is stepped."""
+"""Offset to epoch seconds: constant under jitter, corrected when the wall clock is stepped."""
 
 from hypothesis import given
 from hypothesis import strategies as st

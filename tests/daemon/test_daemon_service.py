@@ -1,4 +1,4 @@
-"""The whole daemon in this process: a board on a real pty, a subscriber on a real socket."""
+"""Whole daemon in this process, with a board on a real pty and a subscriber on a real socket."""
 
 import asyncio
 import itertools
@@ -314,7 +314,7 @@ def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytes
     async def story(service: Service) -> None:
         await daemon.until(lambda: bool(daemon.rows("status")), "a status")
         real = time.time
-        monkeypatch.setattr(service._outlets._clock, "_wall", lambda: real() + 3600.0)
+        monkeypatch.setattr(service._outlets._clock, "_wall", lambda: real() + 3600.0)  # noqa: SLF001  the wall clock is stepped
         await daemon.until(lambda: daemon.status["timestamp"] > real() + 3590.0, "the new time")
 
     play(daemon, story)

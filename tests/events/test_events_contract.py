@@ -1,4 +1,4 @@
-"""The contract with PlotJuggler and all other readers: two frames, a plain map, fixed types."""
+"""Contract with PlotJuggler and all other readers: two frames, a plain map, fixed types."""
 
 import dataclasses
 import typing

@@ -1,4 +1,4 @@
-"""The subscriber in protocols/events.md runs as it is printed, and tells living from dead."""
+"""Subscriber in protocols/events.md: runs as it is printed, and detects a dead daemon."""
 
 import re
 import subprocess

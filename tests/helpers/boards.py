@@ -144,7 +144,7 @@ class PtyBoard:
 
 
 def descriptors() -> list[str]:
-    """What this process has open, by what it is; equal before and after, or something leaks."""
+    """Open descriptors of this process by their targets; a difference before and after is a leak."""
     found = []
     for entry in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):  # the descriptor of this very look

@@ -1,4 +1,4 @@
-"""The whole daemon in this process, with what it published and with nothing left over at the end."""
+"""Whole daemon in this process, with its published messages, and a check for leaks at the end."""
 
 import asyncio
 import threading

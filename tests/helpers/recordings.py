@@ -17,7 +17,7 @@ UNIX_OFFSET_S = 1.7e9
 
 
 def simulated_reads(duration_s: float, scene: str = "prescribed") -> list[Read]:
-    """What a port would have read of a board that plays a scene."""
+    """Return the reads of a port from an emulated board that plays a scene."""
     arrivals = Simulation(load_scene(scene), SOURCE.layout, duration_s=duration_s)
     return [Read(arrival_s, UNIX_OFFSET_S, data) for arrival_s, data in arrivals]
 
@@ -50,5 +50,5 @@ def items(path: Path) -> list[Item]:
 
 
 def noise_read(k: int) -> Read:
-    """The k-th of some short reads."""
+    """Return the k-th of some short reads."""
     return Read(k * 0.01, UNIX_OFFSET_S, bytes([k % 256]) * 5)

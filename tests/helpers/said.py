@@ -1,4 +1,4 @@
-"""What a daemon says and what somebody hostile may say instead, for tests of both ends."""
+"""Messages of a daemon, and of a hostile publisher, for tests of client and daemon."""
 
 from typing import Any
 

@@ -25,7 +25,7 @@ LEGACY_9 = load_layout("legacy-9")
 def decode(
     layout: Layout, data: bytes, cuts: list[int] | None = None, direction: Direction = "board-to-host"
 ) -> tuple[list[Frame | Corrupt], Decoder]:
-    """What a decoder yields of `data` fed in parts; the accounting is checked at every step."""
+    """Return the output of a decoder for `data` in parts; the byte accounting is checked at every step."""
     decoder = Decoder(layout, direction)
     items: list[Frame | Corrupt] = []
     edges = [0, *sorted(cuts or []), len(data)]
@@ -48,7 +48,7 @@ def longest_pending(layout: Layout, direction: Direction) -> int:
 
 @st.composite
 def layouts(draw: st.DrawFn, checksums: tuple[str, ...] = tuple(CHECKSUMS)) -> Layout:
-    """Any layout that a lab might describe."""
+    """Draw any valid layout."""
     message_type = draw(st.sampled_from([None, "u8", "u16", "u32"]))
     framing: dict[str, Any] = {"kind": "cobs"}
     covers = "body"

@@ -1,4 +1,4 @@
-"""The first streams of the fuzzer, so that it is known to work; `.ci/run` gives it a minute more."""
+"""First streams of the fuzzer, to show that it works; `.ci/run` runs it for a minute."""
 
 import fuzz
 import pytest

@@ -1,4 +1,4 @@
-"""The laws of `framing`, on both shipped layouts and on any other."""
+"""Rules of `framing`, on both shipped layouts and on random ones."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def scans(layout: Layout, n: int, seed: int = 0) -> list[Scan]:
 
 
 def without(items: list[Frame | Corrupt], wanted: list[Frame]) -> list[Frame | Corrupt]:
-    """What remains of `items` once `wanted` is found in it in order; fails where one is missing."""
+    """Return `items` without those of `wanted`, which must be among them in order."""
     rest: list[Frame | Corrupt] = []
     waiting = list(wanted)
     for item in items:
@@ -211,7 +211,7 @@ def test_an_intact_stranger_is_named_to_each_end() -> None:
     "layout", [BOARD_V1, LEGACY_9, with_sync("A5")], ids=["board-v1", "legacy-9", "one-byte"]
 )
 def test_a_frame_that_lost_its_last_byte_does_not_take_the_next_ones_first(layout: Layout) -> None:
-    """The byte that is missing is, one time in 256, the very byte that follows."""
+    """With probability 1/256 the missing byte equals the byte that follows."""
     encode = Encoder(layout).encode
     second = scans(layout, 1)[0]
     after = encode(second)

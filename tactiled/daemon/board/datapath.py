@@ -1,4 +1,4 @@
-"""The daemon's reactions to bytes, to a port that opens or is lost, and to deadlines.
+"""Data path of the daemon: reactions to bytes, to a port that opens or is lost, and to deadlines.
 
 The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
 lock in it, so the age of an event is that of its bytes plus the time of computing.

@@ -1,4 +1,4 @@
-"""What the watch says of lines that were made wrong on purpose: the right cause, and none for a good line."""
+"""Diagnosis of lines with known faults: the right cause for each, and none for a good line."""
 
 import re
 from collections import Counter

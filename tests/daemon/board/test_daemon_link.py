@@ -1,4 +1,4 @@
-"""The link through the whole daemon: dead descriptors, restarts told from loss, backlog never fresh."""
+"""Board link in the whole daemon: dead descriptors, restarts versus losses, backlog never fresh."""
 
 import asyncio
 import itertools
@@ -188,7 +188,7 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
 
 
 def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
-    """Nothing came for 4 s, then a hello that the board had said after 1.3 s."""
+    """A silence of 4 s, then a hello that the board had sent after 1.3 s."""
     sim, link, events = SimBoard(), bare_link(), list[Event]()
     encode = Encoder(LAYOUT).encode
     link.opened(100.0)
@@ -330,7 +330,7 @@ def test_a_clock_beyond_the_limit_is_named_in_status_and_once_in_the_log(
 def emulated(
     link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAYOUT, board: BoardParams | None = None
 ) -> Iterator[None]:
-    """The emulator beside the daemon, in a thread of its own."""
+    """Emulator in a thread beside the daemon."""
     emulator = Emulator(scene, layout, PtyLink(link), board=board, faults=faults, report=lambda _: None)
     thread = threading.Thread(target=emulator.run)
     thread.start()

@@ -1,4 +1,4 @@
-"""The recorder beside the service: whatever the disk does, handing over never waits; losses are said."""
+"""Recorder of the service: handing over never waits for the disk, and losses are reported."""
 
 import itertools
 import logging
@@ -40,7 +40,7 @@ def until(what: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
 
 
 def report(recorder: Recorder) -> RecordingEvent:
-    """What it says now, whether or not it is due."""
+    """Return the recording event, also when it is not due."""
     event = recorder.report(next(LATER_S))
     assert event is not None
     return event
@@ -148,7 +148,7 @@ def test_a_disk_that_fails_later_is_said_and_survived(
 def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
     """/dev/full behind the name: every write fails as on a disk without room."""
     recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
-    stream = recorder._scribe._rotation._writer._stream  # type: ignore[union-attr]
+    stream = recorder._scribe._rotation._writer._stream  # type: ignore[union-attr]  # noqa: SLF001  a fault is put into the disk
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, stream.fileno())
     os.close(full)
@@ -273,7 +273,7 @@ def test_a_fault_of_ours_ends_the_recording_not_the_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
-        monkeypatch.setattr(recorder._scribe, "take", lambda *_: 1 / 0)
+        monkeypatch.setattr(recorder._scribe, "take", lambda *_: 1 / 0)  # noqa: SLF001  a fault is put into the disk
         with caplog.at_level(logging.ERROR):
             recorder.received(read(0), (), None)
             until(lambda: report(recorder).state == "failed")

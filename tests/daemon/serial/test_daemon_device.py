@@ -1,4 +1,4 @@
-"""What is told of a device: its latency timer, who holds it, its stable name, what its UART counts."""
+"""Facts about a device: latency timer, processes that have it open, stable name, error counts of its UART."""
 
 import errno
 import fcntl

@@ -34,7 +34,7 @@ def raw_pty() -> Iterator[tuple[int, str]]:
 
 
 class Heard:
-    """What a port called back with."""
+    """Record the callbacks of a port."""
 
     def __init__(self) -> None:
         self.data = b""

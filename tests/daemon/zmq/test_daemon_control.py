@@ -196,7 +196,7 @@ def test_ids_do_not_fill_the_memory() -> None:
     desk = Desk()
     for number in range(3000):
         desk.ask(request("mark", f"id-{number}", text="x"))
-    assert len(desk.control._asked) <= 1000
+    assert len(desk.control._asked) <= 1000  # noqa: SLF001  the bound on memory
 
 
 @pytest.mark.parametrize(
@@ -294,7 +294,7 @@ def test_the_schema_and_the_daemon_agree_on_what_a_request_is(
 
 
 def plain_json(value: Any) -> Any:
-    """As JSON knows it: what JSON cannot say becomes what no schema allows."""
+    """Convert to JSON types; a value without one becomes a value that no schema allows."""
     if isinstance(value, dict) and all(isinstance(key, str) for key in value):
         return {key: plain_json(v) for key, v in value.items()}
     if isinstance(value, list):
@@ -382,10 +382,10 @@ def test_a_client_that_was_deaf_misses_nothing(tmp_path: Path) -> None:
             while not any(isinstance(item, Message) for item in items):
                 server.send()
                 await asyncio.sleep(0.01)
-            client._events.setsockopt(zmq.UNSUBSCRIBE, b"tactile/")  # type: ignore[union-attr]
+            client._events.setsockopt(zmq.UNSUBSCRIBE, b"tactile/")  # type: ignore[union-attr]  # noqa: SLF001  messages are lost on purpose
             await asyncio.sleep(0.1)
             server.send(500)
-            client._events.setsockopt(zmq.SUBSCRIBE, b"tactile/")  # type: ignore[union-attr]
+            client._events.setsockopt(zmq.SUBSCRIBE, b"tactile/")  # type: ignore[union-attr]  # noqa: SLF001  messages are lost on purpose
             await asyncio.sleep(0.1)
             server.send()
             total = server.network.publisher.sent("b").contact
@@ -544,7 +544,7 @@ def test_an_error_of_ours_costs_a_request_and_no_more(
     def broken(*_: Any) -> None:
         raise ZeroDivisionError("a bug")
 
-    server.network.control._do = broken
+    server.network.control._do = broken  # noqa: SLF001  a fault is put in
 
     async def story() -> None:
         async with AsyncCommander(server.endpoint) as daemon:

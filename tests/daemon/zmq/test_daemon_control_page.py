@@ -1,4 +1,4 @@
-"""The programs in protocols/control.md run as they are printed."""
+"""Programs in protocols/control.md run as they are printed."""
 
 import asyncio
 import re
@@ -35,10 +35,10 @@ def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
                     network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
                     await asyncio.sleep(0.02)
                 for turn in range(3):
-                    sockets, network.publisher._sockets = network.publisher._sockets, {}
+                    sockets, network.publisher._sockets = network.publisher._sockets, {}  # noqa: SLF001  messages are lost on purpose
                     for _ in range(400 * turn + 1):
                         network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
-                    network.publisher._sockets = sockets
+                    network.publisher._sockets = sockets  # noqa: SLF001  messages are lost on purpose
                     network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
                 last = network.publisher.sent("b").contact - 1
                 while f"now contact {last}\n" not in heard.read_text():

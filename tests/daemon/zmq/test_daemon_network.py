@@ -1,4 +1,4 @@
-"""Who may command over which way, and what the log and the requester say of him; with real sockets."""
+"""Permission to command by transport, and identity of the requester in the log; with real sockets."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""The publisher with real sockets: two frames, numbers, binds refused or explained."""
+"""Publisher with real sockets: two frames, sequence numbers, messages for endpoints that cannot be bound."""
 
 import os
 import socket

@@ -188,7 +188,7 @@ class Server:
         assert descriptors() == self.descriptors
 
     async def hears(self, endpoint: str, keys: Path | None, patience_s: float) -> bool:
-        """Whether a client hears what is published."""
+        """Return True when a client receives published messages."""
         async with Client(endpoint, topics=("contact",), control="", keys=keys) as client:
             try:
                 async with asyncio.timeout(patience_s):
@@ -296,7 +296,7 @@ def test_what_only_this_host_can_reach_needs_no_key(server: Server) -> None:
 
 
 def test_a_forged_daemon_is_not_believed(server: Server, tmp_path: Path) -> None:
-    """Someone at our address with keys of his own: the client takes nothing from him."""
+    """A forged daemon at the same address with other keys: the client accepts nothing from it."""
     keys = tmp_path / "left.toml"
     text = keys.read_text()
     other = zmq.curve_keypair()[0].decode()
