@@ -24,7 +24,7 @@ from tactiled.recording.writer import ACTIVE, sync_directory
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveryResult:
     """What `recover` saved, and what it could not.
 
     Attributes
@@ -75,7 +75,7 @@ class Recovered:
 
 def recover(
     path: Path, out: Path | None = None, reached: Reached | None = None, *, replace_original: bool = False
-) -> Recovered:
+) -> RecoveryResult:
     """Copy what is whole into a finished file; the original is only read, and locked meanwhile.
 
     Parameters
@@ -116,7 +116,7 @@ def recover(
         except OSError as error:
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
     torn_s = extent.torn_s
-    return Recovered(
+    return RecoveryResult(
         path=out,
         messages=copy.messages,
         first_unix_s=copy.first_ns / 1e9,
