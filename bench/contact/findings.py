@@ -60,10 +60,10 @@ def findings(progress: ProgressBar) -> str:
 def replayed_paper(progress: ProgressBar, *, seeds: int) -> str:
     """The published procedure on the protocols again, with physics instead of prescribed signals."""
     scenes = {
-        name: scene.with_changes(contact="bristle" if name.startswith("flat") else "periodic")
+        name: scene.with_changes(contact="lumped" if name.startswith("flat") else "periodic")
         for name, scene in paper_scenes().items()
     }
-    return "With physics (bristle on the flat plate, periodic on grooves):\n\n" + compare(
+    return "With physics (lumped on the flat plate, periodic on grooves):\n\n" + compare(
         progress, scenes, seeds=seeds
     )
 

@@ -13,8 +13,6 @@ NOT_MODELLED: Mapping[str, str] = {
     "signal": "mechanics of any kind: the forces are prescribed curves",
     "lumped": "where on the patch it slips, grooves, a peak of static friction in slides that begin faster "
     "than stribeck_mm_s",
-    "bristle": "grooves, lateral coupling of the skin, turning about a taxel's own axis, a peak of static "
-    "friction in slides that begin faster than stribeck_mm_s",
     "periodic": "grooves during the onset of slip, ripple that lags behind a change of load or direction, "
     "the skin's nonlinearity beyond first order",
     "compliance": "the skin's nonlinearity beyond first order, static friction above sliding, "

@@ -244,7 +244,11 @@ def refuse_grooves(rung: str, surface: Surface, why: str) -> None:
 
 
 def _mean_weights(weights: SideWeights) -> tuple[FloatArray, FloatArray]:
-    """Side weights over a round patch under the pressure that `bristle` has there: (a,) and (2, a)."""
+    """Average the side weights over a round patch, weighted by pressure: (a,) and (2, a).
+
+    The pressure is that of a ball on a thin incompressible layer bonded below, ``p ~ (1 - r^2 / a^2)^2``
+    (Johnson, Contact Mechanics, 1985, section 5.8).
+    """
     radius = (np.arange(8) + 0.5) / 8
     angle = 2 * np.pi * np.arange(16) / 16
     x = _PATCH_MM * np.outer(radius, np.cos(angle)).ravel()

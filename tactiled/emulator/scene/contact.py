@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
+from tactiled.emulator.mechanics import compliance, lumped, periodic
 from tactiled.emulator.mechanics.auto import NOT_MODELLED, Candidate, Choice, choose
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.sides import Readout
@@ -153,7 +153,6 @@ class RungEntry:
 RUNGS: dict[str, RungEntry] = {
     "lumped": RungEntry(lumped.Lumped, lumped.PROVIDES, lumped.STEP_S),
     "periodic": RungEntry(periodic.Periodic, periodic.PROVIDES, periodic.STEP_S),
-    "bristle": RungEntry(bristle.Bristle, bristle.PROVIDES, bristle.STEP_S),
     "compliance": RungEntry(compliance.Compliance, compliance.PROVIDES, compliance.STEP_S),
 }
 """Physical rungs, cheapest first. ``signal`` is none of them: it prescribes."""

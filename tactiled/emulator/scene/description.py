@@ -31,7 +31,7 @@ from tactiled.tomlfile import Params
 __all__ = ["Flat", "Grooves", "Hold", "Press", "Scene", "Slide", "load_scene", "paper_scenes"]
 
 # Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
-Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]
+Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
 # What a scene can ask of its contact model. A rung says in its `PROVIDES` how wrong it is about each, as a
 # part of the quantity's own size (direction: of 90 degrees; phase: of a turn; slip instants: of the travel
 # from first shear to gross slip); what it does not name it does not model.

@@ -55,8 +55,8 @@ def test_it_explains_itself() -> None:
 
 
 def test_it_refuses_what_no_rung_delivers() -> None:
-    ladder = [Candidate("lumped", {"direction": 0.01}), Candidate("bristle", {"groove-phase": 0.2})]
+    ladder = [Candidate("lumped", {"direction": 0.01}), Candidate("periodic", {"groove-phase": 0.2})]
     with pytest.raises(ConfigError) as caught:
         choose("scene s", ["groove-phase"], 0.1, ladder)
     assert "lumped does not serve: does not model groove-phase" in str(caught.value)
-    assert "bristle does not serve: groove-phase is 20 % off" in str(caught.value)
+    assert "periodic does not serve: groove-phase is 20 % off" in str(caught.value)
