@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import BOTTOMED, FloatArray, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import BOTTOMED, FloatArray, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm, load_n
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.scene.description import load_scene
@@ -28,7 +28,7 @@ def run(
     surface: Surface,
     travel_mm: ComplexArray,
     value: FloatArray | float = HOLD_N,
-    held: Held = "force",
+    held: HeldQuantity = "force",
     dt_s: float = DT_S,
     **rest: Any,
 ) -> TaxelForces:

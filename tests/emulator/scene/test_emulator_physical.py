@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import Array, load_array
 from tactiled.emulator.scene.contact import choose_rung, explain, make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
@@ -31,7 +31,7 @@ def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
 
 
 def contact(played: Scene, array: Array = WANG) -> PhysicalContact:
-    model = make_contact(Motion(played), array)
+    model = make_contact(SceneMotion(played), array)
     assert isinstance(model, PhysicalContact)
     return model
 
