@@ -7,14 +7,14 @@ import pytest
 
 from tactiled.demo.verdict import REFINED_S, Host, compare, finds_end_s, true_slides
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.truth import TrueSlip, Truth
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 
 T0_S = 100.0
-FLAT = TrueSlip(6.0, 11.0, 0.0, Flat(), shear_s=6.0, incipient_s=6.03, gross_s=6.23)
+FLAT = TrueSlip(6.0, 11.0, 0.0, FlatPlate(), shear_s=6.0, incipient_s=6.03, gross_s=6.23)
 GROOVES = TrueSlip(
-    15.5, 30.0, 0.0, Grooves(kind="grooves", period_mm=1.2, angle_deg=30.0),
+    15.5, 30.0, 0.0, GroovedPlate(kind="grooves", period_mm=1.2, angle_deg=30.0),
     shear_s=15.5, incipient_s=15.53, gross_s=15.73,
 )  # fmt: skip
 SLIDES = [FLAT, GROOVES]

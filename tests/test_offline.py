@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
@@ -189,7 +189,10 @@ def test_a_recording_goes_on_behind_a_wrong_board(
     source = load_source("board-v1", "wang2019-3x3")
     right = Simulation(load_scene("prescribed"), source.layout, duration_s=7.5)
     wrong = Simulation(
-        load_scene("prescribed"), source.layout, board=BoardParams(array_id="normal-3x3"), duration_s=1.0
+        load_scene("prescribed"),
+        source.layout,
+        board=EmulatedBoardParams(array_id="normal-3x3"),
+        duration_s=1.0,
     )
     read = [Read(arrival_s, 0.0, data) for arrival_s, data in wrong]
     moved_s = read[-1].arrival_s + 1.0

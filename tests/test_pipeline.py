@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tactiled.array import load_array
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
@@ -200,7 +200,7 @@ def test_backlog_behind_a_stall_raises_no_fresh_slip() -> None:
 
 
 def test_a_wrong_board_is_told_and_its_scans_are_not() -> None:
-    board = BoardParams(array_id="other-array")
+    board = EmulatedBoardParams(array_id="other-array")
     out: list[object] = []
     target = pipeline()
     for now_s, data in Simulation(scene(), LAYOUT, board=board, duration_s=1.0):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from bench.paper.bench import compare
-from tactiled.emulator.mechanics.base import Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.scene.description import paper_scenes
 from tactiled.plain_table import table
@@ -60,10 +60,10 @@ def findings(progress: ProgressBar) -> str:
 def replayed_paper(progress: ProgressBar, *, seeds: int) -> str:
     """The published procedure on the protocols again, with physics instead of prescribed signals."""
     scenes = {
-        name: scene.with_changes(contact="bristle" if name.startswith("flat") else "periodic")
+        name: scene.with_changes(contact="lumped" if name.startswith("flat") else "periodic")
         for name, scene in paper_scenes().items()
     }
-    return "With physics (bristle on the flat plate, periodic on grooves):\n\n" + compare(
+    return "With physics (lumped on the flat plate, periodic on grooves):\n\n" + compare(
         progress, scenes, seeds=seeds
     )
 
@@ -83,7 +83,7 @@ def side_ripple(period_mm: float, angle_deg: int) -> FloatArray:
     return np.array([one.side_n[0, 0] for one in felt])
 
 
-def _slide(surface: Surface, held: Held, value: float, length_mm: float) -> list[TaxelForces]:
+def _slide(surface: Surface, held: HeldQuantity, value: float, length_mm: float) -> list[TaxelForces]:
     """What is felt along a slide, after the run-in."""
     rung = Compliance(surface, np.array([0.0]), 1, readout="half")
     for part in np.linspace(0.1, 1.0, 10):

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.daemon.board.pinging import Pinging
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.emulator.port import Port
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
 from tactiled.plain_table import table
 from tactiled.progress import ProgressBar
@@ -76,7 +76,7 @@ def timing(
     # bunches: steps of the multiplexer that differ by up to 36 x 140 us cover any lattice.
     step_s = float(np.random.default_rng(seed).uniform(60e-6, 200e-6))
     scans: list[ScanTruth] = []
-    board = BoardParams(
+    board = EmulatedBoardParams(
         drift_ppm=line.drift_ppm,
         channel_step_s=step_s,
         rate_hz=line.rate_hz,
@@ -84,7 +84,7 @@ def timing(
         answer_least_s=answer_s[0],
         answer_most_s=answer_s[1],
     )
-    port = Port(
+    port = EmulatedPort(
         load_scene("rest"), layout, power_up_s=ORIGIN_S, board=board, faults=line.faults, seed=seed,
         on_scan=scans.append,
     )  # fmt: skip

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from tactiled.array import Array
 from tactiled.daemon.board.link import make_link
 from tactiled.daemon.board.terms import SessionParams
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.port import Port
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import Scene
 from tactiled.events.types import Event, StatusEvent
 from tactiled.pipeline import Pipeline
@@ -30,7 +30,7 @@ class Rig:
     Parameters
     ----------
     scene, layout, array
-    board : BoardParams, optional
+    board : EmulatedBoardParams, optional
     faults : FaultParams, optional
     seed : int
     session : SessionParams, optional
@@ -50,7 +50,7 @@ class Rig:
         layout: Layout,
         array: Array,
         *,
-        board: BoardParams | None = None,
+        board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
         session: SessionParams | None = None,
@@ -60,7 +60,7 @@ class Rig:
         tick_s: float = TICK_S,
     ) -> None:
         self.now_s = self._began_s = origin_s
-        self.port = Port(
+        self.port = EmulatedPort(
             scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=on_scan
         )
         self.pipeline = Pipeline(layout, array)

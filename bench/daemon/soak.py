@@ -17,10 +17,10 @@ from bench.daemon.ledger import Ledger
 from bench.daemon.rig import Rig
 from bench.daemon.soak_outcome import Onset, Outcome, Stretch
 from tactiled.array import load_array
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.phases import Hold, Lift, Press, Rest, Slide
+from tactiled.emulator.scene.phases import HoldPhase, LiftPhase, PressPhase, RestPhase, SlidePhase
 from tactiled.emulator.scene.truth import Truth
 from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.plain_table import table
@@ -46,13 +46,13 @@ BUNCHED = FAULTS.model_copy(update={"bunch_s": 0.016})
 def grasps(duration_s: float) -> Scene:
     """A hand that takes something each ten minutes, holds it, lets it slide once, and puts it back."""
     cycle = [
-        Rest(kind="rest", duration_s=20.0),
-        Press(kind="press", duration_s=2.0, force_n=20.0),
-        Hold(kind="hold", duration_s=478.0),
-        Slide(kind="slide", duration_s=20.0, speed_mm_s=1.0),
-        Hold(kind="hold", duration_s=20.0),
-        Lift(kind="lift", duration_s=2.0),
-        Rest(kind="rest", duration_s=58.0),
+        RestPhase(kind="rest", duration_s=20.0),
+        PressPhase(kind="press", duration_s=2.0, force_n=20.0),
+        HoldPhase(kind="hold", duration_s=478.0),
+        SlidePhase(kind="slide", duration_s=20.0, speed_mm_s=1.0),
+        HoldPhase(kind="hold", duration_s=20.0),
+        LiftPhase(kind="lift", duration_s=2.0),
+        RestPhase(kind="rest", duration_s=58.0),
     ]
     n = max(1, round(duration_s / sum(phase.duration_s for phase in cycle)))
     return Scene(name="grasps", phases=cycle * n)
@@ -79,7 +79,7 @@ def soak(stretch: Stretch, progress: ProgressBar) -> Outcome:
         scene,
         layout,
         array,
-        board=BoardParams(rate_hz=stretch.rate_hz, drift_ppm=-40.0),
+        board=EmulatedBoardParams(rate_hz=stretch.rate_hz, drift_ppm=-40.0),
         faults=stretch.faults,
         seed=stretch.seed,
         publish=publish,

@@ -20,7 +20,7 @@ from tactiled.daemon.board.terms import SessionParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, ServiceParams
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.scene.description import load_scene
@@ -66,7 +66,7 @@ class BoardInThread:
             load_scene("rest"),
             LAYOUT,
             self.link,
-            board=BoardParams(board_serial=serial),
+            board=EmulatedBoardParams(board_serial=serial),
             faults=FaultParams(stall_s=STALL_S, unplug_s=UNPLUG_S),
             report=self._told,
             with_scans=True,

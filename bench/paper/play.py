@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tactiled.array import load_array
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
-from tactiled.emulator.scene.description import Grooves, Scene, Slide
+from tactiled.emulator.scene.description import GroovedPlate, Scene, SlidePhase
 from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event, ScanEvent, SlipEvent
@@ -35,10 +35,10 @@ class Run:
 
 def play(scene: Scene, seed: int) -> Run:
     """Run a scene from volts to events, with its own noise and taxels, and the plate put down anywhere."""
-    if isinstance(scene.surface, Grooves):
+    if isinstance(scene.surface, GroovedPlate):
         offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
         scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})
-    slides = [phase for phase in scene.phases if isinstance(phase, Slide)]
+    slides = [phase for phase in scene.phases if isinstance(phase, SlidePhase)]
     texture = TextureParams(speed_mm_s=slides[0].speed_mm_s)
     detect = DetectParams(setting="wang2019", wang2019=Wang2019Params(texture=texture))
     params = PipelineParams(detect=detect)

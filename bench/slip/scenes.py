@@ -15,7 +15,7 @@ from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene import families
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import Family, slipping
-from tactiled.emulator.scene.phases import Load, Press
+from tactiled.emulator.scene.phases import LoadPhase, PressPhase
 from tactiled.emulator.scene.truth import Truth
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -167,7 +167,7 @@ def announcements(scene: Scene) -> tuple[Announcement, ...]:
     """The gripper's and the arm's own doing: grip, load and starts and stops. Nobody announces the rest."""
     said, start_s = [], 0.0
     for phase in scene.phases:
-        if isinstance(phase, Press | Load):
+        if isinstance(phase, PressPhase | LoadPhase):
             said.append(Announcement("load-change", start_s, phase.duration_s))
         start_s += phase.duration_s
     if scene.name.startswith("arm-acceleration"):

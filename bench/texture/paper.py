@@ -21,7 +21,7 @@ from bench.texture.signal import RATE_HZ
 from tactiled.array import Array, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, Preset
 from tactiled.detect.wang2019.grooves import SlidingMotion
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import paper_scenes
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.plain_table import table
@@ -152,7 +152,7 @@ def first_answer(run: Run, first: First) -> First:
 
 
 def offsets_s(array: Array) -> FloatArray:
-    return BoardParams().channel_step_s * np.arange(array.n_channels, dtype=np.float64)
+    return EmulatedBoardParams().channel_step_s * np.arange(array.n_channels, dtype=np.float64)
 
 
 def table2(found: Sequence[Answered]) -> str:

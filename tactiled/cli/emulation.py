@@ -62,7 +62,7 @@ def emulate(
     need_named(protocol, "protocols")
     need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile
-    from tactiled.emulator.board.identity import BoardParams
+    from tactiled.emulator.board.identity import EmulatedBoardParams
     from tactiled.emulator.line.faults import FaultParams
     from tactiled.emulator.process import run_emulator, words_for_people
     from tactiled.emulator.scene.named import named_scene
@@ -86,7 +86,7 @@ def emulate(
         load_layout(protocol),
         link=link,
         tcp=tcp,
-        board=None if board is None else tomlfile.load(board, BoardParams),
+        board=None if board is None else tomlfile.load(board, EmulatedBoardParams),
         faults=None if faults is None else tomlfile.load(faults, FaultParams),
         seed=seed,
         report=told,

@@ -24,12 +24,12 @@ from tactiled.array import load_array
 from tactiled.demo.verdict import HEAD, Host, compare, finds_end_s, true_slides
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 from tactiled.plain_table import table
-from tactiled.plots.log import Truth as Shown
+from tactiled.plots.log import KnownTruth as Shown
 from tactiled.plots.log import draw_log
 from tactiled.progress import ProgressBar
 
@@ -211,7 +211,7 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
 def _draw(picture: Path, seen: Seen, slides: Sequence[TrueSlip], t0_s: float) -> None:
     shown = Shown(onsets_s=tuple(t0_s + slide.onset_s for slide in slides))
     for slide in slides:
-        if isinstance(grooves := slide.surface, Grooves):
+        if isinstance(grooves := slide.surface, GroovedPlate):
             turn = math.radians(grooves.angle_deg - (slide.direction_deg or 0.0))
             shown = Shown(
                 onsets_s=shown.onsets_s,
@@ -303,7 +303,7 @@ def _free_port() -> int:
 
 def _phase_words(phase: TruePhase) -> str:
     over = " on a flat plate"
-    if isinstance(grooves := phase.surface, Grooves):
+    if isinstance(grooves := phase.surface, GroovedPlate):
         over = f" over grooves of {grooves.period_mm:g} mm at {grooves.angle_deg:g} deg"
     return phase.kind + (over if phase.kind == "slide" else "")
 

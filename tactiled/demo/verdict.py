@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TrueSlip, Truth
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 
@@ -147,7 +147,7 @@ def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) ->
         true_deg = slide.direction_deg or 0.0
         error = _turn_deg(said_deg - true_deg)
         out.add(f"{name}: direction", true_deg, said_deg, MAX_DIRECTION_ERROR_DEG, "deg", error)
-        if isinstance(slide.surface, Grooves):
+        if isinstance(slide.surface, GroovedPlate):
             own = [e for e in textures if slide.onset_s <= e.time_s - t0_s <= slide.end_s + 1.0]
             textures = [e for e in textures if e not in own]
             _compare_grooves(out, name, slide, slide.surface, own, t0_s)
@@ -164,7 +164,12 @@ def _nearest(onsets: Sequence[SlipEvent], kind: str, true_s: float) -> SlipEvent
 
 
 def _compare_grooves(
-    out: Verdict, name: str, slide: TrueSlip, grooves: Grooves, answers: Sequence[TextureEvent], t0_s: float
+    out: Verdict,
+    name: str,
+    slide: TrueSlip,
+    grooves: GroovedPlate,
+    answers: Sequence[TextureEvent],
+    t0_s: float,
 ) -> None:
     answer_s, period_mm, angle_deg = math.inf, math.inf, math.inf
     if answers:

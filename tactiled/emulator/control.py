@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.emulator.line.links import Link, TcpLink, make_link
+from tactiled.emulator.line.links import HostLink, TcpLink, make_link
 from tactiled.emulator.scene.contact import ContactModel
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
@@ -121,7 +121,7 @@ class UnixLink(TcpLink):
         return {"link": f"unix://{self._path}"}
 
 
-def control_link(address: str) -> Link:
+def control_link(address: str) -> HostLink:
     """Socket at ``unix:///PATH`` or ``tcp://HOST:PORT``; `ConfigError` for anything else."""
     if address.startswith("unix://"):
         return UnixLink(Path(address.removeprefix("unix://")))

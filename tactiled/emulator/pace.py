@@ -19,7 +19,7 @@ _ONE_PAUSE = 0.8  # of the delay: so much of it in one pause, and the host was a
 REPORT_PERIOD_S = 5.0  # between two reports of overruns that go on
 
 
-class Pace:
+class OverrunPolicy:
     """Decide when overdue scans are left out, and when that is reported. No clock is read here."""
 
     def __init__(self) -> None:

@@ -6,10 +6,10 @@
 from collections.abc import Callable
 
 from tactiled.emulator.board.firmware import Board
-from tactiled.emulator.board.identity import BoardParams, identity, worn_array
+from tactiled.emulator.board.identity import EmulatedBoardParams, identity, worn_array
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.board.sensor import Sensor
-from tactiled.emulator.line.adapter import Arrival, Line
+from tactiled.emulator.line.cable import Arrival, CableModel
 from tactiled.emulator.line.faults import FaultCounts, FaultKind, FaultParams, FaultPlan
 from tactiled.emulator.scene.description import Scene
 from tactiled.wire.layout import Layout
@@ -19,7 +19,7 @@ def _ignore(_: ScanTruth) -> None:
     """Truth that nobody wants."""
 
 
-class Port:
+class EmulatedPort:
     """An emulated board at the end of an emulated cable.
 
     Parameters
@@ -28,7 +28,7 @@ class Port:
     layout : Layout
     power_up_s : float
         True instant (host monotonic clock) at which the board gets its power.
-    board : BoardParams
+    board : EmulatedBoardParams
     faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
@@ -58,12 +58,12 @@ class Port:
         layout: Layout,
         *,
         power_up_s: float,
-        board: BoardParams | None = None,
+        board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
         on_scan: Callable[[ScanTruth], None] = _ignore,
     ) -> None:
-        params, self._faults = board or BoardParams(), faults or FaultParams()
+        params, self._faults = board or EmulatedBoardParams(), faults or FaultParams()
         array = worn_array(scene, layout)
         hello = identity(params, layout, array)
         sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
@@ -73,7 +73,7 @@ class Port:
         self._on_scan = on_scan
         self.counts = FaultCounts()
         self.plugged = True
-        self._line = Line(layout.file.baud, self._faults, seed, self.counts)
+        self._line = CableModel(layout.file.baud, self._faults, seed, self.counts)
         self._plan = FaultPlan(self._faults, seed, power_up_s)
         self._replug_s = float("inf")
         self._out: list[Arrival] = []

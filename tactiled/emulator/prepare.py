@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 from tactiled.array import Array, load_array
 from tactiled.emulator.mechanics.base import FloatArray, Rung, Surface
+from tactiled.emulator.mechanics.period import SHIPPED, is_solved, solved_tables, write_tables
 from tactiled.emulator.mechanics.periodic import STEP_S, Foresight
-from tactiled.emulator.mechanics.tables import SHIPPED, is_solved, solved_tables, write_tables
 from tactiled.emulator.scene.contact import choose_rung, explain
 from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
@@ -107,7 +107,7 @@ def _wanted(scene: Scene, array: Array) -> dict[str, Callable[[], FloatArray]]:
         rungs.append(Foresight(surface, azimuth_deg, n_taxels, readout=scene.readout))
         return rungs[-1]
 
-    PhysicalContact(Motion(scene), array, build, STEP_S, "periodic").play_until(scene.duration_s)
+    PhysicalContact(SceneMotion(scene), array, build, STEP_S, "periodic").play_until(scene.duration_s)
     return {key: solve for rung in rungs for key, solve in rung.wanted.items()}
 
 

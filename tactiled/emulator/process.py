@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.control import control_link
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import make_link
@@ -22,7 +22,7 @@ def run_emulator(
     *,
     link: Path | None = None,
     tcp: str | None = None,
-    board: BoardParams | None = None,
+    board: EmulatedBoardParams | None = None,
     faults: FaultParams | None = None,
     seed: int = 0,
     report: Report,

@@ -13,21 +13,21 @@ import select
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.line.links import Link
-from tactiled.emulator.pace import Pace, SceneClock
-from tactiled.emulator.port import Port
+from tactiled.emulator.line.links import HostLink
+from tactiled.emulator.pace import OverrunPolicy, SceneClock
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.prepare import check_real_time, prepare
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.physical import PhysicalContact
-from tactiled.emulator.scene.slip_news import SlipNews
-from tactiled.emulator.scene.truth import Truth
+from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
+from tactiled.emulator.scene.truth import Truth, plain_slip
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import Layout
 
@@ -44,8 +44,8 @@ class Emulator:
     ----------
     scene : Scene
     layout : Layout
-    link : Link
-    board : BoardParams
+    link : HostLink
+    board : EmulatedBoardParams
     faults : FaultParams
     seed : int
         Of the faults.
@@ -58,7 +58,7 @@ class Emulator:
         holds from now on), ``"unplugged"``, ``"plugged"``, ``"scan"`` (if asked), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
-    control : Link or None
+    control : HostLink or None
         Where a controller speaks; see `control`.
 
     Raises
@@ -71,20 +71,20 @@ class Emulator:
         self,
         scene: Scene,
         layout: Layout,
-        link: Link,
+        link: HostLink,
         *,
-        board: BoardParams | None = None,
+        board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
         report: Report,
         with_scans: bool = False,
-        control: Link | None = None,
+        control: HostLink | None = None,
     ) -> None:
         self._scene = scene
         self._link = link
         self._report = report
         check_real_time(scene)
-        self._port = Port(
+        self._port = EmulatedPort(
             scene,
             layout,
             power_up_s=time.monotonic(),
@@ -96,12 +96,12 @@ class Emulator:
         self._control = control
         self._control_lines = ControlLines(self._port.contact)
         contact = self._port.contact
-        self._slips = SlipNews(contact.watch) if isinstance(contact, PhysicalContact) else None
+        self._slips = SlipReports(contact.watch) if isinstance(contact, PhysicalContact) else None
         self._asked_for: deque[FaultKind] = deque()
         self._is_stopping = False
         self._is_plugged = True
         self._clock: SceneClock | None = None
-        self._pace = Pace()
+        self._pace = OverrunPolicy()
         self._refused: ConfigError | None = None
         self._preparing_s: float | None = None
         self._is_preparing_reported = False
@@ -210,7 +210,7 @@ class Emulator:
         elif took_s > _LONG_PREPARATION_S and not self._is_preparing_reported:
             self._report_preparing(0, 0)
 
-    def _obey(self, control: Link) -> None:
+    def _obey(self, control: HostLink) -> None:
         """Answer the controller; before the scene begins, scene time stands at 0."""
         t0_s = self._port.board.scene_start_s
         scene_s = 0.0 if t0_s is None else time.monotonic() - t0_s
@@ -257,3 +257,30 @@ class Emulator:
                 **contact_report(self._port.contact, scan.scene_s),
             }
         )
+
+
+class SlipReports:
+    """Each slip when it becomes gross, and again when it has ended.
+
+    Parameters
+    ----------
+    watch : SlipEpisodeTracker
+    """
+
+    def __init__(self, watch: SlipEpisodeTracker) -> None:
+        self._watch = watch
+        self._number = 0  # of the slip that may have news
+        self._said_gross = False
+
+    def since_last(self, truth: Callable[[], Truth]) -> Iterator[dict[str, Any]]:
+        """Slips as plain data, with their ``number``; `truth` is asked only where there is news."""
+        while self._number < self._watch.count:
+            back = self._number - self._watch.count
+            slip = self._watch.episodes[back]
+            ended = slip.end_s is not None
+            if ended or (slip.gross_s is not None and not self._said_gross):
+                yield {"number": self._number, **plain_slip(truth().episodes[back])}
+                self._said_gross = True
+            if not ended:
+                return
+            self._number, self._said_gross = self._number + 1, False

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import move_grip
 from tactiled.emulator.line.faults import FaultCounts, FaultParams
-from tactiled.emulator.port import Port
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ContractError
@@ -27,7 +27,7 @@ class Simulation:
     layout : Layout
     origin_s : float
         What the simulated monotonic clock reads when the board is powered.
-    board : BoardParams
+    board : EmulatedBoardParams
     faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
@@ -51,7 +51,7 @@ class Simulation:
         layout: Layout,
         *,
         origin_s: float = 1000.0,
-        board: BoardParams | None = None,
+        board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
         is_host: bool = True,
@@ -67,7 +67,7 @@ class Simulation:
         self._encoder = Encoder(layout)
         self._is_host = is_host and layout.has("start")
         self._token = 0
-        self._port = Port(
+        self._port = EmulatedPort(
             scene,
             layout,
             power_up_s=origin_s,

@@ -26,7 +26,7 @@ CHANNELS = ("#1f4e79", "#e07b00", "#6aa4d8", "#5b3a8c", "#b38f00", "#2b8a8a")
 
 
 @dataclass(frozen=True)
-class Truth:
+class KnownTruth:
     """What really was: onsets of slip, and the ripple frequency of the grooves slid over, if any."""
 
     onsets_s: tuple[float, ...] = ()
@@ -44,7 +44,7 @@ def draw_log(
     title: str,
     *,
     channel_offset_s: FloatArray | None = None,
-    truth: Truth | None = None,
+    truth: KnownTruth | None = None,
 ) -> None:
     """Voltages of a taxel, its wavelet coefficients, grooves as they were answered, and how well they fit.
 
@@ -58,9 +58,9 @@ def draw_log(
         Found in this log, with times on the same clock.
     channel_offset_s : (channels,) float64, optional
         How long after the scan began each channel was sampled.
-    truth : Truth, optional
+    truth : KnownTruth, optional
     """
-    truth = truth or Truth()
+    truth = truth or KnownTruth()
     if channel_offset_s is None:
         channel_offset_s = np.zeros(array.n_channels)
     origin_s = float(time_s[0])
@@ -137,7 +137,7 @@ def _draw_coefficients(
     axis.set_ylim(-1.5e3 * largest, 1.5e3 * largest)
 
 
-def _mark_onsets(axis: Axes, onsets: Sequence[SlipEvent], truth: Truth, origin_s: float) -> None:
+def _mark_onsets(axis: Axes, onsets: Sequence[SlipEvent], truth: KnownTruth, origin_s: float) -> None:
     for number, onset_s in enumerate(truth.onsets_s):
         label = "true onset" if not number else None
         axis.axvline(onset_s - origin_s, color=TRUE, lw=2.5, alpha=0.6, label=label)
@@ -155,7 +155,7 @@ def _draw_onset(
     volts: FloatArray,
     channel_offset_s: FloatArray,
     onsets: Sequence[SlipEvent],
-    truth: Truth,
+    truth: KnownTruth,
 ) -> None:
     """The first onset from near: milliseconds and millivolts since just before it."""
     onset_s = truth.onsets_s[0] if truth.onsets_s else onsets[0].onset_s
@@ -185,7 +185,7 @@ def _draw_spectrum(
     volts: FloatArray,
     event: TextureEvent,
     params: DetectParams,
-    truth: Truth,
+    truth: KnownTruth,
 ) -> None:
     inside = (time_s > event.time_s - event.window_s) & (time_s <= event.time_s + 1e-9)
     window = np.nan_to_num(volts[inside][:, channels])

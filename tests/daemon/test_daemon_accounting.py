@@ -9,7 +9,7 @@ from bench.daemon.rig import Rig
 from bench.daemon.soak import grasps
 from tactiled.array import load_array
 from tactiled.daemon.board.terms import SessionParams
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.events.types import Event, StatusEvent
 from tactiled.wire.layout import load_layout
@@ -42,7 +42,7 @@ class AnyFaults(RuleBasedStateMachine):
             SCENE,
             LAYOUT,
             ARRAY,
-            board=BoardParams(drift_ppm=-40.0),
+            board=EmulatedBoardParams(drift_ppm=-40.0),
             faults=FaultParams(stall_s=stall_s, unplug_s=unplug_s, bunch_s=bunch_s, burst_bytes=burst_bytes),
             seed=seed,
             session=SessionParams(rate_hz=RATE_HZ),

@@ -40,7 +40,7 @@ from tactiled.doctor.host import (
 from tactiled.doctor.port import check_port
 from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
 from tactiled.doctor.unplugged import check_files
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.scene.description import load_scene
@@ -71,7 +71,7 @@ def emulated(
     *,
     layout: str = "board-v1",
     link: PtyLink | None = None,
-    board: BoardParams | None = None,
+    board: EmulatedBoardParams | None = None,
     faults: FaultParams | None = None,
 ) -> Iterator[None]:
     """A board on a pty."""
@@ -172,7 +172,9 @@ def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
 
 def test_a_wrong_baud_rate_is_found_and_the_right_one_named(setup: Setup, tmp_path: Path) -> None:
     with emulated(
-        tmp_path / "board", link=AtAnotherRate(tmp_path / "board", 57600), board=BoardParams(rate_hz=50.0)
+        tmp_path / "board",
+        link=AtAnotherRate(tmp_path / "board", 57600),
+        board=EmulatedBoardParams(rate_hz=50.0),
     ):
         findings, _ = check_board(setup)
     faults = failed(findings)
@@ -200,7 +202,7 @@ def test_a_silent_board_is_told_from_a_wrong_one(
     with emulated(tmp_path / "board", link=Silent(tmp_path / "board")):
         faults = failed(check_board(setup)[0])
     assert any("no bytes arrive: is the board powered" in fault for fault in faults)
-    with emulated(tmp_path / "board", board=BoardParams(board_serial="TS0009")):
+    with emulated(tmp_path / "board", board=EmulatedBoardParams(board_serial="TS0009")):
         pinned = setup.config.session.model_copy(update={"board_serial": "TS0001"})
         other = Setup(setup.config.model_copy(update={"session": pinned}), setup.layout, setup.array)
         (fault,) = failed(check_board(other)[0])

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.emulator.board.scanning import ScanTruth
-from tactiled.emulator.pace import BEHIND_S, HICCUP_S, RECOVERED_S, REPORT_PERIOD_S, Pace, SceneClock
-from tactiled.emulator.port import Port
+from tactiled.emulator.pace import BEHIND_S, HICCUP_S, RECOVERED_S, REPORT_PERIOD_S, OverrunPolicy, SceneClock
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Command, Hello, Scan
@@ -37,14 +37,14 @@ force_n = 10.0
 
 def test_a_short_pause_is_caught_up_with_and_a_long_one_is_not() -> None:
     for part in (0.99, 1.01):
-        pace = Pace()
+        pace = OverrunPolicy()
         assert not pace.is_behind(10.0, 10.0)
         assert pace.is_behind(10.01, 10.01 + part * HICCUP_S) == (part > 1)
 
 
 def too_slow_by(part: float, duration_s: float) -> tuple[list[float], list[float]]:
     """Delays of the scans sent and instants of overruns; 10 ms of scene take `part` times as long."""
-    pace, now_s, due_s, late_s, overruns_s = Pace(), 0.0, 0.0, [], []
+    pace, now_s, due_s, late_s, overruns_s = OverrunPolicy(), 0.0, 0.0, [], []
     while now_s < duration_s:
         now_s = max(now_s, due_s) + part * 0.01
         late_s.append(now_s - due_s)
@@ -68,11 +68,11 @@ def test_a_host_that_keeps_up_misses_nothing() -> None:
 
 
 def test_a_host_that_was_away_is_not_slow_and_one_that_was_slow_may_recover() -> None:
-    away = Pace()
+    away = OverrunPolicy()
     away.is_behind(10.0, 10.0)
     assert away.is_behind(10.0, 11.0)
     assert not away.is_behind(11.1, 11.1 + 0.99 * HICCUP_S)
-    slow = Pace()
+    slow = OverrunPolicy()
     for k in range(100):  # the delay grows by 10 ms with each scan
         if slow.is_behind(10.0 + k / 100, 10.0 + k / 50):
             break
@@ -83,7 +83,7 @@ def test_a_host_that_was_away_is_not_slow_and_one_that_was_slow_may_recover() ->
 
 
 def test_overruns_are_reported_at_once_and_then_at_intervals() -> None:
-    pace, reported_s = Pace(), []
+    pace, reported_s = OverrunPolicy(), []
     assert not pace.is_report_due(0.0)
     for k in range(1200):  # an overrun each 10 ms for 12 s
         pace.overrun(2)
@@ -110,10 +110,10 @@ def test_true_instants_never_go_back_whatever_the_scene_was_held(holds: list[tup
     assert clock.held_s == pytest.approx(held_s)
 
 
-def played(scene_name: str, skips_at: dict[int, float]) -> tuple[list[Scan], list[ScanTruth], Port]:
+def played(scene_name: str, skips_at: dict[int, float]) -> tuple[list[Scan], list[ScanTruth], EmulatedPort]:
     """Two seconds of a board in simulated time; before step k the host is late by `skips_at[k]` seconds."""
     truths: list[ScanTruth] = []
-    port = Port(load_scene(scene_name), V1, power_up_s=0.0, on_scan=truths.append)
+    port = EmulatedPort(load_scene(scene_name), V1, power_up_s=0.0, on_scan=truths.append)
     port.advance(0.1)
     port.receive(START, 0.1)
     decoder, frames, now_s = Decoder(V1), [], 0.1
@@ -170,7 +170,7 @@ def test_a_scene_that_stood_still_gives_the_counts_that_it_would_have_given() ->
 
 
 def test_start_is_busy_while_the_scene_is_prepared() -> None:
-    port = Port(load_scene("prescribed"), V1, power_up_s=0.0)
+    port = EmulatedPort(load_scene("prescribed"), V1, power_up_s=0.0)
     port.board.preparing = True
     decoder, encoder = Decoder(V1), Encoder(V1)
     frames = decoder.feed(b"".join(a.data for a in port.advance(0.1)))

@@ -8,7 +8,7 @@ import pytest
 from tactiled.array import load_array
 from tactiled.emulator.mechanics import period
 from tactiled.emulator.mechanics.base import Surface
-from tactiled.emulator.mechanics.tables import shipped_tables, solved_tables, table_rows
+from tactiled.emulator.mechanics.period import shipped_tables, solved_tables, table_rows
 from tactiled.emulator.prepare import prepare
 from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
 from tactiled.emulator.scene.truth import Truth
@@ -20,8 +20,8 @@ SIDES_DEG = (0.0, 90.0, 180.0, 270.0)
 
 @pytest.mark.parametrize("plate", DEMO_PLATES)
 def test_shipped_tables_are_what_is_solved_today(plate: str) -> None:
-    case = period.Case(DEMO_PLATES[plate], SIDES_DEG, "force", "edge", "coarse")
-    shipped = shipped_tables()[f"{case} sliding 0 0"]
+    case = period.PeriodConditions(DEMO_PLATES[plate], SIDES_DEG, "force", "edge", "coarse")
+    shipped = shipped_tables()[period.table_key(case, 0, 0)]
     np.testing.assert_allclose(period.solve_sliding(case, 0, 0), shipped, rtol=1e-6, atol=1e-9)
 
 

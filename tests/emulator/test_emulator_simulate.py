@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.board.identity import BoardParams
-from tactiled.emulator.line.adapter import Arrival
+from tactiled.emulator.board.identity import EmulatedBoardParams
+from tactiled.emulator.line.cable import Arrival
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.emulator.port import Port
+from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, ContractError
@@ -52,7 +52,9 @@ def run(
 
 
 def test_a_clean_run_delivers_every_scan_in_order() -> None:
-    simulation, items = run({}, board=BoardParams(start_ticks=2**32 - 4_000_000, start_sequence=65000))
+    simulation, items = run(
+        {}, board=EmulatedBoardParams(start_ticks=2**32 - 4_000_000, start_sequence=65000)
+    )
     assert [type(i) for i in items[:2]] == [Hello, Acknowledge]
     scans = scans_of(items)
     assert len(scans) + 3 == len(items)  # hello and the answers to start and stop
@@ -130,7 +132,7 @@ def test_reboots_and_unplugging_at_stated_instants() -> None:
 
 def test_nothing_is_heard_while_unplugged() -> None:
     faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 1.0}], "unplug_s": 1.0})
-    port = Port(DEMO, V1, power_up_s=0.0, faults=faults)
+    port = EmulatedPort(DEMO, V1, power_up_s=0.0, faults=faults)
     start = Encoder(V1).encode(Command("start", 1))
     assert len(port.advance(0.9)) == 1
     port.advance(1.5)
@@ -151,7 +153,7 @@ def test_any_steps_of_time_give_the_same_arrivals(steps: list[float], seed: int,
     start = Encoder(V1).encode(Command("start", 1))
 
     def arrivals(polls: list[float]) -> list[Arrival]:
-        port = Port(DEMO, V1, power_up_s=0.0, faults=faults, seed=seed)
+        port = EmulatedPort(DEMO, V1, power_up_s=0.0, faults=faults, seed=seed)
         port.receive(start, 0.2)
         return [a for now_s in polls for a in port.advance(now_s)]
 

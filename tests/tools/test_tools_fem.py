@@ -16,7 +16,7 @@ from tactiled.emulator.mechanics.skin import load_compliance
 from tactiled.errors import ConfigError, DataError
 from tools.fem import plate
 from tools.fem.compliance import compliance_arrays
-from tools.fem.contact import Bench, Instant, Solution
+from tools.fem.contact import Equilibrium, ImposedState, TaxelPress
 from tools.fem.linear import stiffness
 from tools.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
 from tools.fem.readout import EDGE_MM, read_out, side_parts
@@ -263,18 +263,18 @@ def test_rubber_in_three_dimensions_pulls_as_a_bar(stretch: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def slid() -> list[Solution]:
+def slid() -> list[Equilibrium]:
     """A small taxel pressed, and slid along x until every point slips."""
     instants = [
-        Instant("displacement", 0.02),
-        Instant("displacement", 0.12),
-        Instant("force", 1.0),
-        *[Instant("force", 1.0, (x, 0.0)) for x in (0.1, 0.2, 0.3, 0.4)],
+        ImposedState("displacement", 0.02),
+        ImposedState("displacement", 0.12),
+        ImposedState("force", 1.0),
+        *[ImposedState("force", 1.0, (x, 0.0)) for x in (0.1, 0.2, 0.3, 0.4)],
     ]
-    return list(Bench(taxel_mesh(TINY), Surface(0.5)).follow(instants))
+    return list(TaxelPress(taxel_mesh(TINY), Surface(0.5)).follow(instants))
 
 
-def test_pressed_flat_it_is_symmetric_and_frictionless_in_sum(slid: list[Solution]) -> None:
+def test_pressed_flat_it_is_symmetric_and_frictionless_in_sum(slid: list[Equilibrium]) -> None:
     for pressed in slid[:3]:
         np.testing.assert_allclose(pressed.half_n, pressed.half_n.mean(), rtol=1e-5)
         np.testing.assert_allclose(pressed.tangential_n, 0.0, atol=1e-5)
@@ -282,7 +282,7 @@ def test_pressed_flat_it_is_symmetric_and_frictionless_in_sum(slid: list[Solutio
     assert slid[2].normal_n == pytest.approx(1.0, rel=1e-4)
 
 
-def test_slid_it_ends_on_the_friction_cone_and_loads_the_trailing_side(slid: list[Solution]) -> None:
+def test_slid_it_ends_on_the_friction_cone_and_loads_the_trailing_side(slid: list[Equilibrium]) -> None:
     held, end = slid[2], slid[-1]
     assert end.normal_n == pytest.approx(1.0, rel=1e-4)
     assert end.tangential_n == pytest.approx([-0.5, 0.0], abs=1e-4)
@@ -294,7 +294,7 @@ def test_slid_it_ends_on_the_friction_cone_and_loads_the_trailing_side(slid: lis
 
 def test_at_small_strain_it_is_the_linear_taxel() -> None:
     mesh = taxel_mesh(TINY)
-    [touched] = Bench(mesh, Surface(0.5)).follow([Instant("displacement", 1e-4)])
+    [touched] = TaxelPress(mesh, Surface(0.5)).follow([ImposedState("displacement", 1e-4)])
     arrays = compliance_arrays(mesh)
     apex = int(np.argmin(arrays["gap_mm"]))
     expected = arrays["half_from_normal"][:, apex] * touched.normal_n
@@ -304,8 +304,8 @@ def test_at_small_strain_it_is_the_linear_taxel() -> None:
 
 
 def test_without_friction_nothing_pulls_sideways() -> None:
-    instants = [Instant("displacement", 0.05), Instant("displacement", 0.05, (0.2, 0.1))]
-    pressed, moved = Bench(taxel_mesh(TINY), Surface(0.0)).follow(instants)
+    instants = [ImposedState("displacement", 0.05), ImposedState("displacement", 0.05, (0.2, 0.1))]
+    pressed, moved = TaxelPress(taxel_mesh(TINY), Surface(0.0)).follow(instants)
     np.testing.assert_allclose(moved.tangential_n, 0.0, atol=1e-9)
     assert moved.normal_n == pytest.approx(pressed.normal_n, rel=1e-6)
 
@@ -313,8 +313,8 @@ def test_without_friction_nothing_pulls_sideways() -> None:
 def test_a_crushing_approach_is_refused_by_name_not_by_nan() -> None:
     with pytest.raises(DataError, match=r"no equilibrium at .*displacement"):
         list(
-            Bench(taxel_mesh(Fineness(2, 1, 1, 1, 1, 1, 1)), Surface(0.5)).follow(
-                [Instant("displacement", 1.5)]
+            TaxelPress(taxel_mesh(Fineness(2, 1, 1, 1, 1, 1, 1)), Surface(0.5)).follow(
+                [ImposedState("displacement", 1.5)]
             )
         )
 
@@ -322,7 +322,7 @@ def test_a_crushing_approach_is_refused_by_name_not_by_nan() -> None:
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "felupe", None)
     with pytest.raises(DataError, match=r"tactiled\[fem\]"):
-        Bench(taxel_mesh(TINY), Surface(0.5))
+        TaxelPress(taxel_mesh(TINY), Surface(0.5))
 
 
 def test_reference_data_is_read_without_the_extra() -> None:

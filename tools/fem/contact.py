@@ -1,6 +1,6 @@
 """One taxel pressed on a rigid plate and slid over it: finite strain, Yeoh rubbers, Coulomb friction.
 
-The only module that needs `felupe` (GPL-3, optional extra ``tactiled[fem]``), loaded when a `Bench` is
+The only module that needs `felupe` (GPL-3, optional extra ``tactiled[fem]``), loaded when a `TaxelPress` is
 built. Equilibrium by Newton's method; an increment that does not converge is halved.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from tactiled.emulator.mechanics.base import Held, Surface
+from tactiled.emulator.mechanics.base import HeldQuantity, Surface
 from tactiled.errors import DataError
 from tools.fem import plate
 from tools.fem.mesh import TaxelMesh
@@ -33,16 +33,16 @@ MOST_HALVINGS = 7
 
 
 @dataclass(frozen=True)
-class Instant:
+class ImposedState:
     """What is imposed: normal force (N) or approach (mm), and where the bump is over the plate."""
 
-    held: Held
+    held: HeldQuantity
     value: float
     base_mm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Equilibrium:
     """Equilibrium at one instant; forces on the skin, N, in the frame of `base`.
 
     `half_n`, `edge_n` (4,) are the sides of `readout.SIDES`, negative where the bonded chip is pulled.
@@ -83,7 +83,7 @@ def load_felupe() -> Any:
     return felupe
 
 
-class Bench:
+class TaxelPress:
     """One taxel and one plate; `follow` a list of instants.
 
     Parameters
@@ -120,7 +120,7 @@ class Bench:
         self._load = fem.PointLoad(self._field, [self._plate_point])
         self._held_points = (3 * mesh.bottom[:, None] + np.arange(3)).ravel()
 
-    def follow(self, instants: list[Instant]) -> Iterator[Solution]:
+    def follow(self, instants: list[ImposedState]) -> Iterator[Equilibrium]:
         """Equilibria one after another, the first from no contact.
 
         Raises
@@ -131,12 +131,12 @@ class Bench:
         value = {"force": 0.0, "displacement": 0.0}
         base_mm = instants[0].base_mm
         for goal in instants:
-            solution = self._reach(Instant(goal.held, value[goal.held], base_mm), goal, 0)
+            solution = self._reach(ImposedState(goal.held, value[goal.held], base_mm), goal, 0)
             value = {"force": solution.normal_n, "displacement": solution.approach_mm}
             base_mm = goal.base_mm
             yield solution
 
-    def _reach(self, before: Instant, goal: Instant, halvings: int) -> Solution:
+    def _reach(self, before: ImposedState, goal: ImposedState, halvings: int) -> Equilibrium:
         kept = [item.checkpoint() for item in (self._solid, self._contact)]
         try:
             return self._equilibrium(goal, halvings)
@@ -148,7 +148,7 @@ class Bench:
         for item, state in zip((self._solid, self._contact), kept, strict=True):
             item.restore(state)
         self._field = self._solid.field
-        middle = Instant(
+        middle = ImposedState(
             goal.held,
             (before.value + goal.value) / 2,
             ((before.base_mm[0] + goal.base_mm[0]) / 2, (before.base_mm[1] + goal.base_mm[1]) / 2),
@@ -161,7 +161,7 @@ class Bench:
             halvings=max(halfway.halvings, there.halvings),
         )
 
-    def _equilibrium(self, goal: Instant, halvings: int) -> Solution:
+    def _equilibrium(self, goal: ImposedState, halvings: int) -> Equilibrium:
         fixed, values = self._held_points, np.zeros(len(self._held_points))
         plate_unknowns = 3 * self._plate_point + np.arange(3)
         place = np.array([-goal.base_mm[0], -goal.base_mm[1], -goal.value])
@@ -184,13 +184,13 @@ class Bench:
         self._field = result.x
         return self._solution(result, halvings)
 
-    def _solution(self, result: Any, halvings: int) -> Solution:
+    def _solution(self, result: Any, halvings: int) -> Equilibrium:
         force = self._contact.results.force.toarray()[3 * self._plate_point :, 0]
         pressed = self._parts @ result.fun[3 * self._mesh.bottom + 2]
         active, slip = self._contact.results.active, self._contact.results.slip
         touching = float(self._areas[active].sum())
         deformation = self._solid.results.kinematics[0]
-        return Solution(
+        return Equilibrium(
             normal_n=-float(force[2]),
             tangential_n=force[:2],
             half_n=pressed[:4],
@@ -228,7 +228,7 @@ def _solve(matrix: Any, right: FloatArray) -> FloatArray:
 def _contact_class(fem: Any) -> Callable[..., Any]:
     """The plate as a rigid surface of felupe; made here because felupe is loaded late."""
 
-    class GroovedPlate(fem.mechanics.ContactRigidBase):  # type: ignore[misc]
+    class RigidPlate(fem.mechanics.ContactRigidBase):  # type: ignore[misc]
         def __init__(self, field: Any, surface: Surface, **options: Any) -> None:
             self.surface = surface
             super().__init__(field, **options)
@@ -236,4 +236,4 @@ def _contact_class(fem: Any) -> Callable[..., Any]:
         def _kinematics(self, dx: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             return plate.distance(self.surface, dx)
 
-    return GroovedPlate
+    return RigidPlate

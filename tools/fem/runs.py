@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactiled.emulator.mechanics.base import Held, Surface
+from tactiled.emulator.mechanics.base import HeldQuantity, Surface
 from tactiled.errors import ConfigError
-from tools.fem.contact import TOLERANCE, Bench, Instant, Solution, penalties
+from tools.fem.contact import TOLERANCE, Equilibrium, ImposedState, TaxelPress, penalties
 from tools.fem.mesh import MATERIALS, MESHES, taxel_mesh
 from tools.fem.reference import reference_path, write_reference
 
@@ -24,14 +24,14 @@ class PlannedRun:
     """A plate and what the taxel does on it."""
 
     surface: Surface
-    instants: list[Instant]
+    instants: list[ImposedState]
 
 
-def _pressed(load_n: float, depth_mm: float = 0.0) -> list[Instant]:
+def _pressed(load_n: float, depth_mm: float = 0.0) -> list[ImposedState]:
     # Without contact a force has no equilibrium, so pressing begins by displacement.
     start = min(_TO_LOAD_MM, 0.1 * load_n) + depth_mm / 2
-    steps = [Instant("displacement", float(d)) for d in np.linspace(0.0, start, 6)[1:]]
-    return [*steps, Instant("force", load_n)]
+    steps = [ImposedState("displacement", float(d)) for d in np.linspace(0.0, start, 6)[1:]]
+    return [*steps, ImposedState("force", load_n)]
 
 
 def _slide(
@@ -39,10 +39,10 @@ def _slide(
     way_mm: Sequence[float],
     azimuth_deg: float = 0.0,
     depth_mm: float = 0.0,
-    held: Held = "force",
-) -> list[Instant]:
+    held: HeldQuantity = "force",
+) -> list[ImposedState]:
     way = np.deg2rad(azimuth_deg)
-    steps = [Instant(held, load_n, (float(s * np.cos(way)), float(s * np.sin(way)))) for s in way_mm]
+    steps = [ImposedState(held, load_n, (float(s * np.cos(way)), float(s * np.sin(way)))) for s in way_mm]
     return [*_pressed(load_n, depth_mm), *steps]
 
 
@@ -61,7 +61,7 @@ _THERE_AND_BACK = [*np.arange(0.03, 0.31, 0.03), *np.arange(0.27, -0.31, -0.03)]
 
 RUNS: dict[str, Callable[[], PlannedRun]] = {
     "load": lambda: PlannedRun(
-        Surface(0.6), [Instant("displacement", float(d)) for d in np.arange(0.01, 0.2501, 0.01)]
+        Surface(0.6), [ImposedState("displacement", float(d)) for d in np.arange(0.01, 0.2501, 0.01)]
     ),
     "flat-0.6": lambda: PlannedRun(Surface(0.6), _slide(LOAD_N, _KNEE)),
     "flat-0.3": lambda: PlannedRun(Surface(0.3), _slide(LOAD_N, _KNEE)),
@@ -108,7 +108,7 @@ def produce(mesh: str, names: Sequence[str], report: Callable[[str], None]) -> l
 def _produce(mesh: str, name: str, report: Callable[[str], None]) -> Path:
     planned, taxel = RUNS[name](), taxel_mesh(MESHES[mesh])
     began = time.perf_counter()
-    solutions = list(Bench(taxel, planned.surface).follow(planned.instants))
+    solutions = list(TaxelPress(taxel, planned.surface).follow(planned.instants))
     seconds = time.perf_counter() - began
     stiff, stick = penalties(planned.surface)
     steps, cuts = sum(s.newton_steps for s in solutions), sum(s.halvings > 0 for s in solutions)
@@ -130,7 +130,7 @@ def _produce(mesh: str, name: str, report: Callable[[str], None]) -> Path:
     return path
 
 
-def _row(instant: Instant, solution: Solution) -> list[float]:
+def _row(instant: ImposedState, solution: Equilibrium) -> list[float]:
     return [
         *instant.base_mm,
         solution.normal_n,

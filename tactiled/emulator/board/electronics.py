@@ -186,8 +186,8 @@ def calibrate(
     With ``V = U x / (x + c)``, x a quarter of the load less the dead zone and ``c = rubber / divider``, the
     two normal sensitivities fix U and c. Shear at half of the first range, 3 N, and little friction: an
     area's force changes by ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
-    Forces on the areas are those of rung `lumped`; `bristle` and `compliance` press the edges up to a tenth
-    more at such loads, which no finite elements reach.
+    Forces on the areas are those of rung `lumped`; `compliance` presses the edges up to a tenth more at such
+    loads, which no finite-element reference reaches.
 
     Parameters
     ----------

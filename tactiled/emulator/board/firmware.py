@@ -29,9 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactiled.emulator.board.crystal import Crystal
-from tactiled.emulator.board.identity import BoardParams
-from tactiled.emulator.board.scanning import Scanning, ScanSource, ScanTruth
+from tactiled.emulator.board.identity import EmulatedBoardParams
+from tactiled.emulator.board.scanning import Crystal, Scanning, ScanSource, ScanTruth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan
@@ -60,7 +59,7 @@ class Board:
     layout : Layout
     hello : Hello
         Identity; its rate is the one after power-up.
-    params : BoardParams
+    params : EmulatedBoardParams
     source : ScanSource
         Asked in scene time, which begins at the first start command.
     power_up_s : float
@@ -86,7 +85,7 @@ class Board:
         self,
         layout: Layout,
         hello: Hello,
-        params: BoardParams,
+        params: EmulatedBoardParams,
         source: ScanSource,
         *,
         power_up_s: float,

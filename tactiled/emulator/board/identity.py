@@ -10,7 +10,7 @@ from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout
 
 
-class BoardParams(Params):
+class EmulatedBoardParams(Params):
     """What one board has of its own; its identity is ignored where the layout assumes a hello."""
 
     board_serial: str = Field(default="TS0001", min_length=1, max_length=16)
@@ -53,7 +53,7 @@ def worn_array(scene: Scene, layout: Layout) -> Array:
     return array
 
 
-def identity(params: BoardParams, layout: Layout, array: Array) -> Hello:
+def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello:
     """Hello of the board: what the layout assumes, where it does."""
     assumed = layout.file.assumed_hello
     version = layout.file.protocol_version

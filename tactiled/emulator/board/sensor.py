@@ -8,7 +8,7 @@ from tactiled.emulator.board import electronics
 from tactiled.emulator.board.noise import ScanNoise
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
@@ -41,7 +41,7 @@ class Sensor:
             fault = f"electronics.dead_channels: {outside} are not among the {array.n_channels} channels"
             raise ConfigError(f"scene {scene.name}", [fault])
         self._params = params
-        self._motion = Motion(scene)
+        self._motion = SceneMotion(scene)
         self.contact = make_contact(self._motion, array)
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v

@@ -14,7 +14,7 @@ _READ_BYTES = 4096
 _MOST_BYTES = 65536  # taken at once from a host that never stops writing
 
 
-class Link(Protocol):
+class HostLink(Protocol):
     """An open port as the emulator sees it. Nothing here blocks; what the host does not take is lost."""
 
     def open(self) -> None: ...
@@ -198,7 +198,7 @@ class TcpLink:
         self._client = None
 
 
-def make_link(link: Path | None, tcp: str | None) -> Link:
+def make_link(link: Path | None, tcp: str | None) -> HostLink:
     """Link for the command line's options: a pty unless `tcp` is ``tcp://HOST:PORT``.
 
     Raises

@@ -13,8 +13,6 @@ NOT_MODELLED: Mapping[str, str] = {
     "signal": "mechanics of any kind: the forces are prescribed curves",
     "lumped": "where on the patch it slips, grooves, a peak of static friction in slides that begin faster "
     "than stribeck_mm_s",
-    "bristle": "grooves, lateral coupling of the skin, turning about a taxel's own axis, a peak of static "
-    "friction in slides that begin faster than stribeck_mm_s",
     "periodic": "grooves during the onset of slip, ripple that lags behind a change of load or direction, "
     "the skin's nonlinearity beyond first order",
     "compliance": "the skin's nonlinearity beyond first order, static friction above sliding, "
@@ -23,7 +21,7 @@ NOT_MODELLED: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RungOption:
     """A rung as a choice.
 
     Attributes
@@ -41,7 +39,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Choice:
+class RungChoice:
     """The rung for a scene, and how it came to be."""
 
     rung: str
@@ -63,7 +61,9 @@ class Choice:
         return "\n".join(lines)
 
 
-def choose(source: str, needs: Iterable[str], tolerance: float, candidates: Sequence[Candidate]) -> Choice:
+def choose(
+    source: str, needs: Iterable[str], tolerance: float, candidates: Sequence[RungOption]
+) -> RungChoice:
     """First of the candidates, cheapest first, that plays the scene and meets its needs.
 
     Parameters
@@ -73,7 +73,7 @@ def choose(source: str, needs: Iterable[str], tolerance: float, candidates: Sequ
     needs : iterable of str
     tolerance : float
         Largest relative error of each.
-    candidates : sequence of Candidate
+    candidates : sequence of RungOption
         In growing cost.
 
     Raises
@@ -87,7 +87,7 @@ def choose(source: str, needs: Iterable[str], tolerance: float, candidates: Sequ
         why = candidate.refusal or _shortfall(wanted, tolerance, candidate.provides)
         if not why:
             errors = {need: candidate.provides[need] for need in wanted}
-            return Choice(candidate.name, wanted, tolerance, errors, rejected)
+            return RungChoice(candidate.name, wanted, tolerance, errors, rejected)
         rejected[candidate.name] = why
     faults = [f"needs: {name} does not serve: {why}" for name, why in rejected.items()]
     raise ConfigError(source, [*faults, "needs: no rung delivers this; drop a need or widen tolerance"])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Held = Literal["force", "displacement"]
+HeldQuantity = Literal["force", "displacement"]
 
 # Bits of `TaxelForces.warnings`: the number is still the best the rung has.
 BEYOND_REFERENCES = 1  # more load than finite elements were asked for: a rung's errors are not known there
@@ -85,7 +85,7 @@ class Rung(Protocol):
         """No contact, no history."""
         ...
 
-    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """Advance to the next instant.
 
         Parameters

@@ -14,13 +14,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
-from tactiled.emulator.mechanics.history import TaxelHistory
-from tactiled.emulator.mechanics.skin import Readout, shipped_skin
-from tactiled.emulator.mechanics.solver import Solution
+from tactiled.emulator.mechanics.skin import Readout, SkinCompliance, shipped_skin
+from tactiled.emulator.mechanics.solver import ContactSolver, Solution
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
-from tactiled.emulator.mechanics.underfoot import plate_under
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +54,24 @@ PROVIDES: dict[str, float] = {
     "groove-ripple": 0.46,
     "groove-phase": 0.08,
 }
+
+
+class TaxelState:
+    """State of one taxel between steps, without contact at first."""
+
+    def __init__(self, skin: SkinCompliance, friction: float) -> None:
+        n = len(skin.x_mm)
+        self.solver = ContactSolver(skin.compliance, friction)
+        self.force_n = np.zeros((3, n))  # body components: into the skin, x, y
+        self.moved_mm = np.zeros((3, n))
+        self.slips = np.zeros(n, dtype=bool)
+        self.turned_mm = np.zeros((3, n))  # part of it by the couples of displaced forces
+        self.approach_mm = 0.0
+        self.base_mm: FloatArray | None = None
+        self.value: float | None = None
+        self.held: HeldQuantity = "force"
+        self.warning = 0
+        self.failures = 0  # solves of this step that did not converge
 
 
 class Compliance:
@@ -106,9 +122,9 @@ class Compliance:
 
     def reset(self) -> None:
         """No contact, no history."""
-        self._taxels = [TaxelHistory(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
+        self._taxels = [TaxelState(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 
-    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """See `base.Rung.step`. Friction knows the way, not the time: `dt_s` changes nothing."""
         del dt_s
         goals = on_linear_skin_n(value) if held == "force" else value
@@ -116,7 +132,7 @@ class Compliance:
             self._advance(taxel, held, float(goal), place)
         return self._felt()
 
-    def _advance(self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray) -> None:
+    def _advance(self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray) -> None:
         """Go to a load or indentation and a place, in substeps."""
         if taxel.base_mm is None:
             taxel.base_mm = base_mm.copy()
@@ -135,11 +151,11 @@ class Compliance:
                 self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
         taxel.base_mm, taxel.value, taxel.held = base_mm.copy(), value, held
 
-    def _current(self, taxel: TaxelHistory, held: Held) -> float:
+    def _current(self, taxel: TaxelState, held: HeldQuantity) -> float:
         return float(taxel.force_n[0].sum()) if held == "force" else taxel.approach_mm
 
     def _substep(
-        self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray, halvings: int
+        self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray, halvings: int
     ) -> None:
         """Solve one substep; halve it where Newton's method fails."""
         before = self._current(taxel, held)
@@ -162,7 +178,7 @@ class Compliance:
         taxel.base_mm = base_mm
 
     def _solve(
-        self, taxel: TaxelHistory, held: Held, value: float, base_mm: FloatArray
+        self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray
     ) -> tuple[Solution, FloatArray]:
         """Contact frames and free gaps at the place, and what the nodes do there.
 
@@ -205,7 +221,7 @@ class Compliance:
 
     def _solve_turning(
         self,
-        taxel: TaxelHistory,
+        taxel: TaxelState,
         frame: FloatArray,
         free: FloatArray,
         guess: FloatArray,
@@ -244,3 +260,27 @@ class Compliance:
             indentation_mm=approach,
             warnings=warnings | np.where(approach > CAP_MM, BOTTOMED, 0),
         )
+
+
+def plate_under(surface: Surface, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Height over the plane of the ridges, 0 or less, and contact frames, at places over the plate.
+
+    Returns
+    -------
+    height_mm : (n,) float64
+    frame : (3, 3, n) float64
+        ``frame[i, :, k]``: contact direction i (normal into the skin, two tangents) of place k as
+        (into the skin, x, y).
+    """
+    depth, period = surface.depth_mm, surface.period_mm
+    angle = np.deg2rad(surface.angle_deg) if depth > 0 else 0.0
+    c, s = np.cos(angle), np.sin(angle)
+    phase = 2 * np.pi * (x_mm * c + y_mm * s) / period
+    height = depth * (np.cos(phase) - 1) / 2
+    slope = -depth * np.pi / period * np.sin(phase)
+    tilt = 1 / np.sqrt(1 + slope**2)
+    frame = np.zeros((3, 3, len(phase)))
+    frame[0] = tilt, -slope * tilt * c, -slope * tilt * s
+    frame[1] = slope * tilt, tilt * c, tilt * s
+    frame[2, 1], frame[2, 2] = -s, c
+    return height, frame

@@ -25,8 +25,9 @@ before it slips: a slide that begins fast has no static peak.
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import BOTTOMED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.sides import Readout, SideWeights, growth
+from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,6 @@ FloatArray = NDArray[np.float64]
 # Fit to finite elements of one taxel (config/contact/fem-*-load.json, 0.03 to 0.25 mm): from 0.3 to 2.3 N
 # it is within 7 %. The prototype's mesh, without the skin between the taxels, gave 38.1 d^1.79.
 _CURVE_N, _CURVE_EXPONENT = 47.3, 1.86
-BUMP_MM = 0.4  # rim and cap, assumed geometry: pressed deeper, the plate meets the base
 # Travel from rest to gross slip over friction times indentation, and its growth by indentation (the skin is
 # thin: a larger patch makes it stiffer against pressing than against shear), as finite elements' friction on
 # the way there has it under 0.6 N and 2.5 N (fem-coarse-flat-0.6-light.json, -heavy.json), within 1 %.
@@ -100,11 +100,11 @@ class Lumped:
         self._base_mm: FloatArray | None = None
         self._pressed = np.zeros(0)
 
-    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         run = self.run(held, value[None], base_mm[None], dt_s)
         return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
 
-    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """`step` n times at once; arguments and results have a leading axis n."""
         if held == "force":
             normal = np.maximum(value, 0.0)
@@ -244,7 +244,11 @@ def refuse_grooves(rung: str, surface: Surface, why: str) -> None:
 
 
 def _mean_weights(weights: SideWeights) -> tuple[FloatArray, FloatArray]:
-    """Side weights over a round patch under the pressure that `bristle` has there: (a,) and (2, a)."""
+    """Average the side weights over a round patch, weighted by pressure: (a,) and (2, a).
+
+    The pressure is that of a ball on a thin incompressible layer bonded below, ``p ~ (1 - r^2 / a^2)^2``
+    (Johnson, Contact Mechanics, 1985, section 5.8).
+    """
     radius = (np.arange(8) + 0.5) / 8
     angle = 2 * np.pi * np.arange(16) / 16
     x = _PATCH_MM * np.outer(radius, np.cos(angle)).ravel()

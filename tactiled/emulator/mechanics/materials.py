@@ -126,7 +126,7 @@ class Yeoh:
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearElastic:
     """A stiff film that only ever sees small strain."""
 
     name: str
@@ -155,4 +155,4 @@ def positive(stretch: ArrayLike) -> FloatArray:
 RUBBER = Yeoh("conductive rubber", 0.5686, 0.0540, -0.0181, 0.47)
 RTV = Yeoh("RTV adhesive", 0.5551, -0.0356, 0.0027, 0.48)
 PDMS = Yeoh("PDMS", 0.7997, 0.2881, -0.0375, 0.47)
-PET = Linear("PET", 3000.0, 0.47)
+PET = LinearElastic("PET", 3000.0, 0.47)

@@ -1,16 +1,18 @@
 """Tables of rung `periodic`: one period of groove phase, solved on `compliance` and refined."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tactiled.emulator.mechanics.base import NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.skin import Readout
-from tactiled.emulator.mechanics.tables import table_rows
+from tactiled.resources import shipped
 
 FloatArray = NDArray[np.float64]
 
@@ -30,26 +32,32 @@ _PRESSING = 6  # steps in which the load comes
 _USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
 
 
+SHIPPED = shipped("config", "contact", "periodic.npz")
+_solved: dict[str, FloatArray] = {}
+
+
 @dataclass(frozen=True)
-class Case:
+class PeriodConditions:
     """All that one period depends on."""
 
     surface: Surface
     azimuth_deg: tuple[float, ...]
-    held: Held
+    held: HeldQuantity
     readout: Readout
     mesh: str
 
 
-def table_key(case: Case, level: int, direction_deg: int | None) -> str:
+def table_key(case: PeriodConditions, level: int, direction_deg: int | None) -> str:
     """What the table of a level is kept under: sliding in a direction, or resting (None)."""
+    # The text of the keys in the shipped file, which keeps the word "Case".
+    fields = ", ".join(f"{name}={value!r}" for name, value in vars(case).items())
     if direction_deg is None:
-        return f"{case} resting {_USUAL if level <= _USUAL else HIGHEST}"
-    return f"{case} sliding {level} {direction_deg}"
+        return f"Case({fields}) resting {_USUAL if level <= _USUAL else HIGHEST}"
+    return f"Case({fields}) sliding {level} {direction_deg}"
 
 
 @lru_cache(maxsize=512)
-def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+def sliding(case: PeriodConditions, level: int, direction_deg: int) -> FloatArray:
     """Rows (FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
     return _refine(
         table_rows(table_key(case, level, direction_deg), lambda: solve_sliding(case, level, direction_deg))
@@ -57,14 +65,14 @@ def sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
 
 
 @lru_cache(maxsize=512)
-def resting(case: Case, level: int) -> FloatArray:
+def resting(case: PeriodConditions, level: int) -> FloatArray:
     """Rows (FINE, width) over phase for a taxel pressed there and not moved."""
     highest = _USUAL if level <= _USUAL else HIGHEST
     rows = table_rows(table_key(case, level, None), lambda: _solve_resting(case, highest))
     return _refine(rows[:, level - LOWEST])
 
 
-def solve_sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
+def solve_sliding(case: PeriodConditions, level: int, direction_deg: int) -> FloatArray:
     """(phases, width)."""
     surface = case.surface
     heading = np.deg2rad(direction_deg)
@@ -83,7 +91,7 @@ def solve_sliding(case: Case, level: int, direction_deg: int) -> FloatArray:
     return period if across > 0 else np.concatenate([period[:1], period[:0:-1]])
 
 
-def _solve_resting(case: Case, highest: int) -> FloatArray:
+def _solve_resting(case: PeriodConditions, highest: int) -> FloatArray:
     """(phases, levels, width): at each place all levels in one pressing."""
     rung = _parent(case)
     pressed = []
@@ -94,11 +102,11 @@ def _solve_resting(case: Case, highest: int) -> FloatArray:
     return np.array(pressed)
 
 
-def _parent(case: Case) -> Compliance:
+def _parent(case: PeriodConditions) -> Compliance:
     return Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
 
 
-def level_value(held: Held, level: int) -> float:
+def level_value(held: HeldQuantity, level: int) -> float:
     """Load, N, or indentation, mm, of a level."""
     return float(LEVEL[held] * LEVEL_RATIO**level)
 
@@ -117,7 +125,7 @@ def _places(surface: Surface) -> list[FloatArray]:
 
 def _slide(
     rung: Compliance,
-    case: Case,
+    case: PeriodConditions,
     value: FloatArray,
     start_mm: FloatArray,
     course: FloatArray,
@@ -150,3 +158,46 @@ def _refine(rows: FloatArray) -> FloatArray:
         table = spline(np.arange(FINE + 1) / FINE)
     table[:, 4] = flag
     return np.asarray(table)
+
+
+def table_rows(key: str, solve: Callable[[], FloatArray]) -> FloatArray:
+    """Rows of a table, solved if nobody has.
+
+    Parameters
+    ----------
+    key : str
+        All that the table depends on.
+    solve : callable
+    """
+    if key in shipped_tables():
+        return shipped_tables()[key]
+    if key not in _solved:
+        _solved[key] = solve()
+    return _solved[key]
+
+
+def is_solved(key: str) -> bool:
+    """Whether `table_rows` has this table without solving it."""
+    return key in shipped_tables() or key in _solved
+
+
+def solved_tables() -> Mapping[str, FloatArray]:
+    """What this process had to solve."""
+    return _solved
+
+
+@cache
+def shipped_tables() -> Mapping[str, FloatArray]:
+    """What nobody needs to solve."""
+    return _load(SHIPPED) if SHIPPED.exists() else {}
+
+
+def write_tables(path: Path, tables: Mapping[str, FloatArray]) -> None:
+    """Keys beside arrays, since a key is no file name."""
+    arrays = {f"table_{k}": rows for k, rows in enumerate(tables.values())}
+    np.savez_compressed(path, allow_pickle=False, keys=np.array(list(tables)), **arrays)
+
+
+def _load(path: Path) -> dict[str, FloatArray]:
+    with np.load(path, allow_pickle=False) as file:
+        return {str(key): file[f"table_{k}"] for k, key in enumerate(file["keys"])}

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, Held, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.period import (
@@ -25,7 +25,7 @@ from tactiled.emulator.mechanics.period import (
     LEVEL,
     LEVEL_RATIO,
     LOWEST,
-    Case,
+    PeriodConditions,
     groove_normal,
     level_value,
     resting,
@@ -91,12 +91,12 @@ class Periodic:
         """No contact, no history."""
         self._onset.reset()
 
-    def step(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """See `base.Rung.step`."""
         run = self.run(held, value[None], base_mm[None], dt_s)
         return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
 
-    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """`step` n times at once; arguments and results have a leading axis n."""
         case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)
@@ -128,10 +128,12 @@ class Periodic:
             warnings=_warnings(rows),
         )
 
-    def _case(self, held: Held) -> Case:
-        return Case(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
+    def _case(self, held: HeldQuantity) -> PeriodConditions:
+        return PeriodConditions(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
 
-    def _looked_up(self, held: Held, value: FloatArray, onset: TaxelForces) -> tuple[FloatArray, IntArray]:
+    def _looked_up(
+        self, held: HeldQuantity, value: FloatArray, onset: TaxelForces
+    ) -> tuple[FloatArray, IntArray]:
         """Part of sliding that the onset has reached (n, t), and level, direction and whether it moves
         (n, t, 3)."""
         pull = -onset.tangential_n
@@ -159,7 +161,7 @@ class Foresight(Periodic):
         super().__init__(surface, azimuth_deg, n_taxels, readout=readout)
         self.wanted: dict[str, Callable[[], FloatArray]] = {}
 
-    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """See `Periodic.run`."""
         case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)

@@ -16,11 +16,12 @@ from tactiled.resources import shipped
 FloatArray = NDArray[np.float64]
 Readout = Literal["half", "edge"]
 
-# In large strain the pressure moves with the tilting bump, which linear weights do not know, and the more the
-# larger the load. Growth of the weights a newton of load on the taxel: with these `bristle` has the finite
-# elements' half chips at rest, and their left minus right at full slip, under 2.5 N (config/contact/
-# fem-coarse-flat-0.6-heavy.json; other loads and frictions were not fitted). No reference is loaded with more
-# than the last number, so there they stay as they are.
+# At large strain the pressure moves with the tilting bump, the more so the larger the load; linear weights do
+# not contain this. Growth of the weights per newton of load on the taxel, fitted under 2.5 N (config/contact/
+# fem-coarse-flat-0.6-heavy.json; other loads and friction coefficients were not fitted) to the forces on half
+# chips at rest and to left minus right at full slip. The patch had independent bristles under the pressure of
+# a thin bonded layer, (1 - r^2 / a^2)^2. No reference has a larger load than `_LARGEST_N`; beyond it the
+# weights stay constant.
 _NORMAL_GROWTH, _TILT_GROWTH = 0.0102, 0.0745
 _LARGEST_N = 3.8
 _ORDER = 5  # residual of the fits: rms below 0.01

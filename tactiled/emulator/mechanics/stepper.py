@@ -13,12 +13,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import FloatArray, Held, Rung, TaxelForces
+from tactiled.emulator.mechanics.base import FloatArray, HeldQuantity, Rung, TaxelForces
 
 _KEPT_STEPS = 4096  # some 10 s of the cheap rungs: longer than a scan or a report looks back
 
 
-class Source(Protocol):
+class GridSource(Protocol):
     """Something that goes forward only."""
 
     def reset(self) -> None:
@@ -30,19 +30,19 @@ class Source(Protocol):
         ...
 
 
-class Stepper:
-    """Rows of a `Source` at any instants.
+class GridInterpolator:
+    """Rows of a `GridSource` at any instants.
 
     Parameters
     ----------
-    source : Source
+    source : GridSource
         Reset here.
     step_s : float
     block : int
         Grid points made at once; 1 for a source that reacts, so that nothing is made before it is asked for.
     """
 
-    def __init__(self, source: Source, *, step_s: float, block: int = 64) -> None:
+    def __init__(self, source: GridSource, *, step_s: float, block: int = 64) -> None:
         self._source = source
         self._step_s = step_s
         self._block = block
@@ -109,12 +109,12 @@ class Stepper:
 class BlockRung(Protocol):
     """A rung that takes many steps at once."""
 
-    def run(self, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """`Rung.step` with a leading axis n on arguments and results."""
         ...
 
 
-def play(rung: Rung, held: Held, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+def play(rung: Rung, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
     """Step a rung through ``value (n, t)`` and ``base_mm (n, t, 2)``; results have a leading axis n."""
     if isinstance(rung, BlockRung):
         return rung.run(held, value, base_mm, dt_s)

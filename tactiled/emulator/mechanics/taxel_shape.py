@@ -14,6 +14,7 @@ CHIP_MM = 0.5  # paper: adhesive layer that holds the chips
 BASE_MM = 0.4  # assumed: half of the 0.8 mm of PDMS
 RIM_MM = 0.1  # assumed: straight side of the bump
 CAP_MM = 0.3  # assumed: height of its spherical cap; base + rim + cap are the paper's 0.8 mm
+BUMP_MM = RIM_MM + CAP_MM  # height of the bump: pressed deeper, the plate meets the base
 BUMP_RADIUS_MM = 1.25  # assumed
 CELL_MM = 3.5  # paper: spacing of adjacent units, so what belongs to one of them
 

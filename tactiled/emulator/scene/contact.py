@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.emulator.mechanics import bristle, compliance, lumped, periodic
-from tactiled.emulator.mechanics.auto import NOT_MODELLED, Candidate, Choice, choose
+from tactiled.emulator.mechanics import compliance, lumped, periodic
+from tactiled.emulator.mechanics.auto import NOT_MODELLED, RungChoice, RungOption, choose
 from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.sides import Readout
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.imposed import Build
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import ContactState, PhysicalContact
 from tactiled.emulator.scene.prescribed import SignalContact
 from tactiled.emulator.scene.taxels import rung_surface
@@ -61,7 +61,7 @@ class ContactModel(Protocol):
         ...
 
 
-def make_contact(motion: Motion, array: Array) -> ContactModel:
+def make_contact(motion: SceneMotion, array: Array) -> ContactModel:
     """Contact model that the scene asks for.
 
     Raises
@@ -76,7 +76,7 @@ def make_contact(motion: Motion, array: Array) -> ContactModel:
     return PhysicalContact(motion, array, _builder(scene, name), RUNGS[name].step_s, name)
 
 
-def choose_rung(scene: Scene) -> Choice:
+def choose_rung(scene: Scene) -> RungChoice:
     """What ``auto`` makes of a scene: the cheapest rung that meets its needs, and why.
 
     Raises
@@ -85,8 +85,8 @@ def choose_rung(scene: Scene) -> Choice:
         None does.
     """
     reason = scene.needs_mechanics
-    candidates = [Candidate("signal", {}, f"cannot play {reason}" if reason else "")]
-    candidates += [Candidate(n, rung.provides, _refusal(scene, n)) for n, rung in RUNGS.items()]
+    candidates = [RungOption("signal", {}, f"cannot play {reason}" if reason else "")]
+    candidates += [RungOption(n, rung.provides, _refusal(scene, n)) for n, rung in RUNGS.items()]
     return choose(f"scene {scene.name}", scene.needs, scene.tolerance, candidates)
 
 
@@ -115,7 +115,7 @@ def _builder(scene: Scene, name: str) -> Build:
 def _refusal(scene: Scene, name: str) -> str:
     """Why a rung cannot be built for the plates of a scene; empty where it can."""
     try:
-        for plate in Motion(scene).surfaces:
+        for plate in SceneMotion(scene).surfaces:
             _builder(scene, name)(rung_surface(plate, name), np.zeros(1), 1)
     except ConfigError as error:
         return "; ".join(error.faults)
@@ -153,7 +153,6 @@ class RungEntry:
 RUNGS: dict[str, RungEntry] = {
     "lumped": RungEntry(lumped.Lumped, lumped.PROVIDES, lumped.STEP_S),
     "periodic": RungEntry(periodic.Periodic, periodic.PROVIDES, periodic.STEP_S),
-    "bristle": RungEntry(bristle.Bristle, bristle.PROVIDES, bristle.STEP_S),
     "compliance": RungEntry(compliance.Compliance, compliance.PROVIDES, compliance.STEP_S),
 }
 """Physical rungs, cheapest first. ``signal`` is none of them: it prescribes."""

@@ -13,25 +13,34 @@ from tactiled import resources, tomlfile
 from tactiled.emulator.board.electronics import ElectronicsParams
 from tactiled.emulator.scene.phases import (
     Disturbance,
-    Flat,
-    Grooves,
+    FlatPlate,
+    GroovedPlate,
     HeldObject,
-    Hold,
-    Lift,
-    Load,
+    HoldPhase,
+    LiftPhase,
+    LoadPhase,
     Phase,
-    Press,
-    Rest,
-    Rotate,
-    Slide,
+    PressPhase,
+    RestPhase,
+    RotatePhase,
+    SlidePhase,
     Surface,
 )
 from tactiled.tomlfile import Params
 
-__all__ = ["Flat", "Grooves", "Hold", "Press", "Scene", "Slide", "load_scene", "paper_scenes"]
+__all__ = [
+    "FlatPlate",
+    "GroovedPlate",
+    "HoldPhase",
+    "PressPhase",
+    "Scene",
+    "SlidePhase",
+    "load_scene",
+    "paper_scenes",
+]
 
 # Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
-Contact = Literal["auto", "signal", "lumped", "bristle", "compliance", "periodic"]
+Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
 # What a scene can ask of its contact model. A rung says in its `PROVIDES` how wrong it is about each, as a
 # part of the quantity's own size (direction: of 90 degrees; phase: of a turn; slip instants: of the travel
 # from first shear to gross slip); what it does not name it does not model.
@@ -68,7 +77,7 @@ class Scene(Params):
         default="edge", description="area under a side electrode, for physical rungs: mechanics/sides.py"
     )
     seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
-    surface: Surface = Flat()
+    surface: Surface = FlatPlate()
     electronics: ElectronicsParams = ElectronicsParams()
     phases: list[Phase] = Field(min_length=1)
     disturbances: list[Disturbance] = []
@@ -84,13 +93,15 @@ class Scene(Params):
     def _possible(self) -> Self:
         loaded = False
         for index, phase in enumerate(self.phases):
-            if isinstance(phase, Hold | Slide | Lift | Rotate) and not loaded:
+            if isinstance(phase, HoldPhase | SlidePhase | LiftPhase | RotatePhase) and not loaded:
                 raise ValueError(f"phases[{index}]: a {phase.kind} needs contact; put a press before it")
-            if isinstance(phase, Rest) and loaded:
+            if isinstance(phase, RestPhase) and loaded:
                 raise ValueError(f"phases[{index}]: a rest touches nothing; use hold, or lift before it")
-            if isinstance(phase, Load) and not loaded and phase.force_n is None:
+            if isinstance(phase, LoadPhase) and not loaded and phase.force_n is None:
                 raise ValueError(f"phases[{index}]: a load needs contact; give force_n, or a press before it")
-            loaded = isinstance(phase, Press | Load) or (loaded and not isinstance(phase, Lift))
+            loaded = isinstance(phase, PressPhase | LoadPhase) or (
+                loaded and not isinstance(phase, LiftPhase)
+            )
         return self
 
     @model_validator(mode="after")
@@ -98,11 +109,11 @@ class Scene(Params):
         """What an object can do, and what only one that is held can."""
         held = self.held_object
         for index, phase in enumerate(self.phases):
-            if isinstance(phase, Load) and held is None:
+            if isinstance(phase, LoadPhase) and held is None:
                 raise ValueError(f"phases[{index}]: a load pulls at an object; add [held_object]")
-            if held is not None and isinstance(phase, Rotate):
+            if held is not None and isinstance(phase, RotatePhase):
                 raise ValueError(f"phases[{index}]: a held object moves by its load and does not turn")
-            if held is not None and isinstance(phase, Slide) and not held.spring_n_mm:
+            if held is not None and isinstance(phase, SlidePhase) and not held.spring_n_mm:
                 raise ValueError(
                     f"phases[{index}]: a slide drags a held object; give held_object.spring_n_mm"
                 )
@@ -125,7 +136,7 @@ class Scene(Params):
     @property
     def needs_mechanics(self) -> str:
         """What of this scene cannot be prescribed; empty where all can."""
-        reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, Rotate | Load)]
+        reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, RotatePhase | LoadPhase)]
         reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
         reasons += ["a held object"] * (self.held_object is not None)
         return reasons[0] if reasons else ""

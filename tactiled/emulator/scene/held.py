@@ -17,14 +17,13 @@ from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import stacked
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import MotionState
-from tactiled.emulator.scene.phases import HeldObject, Load, Press
+from tactiled.emulator.scene.phases import LARGEST_FORCE_N, HeldObject, LoadPhase, PressPhase
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 
 Feel = Callable[[float, FloatArray], TaxelForces]
 
-_MOST_GRIP_N = 2000.0  # as the phases of a scene
 _STABLE = 0.5  # step times omega; 2 is the limit of stability
 # A taxel's stiffness at rest is 0.6 N / d (`lumped`); of few taxels or many, the largest is when one
 # carries all.
@@ -51,7 +50,7 @@ class HeldMotion:
 
     def __init__(self, scene: Scene, params: HeldObject, longest_step_s: float) -> None:
         self._params = params
-        forces = [p.force_n for p in scene.phases if isinstance(p, Press | Load) and p.force_n]
+        forces = [p.force_n for p in scene.phases if isinstance(p, PressPhase | LoadPhase) and p.force_n]
         # Grip may go up to four times the scene's before the margin of stability is used.
         self._stiffness_n_mm = _stiffness_n_mm(max(forces))
         rate = math.sqrt((self._stiffness_n_mm + params.spring_n_mm) * 1e3 / params.mass_kg)
@@ -78,8 +77,8 @@ class HeldMotion:
         ConfigError
             No finite force from 0 to 2000 N.
         """
-        if not 0 <= force_n <= _MOST_GRIP_N:
-            raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {_MOST_GRIP_N:g} N"])
+        if not 0 <= force_n <= LARGEST_FORCE_N:
+            raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {LARGEST_FORCE_N:g} N"])
         if not self._commands or self._commands[-1][1] != force_n:
             self._commands.append((self._k, force_n))
 

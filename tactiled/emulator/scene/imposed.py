@@ -17,15 +17,15 @@ from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.scene.held import HeldMotion
 from tactiled.emulator.scene.loading import LoadMemory
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.slip_instants import SlipWatch
-from tactiled.emulator.scene.taxels import Reader, offset_mm, rung_surface, taxel_shares
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
+from tactiled.emulator.scene.taxels import ChannelForces, offset_mm, rung_surface, taxel_shares
 
 FloatArray = NDArray[np.float64]
 Build = Callable[[Surface, FloatArray, int], Rung]
 
 
-class Imposed:
+class TaxelDrive:
     """A `stepper.Source` of a scene on a rung.
 
     Parameters as for `physical.PhysicalContact`. Columns of its rows: forces on the channels; normal, x and
@@ -33,13 +33,13 @@ class Imposed:
     (2), load through the scene's creep, and the largest load since it was made.
     """
 
-    def __init__(self, motion: Motion, array: Array, build: Build, step_s: float, name: str) -> None:
+    def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
         scene = motion.scene
         self._motion = motion
         self._array = array
         self._imposes = scene.held
         self._share = taxel_shares(motion, array)
-        self._read = Reader(motion, array)
+        self._read = ChannelForces(motion, array)
         surfaces = [rung_surface(plate, name) for plate in motion.surfaces]
         self._rungs = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
         middle = np.array([array.x_mm.mean(), array.y_mm.mean()])
@@ -58,7 +58,7 @@ class Imposed:
         self._k = 0
         self._before_mm: FloatArray | None = None
         self._memory.reset()
-        self.watch = SlipWatch()
+        self.watch = SlipEpisodeTracker()
         self.warnings: dict[int, float] = {}
         if self.held:
             self.held.reset()

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.mechanics import lumped
+from tactiled.emulator.scene.motion import SceneMotion
 
 FloatArray = NDArray[np.float64]
-
-STEP_S = 2.5e-3  # grid where no rung has one: as the cheapest rung's
 
 
 class LoadMemory:
@@ -60,12 +59,12 @@ class PrescribedLoad:
 
     Parameters
     ----------
-    motion : Motion
+    motion : SceneMotion
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: SceneMotion) -> None:
         self._motion = motion
-        self._memory = LoadMemory(STEP_S, motion.scene.electronics.creep_time_s)
+        self._memory = LoadMemory(lumped.STEP_S, motion.scene.electronics.creep_time_s)
         self.reset()
 
     def reset(self) -> None:
@@ -73,7 +72,7 @@ class PrescribedLoad:
         self._memory.reset()
 
     def advance(self, n: int) -> FloatArray:
-        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(STEP_S)
+        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(lumped.STEP_S)
         load_n = self._motion.at(time_s).load_n
         self._k += n
         return np.concatenate([load_n[:, None], self._memory.feed(load_n)], axis=1)

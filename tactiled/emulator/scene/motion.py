@@ -13,10 +13,92 @@ from numpy.typing import NDArray
 
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.disturb import Disturbances
-from tactiled.emulator.scene.phases import Flat, Grooves, Lift, Load, Phase, Press, Rest, Rotate, Slide
-from tactiled.emulator.scene.segments import PRESLIDING_MM, SHEAR_RELAXATION_S, Segment, speed_knots
+from tactiled.emulator.scene.phases import (
+    FlatPlate,
+    GroovedPlate,
+    LiftPhase,
+    LoadPhase,
+    Phase,
+    PressPhase,
+    RestPhase,
+    RotatePhase,
+    SlidePhase,
+)
 
 FloatArray = NDArray[np.float64]
+
+
+# Presliding distance of the skin on the plate: the paper's voltages settle within some 0.1 mm of travel.
+PRESLIDING_MM = 0.1
+# A viscoelastic skin that stops loses part of its shear at constant displacement, so a slide's end and its
+# resumption can be seen. The paper does not show a stop; the numbers are plausible for PDMS, no more.
+_SHEAR_KEPT = 0.7
+SHEAR_RELAXATION_S = 0.5
+_KNOT_S = 0.005  # step at which a sine on the speed is cut into straight pieces: exact to 1e-4 at 5 Hz
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Values at the beginning of a segment, and how they change in it."""
+
+    t0: float
+    load: float
+    load_rate: float
+    speed: float
+    acceleration: float
+    direction_deg: float
+    x: float
+    y: float
+    path: float
+    shear_x: float
+    shear_y: float
+    phase: int
+    surface: int
+    surface_before: int
+    path_at_change: float
+    turn: float
+    turn_rate: float
+    pull_x: float
+    pull_y: float
+    pull_x_rate: float
+    pull_y_rate: float
+
+    @property
+    def stands(self) -> bool:
+        return self.speed == 0 and self.acceleration == 0
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        # cos(90 deg) is 6e-17 in floating point; motion along y has no x at all.
+        angle = math.radians(self.direction_deg)
+        return round(math.cos(angle), 15), round(math.sin(angle), 15)
+
+    @property
+    def shear_goal(self) -> tuple[float, float]:
+        """What the tangential state tends to."""
+        if not self.stands:
+            return self.direction
+        kept = min(1.0, _SHEAR_KEPT / max(math.hypot(self.shear_x, self.shear_y), 1e-9))
+        return kept * self.shear_x, kept * self.shear_y
+
+    def after(self, dt: float) -> "Segment":
+        """Beginning of a segment that follows after `dt`."""
+        way = self.speed * dt + self.acceleration * dt * dt / 2
+        (dx, dy), (goal_x, goal_y) = self.direction, self.shear_goal
+        left = math.exp(-way / PRESLIDING_MM - self.stands * dt / SHEAR_RELAXATION_S)
+        return replace(
+            self,
+            t0=self.t0 + dt,
+            load=self.load + self.load_rate * dt,
+            x=self.x + dx * way,
+            y=self.y + dy * way,
+            path=self.path + way,
+            shear_x=goal_x + (self.shear_x - goal_x) * left,
+            shear_y=goal_y + (self.shear_y - goal_y) * left,
+            turn=self.turn + self.turn_rate * dt,
+            pull_x=self.pull_x + self.pull_x_rate * dt,
+            pull_y=self.pull_y + self.pull_y_rate * dt,
+        )
 
 
 @dataclass(frozen=True)
@@ -48,7 +130,7 @@ class MotionState:
     phase: NDArray[np.int64]
 
 
-class Motion:
+class SceneMotion:
     """Closed form of a scene's load, travel and tangential state.
 
     The tangential state follows Dahl's law ``ds/dL = (d - s) / L0`` along the way L in direction d (Dahl
@@ -60,14 +142,14 @@ class Motion:
     ----------
     phase_start_s : (phases + 1,) float64
         Instant at which each phase begins; the last is the end of the scene.
-    surfaces : list of Flat or Grooves
+    surfaces : list of FlatPlate or GroovedPlate
         Distinct plates, in order of appearance.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
-        self.surfaces: list[Flat | Grooves] = []
+        self.surfaces: list[FlatPlate | GroovedPlate] = []
         self._disturbances = Disturbances(scene.disturbances)
         self._segments = self._build()
         self._entry_mm = np.array([surface.entry_mm for surface in self.surfaces])
@@ -142,20 +224,20 @@ class Motion:
         for number, phase in enumerate(self.scene.phases):
             now = self._on_surface_of(phase, now)
             goal, knots = now.load, [(0.0, 0.0), (phase.duration_s, 0.0)]
-            if isinstance(phase, Press):
+            if isinstance(phase, PressPhase):
                 goal = phase.force_n
-            elif isinstance(phase, Rest | Lift):
+            elif isinstance(phase, RestPhase | LiftPhase):
                 goal = 0.0
-            elif isinstance(phase, Slide):
+            elif isinstance(phase, SlidePhase):
                 knots = speed_knots(phase)
                 now = replace(now, direction_deg=phase.direction_deg)
             pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
-            if isinstance(phase, Load):
+            if isinstance(phase, LoadPhase):
                 goal = now.load if phase.force_n is None else phase.force_n
                 angle = math.radians(phase.direction_deg)
                 pull_x = phase.tangential_n * round(math.cos(angle), 15)
                 pull_y = phase.tangential_n * round(math.sin(angle), 15)
-            elif isinstance(phase, Rotate):
+            elif isinstance(phase, RotatePhase):
                 turn_rate = phase.angle_deg / phase.duration_s
             now = replace(
                 now,
@@ -186,7 +268,28 @@ class Motion:
         before = now.surface if now.load > 0 else new
         return replace(now, surface=new, surface_before=before, path_at_change=now.path)
 
-    def _number(self, surface: Flat | Grooves) -> int:
+    def _number(self, surface: FlatPlate | GroovedPlate) -> int:
         if surface not in self.surfaces:
             self.surfaces.append(surface)
         return self.surfaces.index(surface)
+
+
+def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
+    """Speed of a slide as a polyline of (seconds into the phase, mm/s)."""
+    end = slide.duration_s
+    if slide.profile:
+        knots = list(slide.profile)
+        return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
+    speed = slide.speed_mm_s or 0.0
+    times = {0.0, slide.ramp_s}
+    if slide.ripple_mm_s:
+        times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
+    # Rounding must not leave a last piece without a length to divide by.
+    times = {t for t in times if t < end - 1e-6} | {end}
+
+    def at(t: float) -> float:
+        if t < slide.ramp_s:
+            return speed * t / slide.ramp_s
+        return speed + slide.ripple_mm_s * float(np.sin(2 * np.pi * slide.ripple_hz * (t - slide.ramp_s)))
+
+    return [(t, at(t)) for t in sorted(times)]

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from tactiled.tomlfile import Params
 
 _SHORTEST_S = 0.001  # a tenth of a scan: shorter changes cannot be seen and only strain the arithmetic
+LARGEST_FORCE_N = 2000.0  # of a load, a grip or a pull
 Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds that the phase lasts")]
 
 
@@ -27,13 +28,13 @@ class Plate(Params):
     )
 
 
-class Flat(Plate):
+class FlatPlate(Plate):
     """A plate without texture."""
 
     kind: Literal["flat"] = "flat"
 
 
-class Grooves(Plate):
+class GroovedPlate(Plate):
     """A plate with parallel grooves; the groove normal lies at `angle_deg` from +x towards +y."""
 
     kind: Literal["grooves"]
@@ -63,42 +64,42 @@ class Grooves(Plate):
         return self
 
 
-Surface = Annotated[Flat | Grooves, Field(discriminator="kind")]
+Surface = Annotated[FlatPlate | GroovedPlate, Field(discriminator="kind")]
 
 
-class Still(Params):
+class PhaseBase(Params):
     """What all phases have."""
 
     duration_s: Duration
     surface: Surface | None = Field(default=None, description="the plate from here on; absent: as before")
 
 
-class Rest(Still):
+class RestPhase(PhaseBase):
     """Nothing is touched."""
 
     kind: Literal["rest"]
 
 
-class Press(Still):
+class PressPhase(PhaseBase):
     """The load goes linearly to `force_n`, in total on the array."""
 
     kind: Literal["press"]
-    force_n: float = Field(gt=0, le=2000)
+    force_n: float = Field(gt=0, le=LARGEST_FORCE_N)
 
 
-class Hold(Still):
+class HoldPhase(PhaseBase):
     """The load stays and nothing moves."""
 
     kind: Literal["hold"]
 
 
-class Lift(Still):
+class LiftPhase(PhaseBase):
     """The load goes linearly to zero."""
 
     kind: Literal["lift"]
 
 
-class Slide(Still):
+class SlidePhase(PhaseBase):
     """The skin moves over the surface under the load it has; a speed reversal is a second slide."""
 
     kind: Literal["slide"]
@@ -129,26 +130,31 @@ class Slide(Still):
         return self
 
 
-class Rotate(Still):
+class RotatePhase(PhaseBase):
     """The skin turns about the middle of the array by `angle_deg`, evenly; +x towards +y is positive."""
 
     kind: Literal["rotate"]
     angle_deg: float = Field(ge=-3600, le=3600)
 
 
-class Load(Still):
+class LoadPhase(PhaseBase):
     """The held object's load goes linearly to `tangential_n`, and the grip with it to `force_n` if given.
 
     Directions are those in which the skin would slip over the object, against the pull on the object.
     """
 
     kind: Literal["load"]
-    tangential_n: float = Field(ge=0, le=2000)
+    tangential_n: float = Field(ge=0, le=LARGEST_FORCE_N)
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
-    force_n: float | None = Field(default=None, gt=0, le=2000, description="absent: the grip stays")
+    force_n: float | None = Field(
+        default=None, gt=0, le=LARGEST_FORCE_N, description="absent: the grip stays"
+    )
 
 
-Phase = Annotated[Rest | Press | Hold | Slide | Lift | Rotate | Load, Field(discriminator="kind")]
+Phase = Annotated[
+    RestPhase | PressPhase | HoldPhase | SlidePhase | LiftPhase | RotatePhase | LoadPhase,
+    Field(discriminator="kind"),
+]
 
 
 class Disturbance(Params):

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.emulator.mechanics.stepper import Stepper
-from tactiled.emulator.scene.imposed import Build, Imposed
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.slip_instants import SlipWatch
+from tactiled.emulator.mechanics.stepper import GridInterpolator
+from tactiled.emulator.scene.imposed import Build, TaxelDrive
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
@@ -50,7 +50,7 @@ class PhysicalContact:
 
     Parameters
     ----------
-    motion : Motion
+    motion : SceneMotion
     array : Array
     build : callable
         The rung's factory.
@@ -65,11 +65,11 @@ class PhysicalContact:
         The rung cannot play the scene.
     """
 
-    def __init__(self, motion: Motion, array: Array, build: Build, step_s: float, name: str) -> None:
-        self._source = Imposed(motion, array, build, step_s, name)
+    def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
+        self._source = TaxelDrive(motion, array, build, step_s, name)
         # A held object reacts to a controller: no more is played than a scan.
         block = max(1, round((_REACTS_S if self._source.held else _BLOCK_S) / self._source.step_s))
-        self._stepper = Stepper(self._source, step_s=self._source.step_s, block=block)
+        self._stepper = GridInterpolator(self._source, step_s=self._source.step_s, block=block)
         self._channels = np.arange(array.n_channels)
         self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
 
@@ -84,7 +84,7 @@ class PhysicalContact:
         return self._source.held is not None and self._source.held.has_fallen
 
     @property
-    def watch(self) -> SlipWatch:
+    def watch(self) -> SlipEpisodeTracker:
         """Slip up to `played_s`."""
         return self._source.watch
 

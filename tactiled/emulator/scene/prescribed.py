@@ -4,17 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.emulator.mechanics.stepper import Stepper
-from tactiled.emulator.scene import loading
+from tactiled.emulator.mechanics import lumped
+from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.loading import PrescribedLoad
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.phases import Grooves
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
+from tactiled.emulator.scene.taxels import INEQUALITY
 
 FloatArray = NDArray[np.float64]
 
-# Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
-_INEQUALITY = 0.05
 # Friction acts at the bump's tip and tilts it: the side areas' imbalance is the friction coefficient times
 # height over lever arm, 1.3 mm (bump and adhesive) over some 0.87 mm. With 0.6 that is 0.9: the "almost
 # 100 %" change of Wang 2019. An area cannot be relieved of more than it carries.
@@ -30,7 +29,7 @@ class SignalContact:
     """Prescribed signals: what the paper's curves show, with no mechanics behind it.
 
     A taxel carries ``N = load * share * (1 + rho)``, rho being the groove ripple. A side area at azimuth
-    phi carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `Motion`; a
+    phi carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `SceneMotion`; a
     shear channel reads ``mu N s``. The ripple is
     ``rho = A sum_k h_k cos(k phase)`` with the groove phase
     ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and amplitude
@@ -39,13 +38,13 @@ class SignalContact:
 
     Parameters
     ----------
-    motion : Motion
+    motion : SceneMotion
     array : Array
     """
 
-    def __init__(self, motion: Motion, array: Array) -> None:
+    def __init__(self, motion: SceneMotion, array: Array) -> None:
         self._motion = motion
-        self._loads = Stepper(PrescribedLoad(motion), step_s=loading.STEP_S, block=_LOADS_AT_ONCE)
+        self._loads = GridInterpolator(PrescribedLoad(motion), step_s=lumped.STEP_S, block=_LOADS_AT_ONCE)
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
         self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
@@ -69,7 +68,7 @@ class SignalContact:
         for number, surface in enumerate(self._motion.surfaces):
             share = self._motion.surface_share(number, time_s)
             friction += share * surface.friction
-            if isinstance(surface, Grooves):
+            if isinstance(surface, GroovedPlate):
                 phase = groove_phase(surface, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm)
                 ripple += share * groove_ripple(surface, phase)
         normal = state.load_n * self._part * (1.0 + ripple)
@@ -94,7 +93,7 @@ class SignalContact:
         for number, surface in enumerate(self._motion.surfaces):
             share = self._motion.surface_share(number, time_s)
             friction += share * surface.friction
-            if isinstance(surface, Grooves):
+            if isinstance(surface, GroovedPlate):
                 x = self._taxel_x_mm + state.travel_x_mm[:, None]
                 y = self._taxel_y_mm + state.travel_y_mm[:, None]
                 ripple += share[:, None] * groove_ripple(surface, groove_phase(surface, x, y))
@@ -112,14 +111,14 @@ class SignalContact:
         )
 
 
-def groove_phase(grooves: Grooves, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+def groove_phase(grooves: GroovedPlate, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
     """Phase, in radians, of the groove pattern at places in the surface's frame; a ridge is at 0."""
     angle = np.deg2rad(grooves.angle_deg)
     along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
     return np.asarray(2 * np.pi * along_mm / grooves.period_mm)
 
 
-def groove_ripple(grooves: Grooves, phase: FloatArray) -> FloatArray:
+def groove_ripple(grooves: GroovedPlate, phase: FloatArray) -> FloatArray:
     """Relative change of the normal force at a phase; see `SignalContact`."""
     aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
     amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture
@@ -131,6 +130,6 @@ def groove_ripple(grooves: Grooves, phase: FloatArray) -> FloatArray:
 
 def _shares(rng: np.random.Generator, group: NDArray[np.int64]) -> FloatArray:
     """Unequal shares that add up to 1 in each group."""
-    raw = 1 + _INEQUALITY * rng.uniform(-1, 1, len(group))
+    raw = 1 + INEQUALITY * rng.uniform(-1, 1, len(group))
     totals = np.bincount(group, raw) if len(group) else np.zeros(0)
     return np.asarray(raw / totals[group])

@@ -18,7 +18,7 @@ _MOST_EPISODES = 10_000  # an hour of stick-slip at 3 Hz; beyond, the oldest are
 
 
 @dataclass
-class Episode:
+class SlipEpisode:
     """One time that a tenth or more of the contact slipped.
 
     Attributes
@@ -48,19 +48,19 @@ class Episode:
         return math.degrees(math.atan2(self.y_mm, self.x_mm))
 
 
-class SlipWatch:
+class SlipEpisodeTracker:
     """Reads grid rows in order, any number at a time.
 
     Attributes
     ----------
-    episodes : list of Episode
+    episodes : list of SlipEpisode
         The newest; the last may still go on.
     count : int
         Of all there were.
     """
 
     def __init__(self) -> None:
-        self.episodes: list[Episode] = []
+        self.episodes: list[SlipEpisode] = []
         self.count = 0
         self._last = (0.0, 0.0, 0.0, 0.0)  # instant, share, x, y
         self._low_s = self._low_n = self._peak_n = 0.0
@@ -99,7 +99,7 @@ class SlipWatch:
 
         if now is None and share >= INCIPIENT_SHARE:
             instant = crossed(INCIPIENT_SHARE)
-            now = Episode(min(self._low_s, instant), instant)
+            now = SlipEpisode(min(self._low_s, instant), instant)
             self.count += 1
             self.episodes = [*self.episodes[1 - _MOST_EPISODES :], now]
         if now is None:

@@ -5,21 +5,21 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.emulator.mechanics.base import Surface, TaxelForces
-from tactiled.emulator.mechanics.lumped import BUMP_MM
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 
 # Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
-_INEQUALITY = 0.05
+INEQUALITY = 0.05
 
 
-class Reader:
+class ChannelForces:
     """Forces on the bumps to forces on the channels."""
 
-    def __init__(self, motion: Motion, array: Array) -> None:
+    def __init__(self, motion: SceneMotion, array: Array) -> None:
         kinds = np.array(array.channel_kind)
         side = kinds == "side"
         azimuths = array.azimuth_deg[side] % 360
@@ -32,7 +32,7 @@ class Reader:
         self._shear_x = -array.sign * (kinds == "shear_x")
         self._shear_y = -array.sign * (kinds == "shear_y")
         rng = np.random.default_rng([motion.scene.seed, 2])
-        self._gain = np.where(side, 1 + _INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
+        self._gain = np.where(side, 1 + INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
 
     def channels(self, felt: TaxelForces) -> FloatArray:
         """(n, channels)."""
@@ -44,7 +44,7 @@ class Reader:
         return np.asarray(out + self._shear_x * tangential[..., 0] + self._shear_y * tangential[..., 1])
 
 
-def taxel_shares(motion: Motion, array: Array) -> FloatArray:
+def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
     """Share of the load on each taxel, adding up to 1.
 
     Raises
@@ -57,7 +57,7 @@ def taxel_shares(motion: Motion, array: Array) -> FloatArray:
     if outside := [t for t in scene.touching if not 0 <= t < array.n_taxels]:
         raise ConfigError(source, [f"touching: {outside} are not among the {array.n_taxels} taxels"])
     rng = np.random.default_rng([scene.seed, 1])
-    share = 1 + _INEQUALITY * rng.uniform(-1, 1, array.n_taxels)
+    share = 1 + INEQUALITY * rng.uniform(-1, 1, array.n_taxels)
     along_x, along_y = scene.load_gradient_per_mm
     tilt = 1 + along_x * (array.x_mm - array.x_mm.mean()) + along_y * (array.y_mm - array.y_mm.mean())
     share *= np.maximum(tilt, 0.0)
@@ -68,9 +68,9 @@ def taxel_shares(motion: Motion, array: Array) -> FloatArray:
     return np.asarray(share / share.sum())
 
 
-def rung_surface(plate: Flat | Grooves, rung: str) -> Surface:
+def rung_surface(plate: FlatPlate | GroovedPlate, rung: str) -> Surface:
     """A scene's plate as a rung sees it; `ConfigError` for grooves as deep as the bump is high."""
-    if isinstance(plate, Flat):
+    if isinstance(plate, FlatPlate):
         return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
     if plate.depth_mm >= BUMP_MM:
         fault = (
@@ -88,9 +88,9 @@ def rung_surface(plate: Flat | Grooves, rung: str) -> Surface:
     )
 
 
-def offset_mm(plate: Flat | Grooves) -> FloatArray:
+def offset_mm(plate: FlatPlate | GroovedPlate) -> FloatArray:
     """Place of the plate's pattern: rungs have a ridge at their origin."""
-    if isinstance(plate, Flat):
+    if isinstance(plate, FlatPlate):
         return np.zeros(2)
     angle = np.deg2rad(plate.angle_deg)
     return plate.offset_mm * np.array([np.cos(angle), np.sin(angle)])

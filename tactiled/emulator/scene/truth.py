@@ -11,8 +11,8 @@ from tactiled.array import Array, load_array
 from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
 from tactiled.emulator.scene.contact import ContactModel, make_contact
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.phases import Flat, Grooves
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.physical import ContactState, PhysicalContact
 from tactiled.emulator.scene.prescribed import groove_phase
 
@@ -32,7 +32,7 @@ class TruePhase:
     kind: str
     start_s: float
     end_s: float
-    surface: Flat | Grooves
+    surface: FlatPlate | GroovedPlate
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class TrueSlip:
         Infinite while it goes on.
     direction_deg : float or None
         In which it began; None where the skin turned on the spot.
-    surface : Flat or Grooves
+    surface : FlatPlate or GroovedPlate
     shear_s, incipient_s, gross_s : float or None
         The tangential load begins to grow; 10 % and 90 % of the contact area slip. None where the scene
         prescribes signals, and `gross_s` also where slip never became gross.
@@ -56,7 +56,7 @@ class TrueSlip:
     onset_s: float
     end_s: float
     direction_deg: float | None
-    surface: Flat | Grooves
+    surface: FlatPlate | GroovedPlate
     shear_s: float | None = None
     incipient_s: float | None = None
     gross_s: float | None = None
@@ -86,7 +86,7 @@ class Truth:
     ) -> None:
         self.scene = scene
         self.t0_s = t0_s
-        self.motion = Motion(scene)
+        self.motion = SceneMotion(scene)
         self.phases = self._phases()
         self._given_contact = contact
         self._given_array = array
@@ -152,7 +152,7 @@ class Truth:
         x, y = self.array.x_mm - x0, self.array.y_mm - y0
         for row, t in enumerate(time_s):
             plate = self._surface_at(t - self.t0_s)
-            if isinstance(plate, Grooves):
+            if isinstance(plate, GroovedPlate):
                 cos, sin = np.cos(turn[row]), np.sin(turn[row])
                 along_x = x0 + cos * x - sin * y + travel_mm[row, 0]
                 along_y = y0 + sin * x + cos * y + travel_mm[row, 1]
@@ -192,7 +192,7 @@ class Truth:
             "warnings": self.warnings,
         }
 
-    def _surface_at(self, scene_s: float) -> Flat | Grooves:
+    def _surface_at(self, scene_s: float) -> FlatPlate | GroovedPlate:
         """Plate at an instant of scene time."""
         number = int(np.searchsorted(self.motion.phase_start_s, scene_s, side="right")) - 1
         return self.phases[min(max(number, 0), len(self.phases) - 1)].surface

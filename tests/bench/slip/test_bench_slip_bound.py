@@ -27,7 +27,7 @@ from tactiled.array import load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.emulator.scene.families import QUIET
-from tactiled.emulator.scene.imposed import Imposed
+from tactiled.emulator.scene.imposed import TaxelDrive
 from tactiled.errors import ContractError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -50,14 +50,14 @@ def test_truth_is_in_order(slide: Played) -> None:
 
 
 def test_a_held_object_is_played_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun: list[Imposed] = []
-    reset = Imposed.reset
+    begun: list[TaxelDrive] = []
+    reset = TaxelDrive.reset
 
-    def counted(source: Imposed) -> None:
+    def counted(source: TaxelDrive) -> None:
         begun.append(source)
         reset(source)
 
-    monkeypatch.setattr(Imposed, "reset", counted)
+    monkeypatch.setattr(TaxelDrive, "reset", counted)
     held = play("inclined-load", QUIET["inclined-load"], 1)
     assert held.duration_s > 4.0  # longer than a contact model keeps
     assert len(begun) <= 2  # where it is made

@@ -18,7 +18,7 @@ from bench.slip.score import (
     tally,
 )
 from bench.slip.truth import GRID_S, Course, TrueInstants
-from tactiled.emulator.scene.phases import Flat
+from tactiled.emulator.scene.phases import FlatPlate
 from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
@@ -86,7 +86,7 @@ def test_a_load_grows_from_where_it_leaves_rest(swells_for_s: float, power: int)
     shear_n = np.where(time_s < 1.0, time_s, 1.0)  # it has come and stays
     shear_n += 5.0 * (np.maximum(time_s - 3.0, 0.0) / swells_for_s) ** power
     load = Course(time_s, shear_n, np.full(len(time_s), 10.0))
-    begins_s = load.shear_s(TrueSlip(5.9, np.inf, 0.0, Flat(friction=0.5), shear_s=0.0))
+    begins_s = load.shear_s(TrueSlip(5.9, np.inf, 0.0, FlatPlate(friction=0.5), shear_s=0.0))
     grown_for_s = load.grown_for_s(begins_s)
     before_n, at_n, grown_n = np.interp([begins_s - 0.1, begins_s - grown_for_s, begins_s], time_s, shear_n)
     assert grown_n - before_n <= 0.002 * 10.0 + 1e-9  # not yet growth

@@ -23,7 +23,7 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
-from tactiled.emulator.board.identity import BoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -321,14 +321,20 @@ def test_a_clock_beyond_the_limit_is_named_in_status_and_once_in_the_log(
         assert "too slow" in daemon.status["warning"]
         assert daemon.status["clock_sd_s"] > 0
 
-    with emulated(daemon.link, load_scene("rest"), FaultParams(), board=BoardParams(drift_ppm=-10_000.0)):
+    with emulated(
+        daemon.link, load_scene("rest"), FaultParams(), board=EmulatedBoardParams(drift_ppm=-10_000.0)
+    ):
         play(daemon, story)
     assert caplog.text.count("set samples.clock.max_drift_ppm") == 1
 
 
 @contextmanager
 def emulated(
-    link: Path, scene: Scene, faults: FaultParams, layout: Layout = LAYOUT, board: BoardParams | None = None
+    link: Path,
+    scene: Scene,
+    faults: FaultParams,
+    layout: Layout = LAYOUT,
+    board: EmulatedBoardParams | None = None,
 ) -> Iterator[None]:
     """Emulator in a thread beside the daemon."""
     emulator = Emulator(scene, layout, PtyLink(link), board=board, faults=faults, report=lambda _: None)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import load_array
 from tactiled.emulator.board.firmware import BOOT_S, Board
-from tactiled.emulator.board.identity import BoardParams, identity
+from tactiled.emulator.board.identity import EmulatedBoardParams, identity
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
@@ -43,7 +43,7 @@ class Bench:
     def __init__(self, layout: Layout = V1, **params: Any) -> None:
         self.source = Echo()
         self.scans: list[ScanTruth] = []
-        board = BoardParams(**params)
+        board = EmulatedBoardParams(**params)
         array = load_array("wang2019-3x3" if layout is V1 else "normal-3x3")
         hello = identity(board, layout, array)
         self.board = Board(layout, hello, board, self.source, power_up_s=ORIGIN_S, on_scan=self.scans.append)

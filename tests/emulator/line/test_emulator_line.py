@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.line.adapter import Arrival, Line
+from tactiled.emulator.line.cable import Arrival, CableModel
 from tactiled.emulator.line.faults import FaultCounts, FaultParams, FaultPlan
 
 FRAME = bytes(range(1, 86))
 BYTE_S = 10 / 115200
 
 
-def line(**params: object) -> Line:
-    return Line(115200, FaultParams.model_validate(params), 3, FaultCounts())
+def line(**params: object) -> CableModel:
+    return CableModel(115200, FaultParams.model_validate(params), 3, FaultCounts())
 
 
 def sent(params: dict[str, object], n: int = 400) -> tuple[list[Arrival], FaultCounts]:
     counts = FaultCounts()
-    made = Line(115200, FaultParams.model_validate(params), 3, counts)
+    made = CableModel(115200, FaultParams.model_validate(params), 3, counts)
     for k in range(n):
         made.send(0.01 * k, FRAME)
     return made.arrivals(math.inf), counts
@@ -108,7 +108,7 @@ def test_flips_change_one_bit_each() -> None:
 
 def test_armed_faults_fall_on_the_next_frame_only() -> None:
     counts = FaultCounts()
-    made = Line(115200, FaultParams(burst_bytes=100), 3, counts)
+    made = CableModel(115200, FaultParams(burst_bytes=100), 3, counts)
     arrived: list[bytes] = []
     for kind in (None, "flip", None, "drop", None, "cut", None, "duplicate", None, "burst", None, None):
         if kind is not None:

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.emulator.mechanics.auto import Candidate, choose
+from tactiled.emulator.mechanics.auto import RungOption, choose
 from tactiled.errors import ConfigError
 
 NEEDS = ["direction", "left-right", "groove-ripple", "transients"]
 ladder = st.lists(
     st.builds(
-        Candidate,
+        RungOption,
         name=st.text("abcdefgh", min_size=1, max_size=3),
         provides=st.dictionaries(st.sampled_from(NEEDS), st.floats(0, 1)),
         refusal=st.sampled_from(["", "", "grooves"]),
@@ -22,7 +22,7 @@ ladder = st.lists(
 
 @given(ladder, st.lists(st.sampled_from(NEEDS), max_size=4), st.floats(0, 1))
 def test_the_first_that_meets_every_need_or_none(
-    candidates: list[Candidate], needs: list[str], tolerance: float
+    candidates: list[RungOption], needs: list[str], tolerance: float
 ) -> None:
     serves = [
         c.name
@@ -42,9 +42,9 @@ def test_the_first_that_meets_every_need_or_none(
 
 def test_it_explains_itself() -> None:
     ladder = [
-        Candidate("lumped", {"direction": 0.01}, refusal="lumped cannot play grooves"),
-        Candidate("periodic", {"direction": 0.01, "groove-ripple": 0.3}),
-        Candidate("compliance", {"direction": 0.01, "groove-ripple": 0.08}),
+        RungOption("lumped", {"direction": 0.01}, refusal="lumped cannot play grooves"),
+        RungOption("periodic", {"direction": 0.01, "groove-ripple": 0.3}),
+        RungOption("compliance", {"direction": 0.01, "groove-ripple": 0.08}),
     ]
     text = choose("scene s", ["direction", "groove-ripple"], 0.1, ladder).explain()
     assert text.splitlines()[0] == "contact: compliance"
@@ -55,8 +55,8 @@ def test_it_explains_itself() -> None:
 
 
 def test_it_refuses_what_no_rung_delivers() -> None:
-    ladder = [Candidate("lumped", {"direction": 0.01}), Candidate("bristle", {"groove-phase": 0.2})]
+    ladder = [RungOption("lumped", {"direction": 0.01}), RungOption("periodic", {"groove-phase": 0.2})]
     with pytest.raises(ConfigError) as caught:
         choose("scene s", ["groove-phase"], 0.1, ladder)
     assert "lumped does not serve: does not model groove-phase" in str(caught.value)
-    assert "bristle does not serve: groove-phase is 20 % off" in str(caught.value)
+    assert "periodic does not serve: groove-phase is 20 % off" in str(caught.value)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.materials import PDMS, PET, RTV, RUBBER, Linear, Yeoh
+from tactiled.emulator.mechanics.materials import PDMS, PET, RTV, RUBBER, LinearElastic, Yeoh
 from tactiled.emulator.mechanics.stability import any_state_limit, stable_range
 from tactiled.errors import ContractError
 
@@ -41,7 +41,7 @@ def test_stress_is_the_published_polynomial_up_to_the_continuation(rubber: Yeoh)
 
 
 @pytest.mark.parametrize("material", [*RUBBERS, PET], ids=lambda material: material.name)
-def test_tangent_is_the_slope_of_stress_and_stress_that_of_energy(material: Yeoh | Linear) -> None:
+def test_tangent_is_the_slope_of_stress_and_stress_that_of_energy(material: Yeoh | LinearElastic) -> None:
     stretch, h = np.linspace(0.25, 3.0, 311), 1e-6
     answer = material.uniaxial(stretch)
     rise = (material.uniaxial(stretch + h).stress_mpa - material.uniaxial(stretch - h).stress_mpa) / (2 * h)

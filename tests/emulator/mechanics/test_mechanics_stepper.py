@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.emulator.mechanics.base import FloatArray
-from tactiled.emulator.mechanics.stepper import Stepper
+from tactiled.emulator.mechanics.stepper import GridInterpolator
 
 STEP_S = 0.01
 
@@ -38,8 +38,8 @@ PATH = TRUE.advance(20_000)
 def test_any_order_and_chunking_gives_the_same_bits(times: list[float], block: int) -> None:
     columns = np.array([2, 0])
     time_s = np.repeat(np.array(times)[:, None], 2, axis=1) + np.array([0.0, 0.0007])
-    whole = Stepper(Walk(), step_s=STEP_S, block=block).at(time_s, columns)
-    one = Stepper(Walk(), step_s=STEP_S, block=block)
+    whole = GridInterpolator(Walk(), step_s=STEP_S, block=block).at(time_s, columns)
+    one = GridInterpolator(Walk(), step_s=STEP_S, block=block)
     np.testing.assert_array_equal(np.concatenate([one.at(row[None], columns) for row in time_s]), whole)
     np.testing.assert_array_equal(one.at(time_s, columns), whole)
 
@@ -47,20 +47,20 @@ def test_any_order_and_chunking_gives_the_same_bits(times: list[float], block: i
 @given(st.floats(0, 100))
 @settings(max_examples=40, deadline=None)
 def test_between_grid_points_it_is_a_straight_line(time_s: float) -> None:
-    stepper = Stepper(Walk(), step_s=STEP_S, block=16)
+    stepper = GridInterpolator(Walk(), step_s=STEP_S, block=16)
     grid = STEP_S * np.arange(len(PATH))
     expected = [np.interp(time_s, grid, PATH[:, k]) for k in range(3)]
     np.testing.assert_allclose(stepper.at(np.array([time_s]), slice(None))[0], expected, rtol=1e-7, atol=1e-7)
 
 
 def test_before_the_beginning_it_is_the_beginning() -> None:
-    rows = Stepper(Walk(), step_s=STEP_S).at(np.array([-5.0, 0.0]), slice(None))
+    rows = GridInterpolator(Walk(), step_s=STEP_S).at(np.array([-5.0, 0.0]), slice(None))
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
 def test_memory_is_bounded_and_the_far_past_is_played_again() -> None:
     source = Walk()
-    stepper = Stepper(source, step_s=STEP_S)
+    stepper = GridInterpolator(source, step_s=STEP_S)
     early = stepper.at(np.array([0.5]), slice(None))
     stepper.at(np.arange(0, 150, 1.0), slice(None))
     held = sum(block.size for block in stepper._blocks.values())  # no other way to see what is kept
@@ -72,7 +72,7 @@ def test_memory_is_bounded_and_the_far_past_is_played_again() -> None:
 
 @pytest.mark.parametrize("block", [1, 12])
 def test_no_more_is_played_than_asked_for(block: int) -> None:
-    stepper = Stepper(Walk(), step_s=STEP_S, block=block)
+    stepper = GridInterpolator(Walk(), step_s=STEP_S, block=block)
     for time_s in (0.2, 0.5, 3.0):
         stepper.at(np.array([time_s]), slice(None))
         assert time_s <= stepper.made_s <= time_s + 2 * block * STEP_S

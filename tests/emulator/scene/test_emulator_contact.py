@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.prescribed import SignalContact
 
 WANG = load_array("wang2019-3x3")
@@ -26,7 +26,7 @@ def forces(
 ) -> NDArray[np.float64]:
     scene = Scene.model_validate({"name": "test", "phases": phases, **rest})
     instants = np.repeat(np.asarray(time_s, dtype=float)[:, None], array.n_channels, axis=1)
-    return SignalContact(Motion(scene), array).forces(instants)
+    return SignalContact(SceneMotion(scene), array).forces(instants)
 
 
 def slide(direction_deg: float = 0.0, speed_mm_s: float = 1.0, duration_s: float = 10.0) -> dict[str, object]:

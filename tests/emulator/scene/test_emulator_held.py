@@ -18,7 +18,7 @@ from tactiled.emulator.control import ControlLines, control_link
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.shell import Emulator
@@ -42,7 +42,7 @@ def held(*phases: dict[str, Any], **rest: Any) -> Scene:
 
 
 def contact(scene: Scene) -> PhysicalContact:
-    model = make_contact(Motion(scene), load_array("wang2019-3x3"))
+    model = make_contact(SceneMotion(scene), load_array("wang2019-3x3"))
     assert isinstance(model, PhysicalContact)
     return model
 

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.motion import Motion
-from tactiled.emulator.scene.segments import PRESLIDING_MM
+from tactiled.emulator.scene.motion import PRESLIDING_MM, SceneMotion
 from tactiled.emulator.scene.truth import Truth
 
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}
@@ -54,7 +53,7 @@ lifts = st.fixed_dictionaries({"kind": st.just("lift"), "duration_s": durations}
 def test_travel_is_the_integral_of_speed_and_everything_is_finite(
     phases: list[dict[str, object]], lift: dict[str, object]
 ) -> None:
-    motion = Motion(scene(PRESS, *phases, lift))
+    motion = SceneMotion(scene(PRESS, *phases, lift))
     end = float(motion.phase_start_s[-1])
     edges = np.unique(np.concatenate([motion.segment_start_s, np.linspace(-1, end + 1, 4000)]))
     state, middle = motion.at(edges), motion.at((edges[1:] + edges[:-1]) / 2)
@@ -72,7 +71,7 @@ def test_tangential_state_obeys_dahl_and_turns_over() -> None:
     slide = {"kind": "slide", "duration_s": 0.3, "speed_mm_s": 2.0}
     test = scene(PRESS, slide, slide | {"direction_deg": 180.0}, slide | {"direction_deg": 90.0})
     time_s = np.arange(0.5, 1.4, 1e-5)
-    state = Motion(test).at(time_s)
+    state = SceneMotion(test).at(time_s)
     s = np.zeros(2)
     stepped = []
     for dx, dy in zip(np.diff(state.travel_x_mm), np.diff(state.travel_y_mm), strict=True):
@@ -88,8 +87,8 @@ def test_tangential_state_obeys_dahl_and_turns_over() -> None:
 def test_a_stop_is_felt_and_two_holds_are_one() -> None:
     slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
     time_s = np.linspace(0, 3, 301)
-    once = Motion(scene(PRESS, slide, {"kind": "hold", "duration_s": 0.8})).at(time_s)
-    twice = Motion(scene(PRESS, slide, HOLD, HOLD)).at(time_s)
+    once = SceneMotion(scene(PRESS, slide, {"kind": "hold", "duration_s": 0.8})).at(time_s)
+    twice = SceneMotion(scene(PRESS, slide, HOLD, HOLD)).at(time_s)
     np.testing.assert_allclose(once.shear_x, twice.shear_x, atol=1e-12)
     assert once.shear_x[150] - once.shear_x[230] > 0.2
 
@@ -97,7 +96,7 @@ def test_a_stop_is_felt_and_two_holds_are_one() -> None:
 def test_losing_contact_clears_the_tangential_state() -> None:
     slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
     lifted = scene(PRESS, slide, {"kind": "lift", "duration_s": 0.1}, PRESS, HOLD)
-    state = Motion(lifted).at(np.array([1.49, 2.3]))
+    state = SceneMotion(lifted).at(np.array([1.49, 2.3]))
     assert state.shear_x[0] > 0.9
     assert state.shear_x[1] == 0.0
 
@@ -105,7 +104,9 @@ def test_losing_contact_clears_the_tangential_state() -> None:
 def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2, "entry_mm": 0.5}
     slide = {"kind": "slide", "duration_s": 2.0, "speed_mm_s": 1.0}
-    motion = Motion(scene(PRESS, HOLD | {"surface": grooves}, slide, slide | {"surface": {"kind": "flat"}}))
+    motion = SceneMotion(
+        scene(PRESS, HOLD | {"surface": grooves}, slide, slide | {"surface": {"kind": "flat"}})
+    )
     assert [s.kind for s in motion.surfaces] == ["flat", "grooves"]
     share = motion.surface_share(1, np.array([0.4, 0.89, 1.0, 1.15, 1.5, 3.0, 4.9]))
     assert share[[0, 1]].tolist() == [0.0, 0.0]
@@ -117,7 +118,7 @@ def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
 
 def test_a_plate_in_the_air_is_there_at_once() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2}
-    motion = Motion(scene({"kind": "rest", "duration_s": 1.0}, PRESS | {"surface": grooves}))
+    motion = SceneMotion(scene({"kind": "rest", "duration_s": 1.0}, PRESS | {"surface": grooves}))
     assert motion.surface_share(1, np.array([0.9, 1.01])).tolist() == [0.0, 1.0]
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import Array, load_array
 from tactiled.emulator.scene.contact import choose_rung, explain, make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.emulator.scene.motion import Motion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
@@ -31,15 +31,14 @@ def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
 
 
 def contact(played: Scene, array: Array = WANG) -> PhysicalContact:
-    model = make_contact(Motion(played), array)
+    model = make_contact(SceneMotion(played), array)
     assert isinstance(model, PhysicalContact)
     return model
 
 
-@pytest.mark.parametrize("rung", ["lumped", "bristle"])
-def test_instants_of_slip_follow_mindlin(rung: str) -> None:
+def test_instants_of_slip_follow_mindlin() -> None:
     # At 15 N a taxel goes in by 0.17 mm and slips fully after some 0.27 mm, a tenth of it after a tenth.
-    (slip,) = Truth(scene(PRESS, HOLD, SLIDE, HOLD, contact=rung)).slips
+    (slip,) = Truth(scene(PRESS, HOLD, SLIDE, HOLD)).slips
     assert slip.shear_s == pytest.approx(2.0, abs=0.01)
     assert slip.incipient_s == pytest.approx(2.025, abs=0.01)
     assert slip.gross_s == pytest.approx(2.245, abs=0.03)
@@ -165,8 +164,8 @@ def test_grooves_as_deep_as_the_bump_are_refused() -> None:
 
 
 def test_grooves_on_a_rung_without_them_are_refused() -> None:
-    played = scene(PRESS, SLIDE, contact="bristle", surface={"kind": "grooves", "period_mm": 1.2})
-    with pytest.raises(ConfigError, match="bristle cannot play grooves"):
+    played = scene(PRESS, SLIDE, contact="lumped", surface={"kind": "grooves", "period_mm": 1.2})
+    with pytest.raises(ConfigError, match="lumped cannot play grooves"):
         contact(played)
 
 
@@ -187,11 +186,13 @@ def test_auto_takes_the_cheapest_rung_that_serves_and_says_why() -> None:
     flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
     assert choose_rung(flat).rung == "signal"
     assert choose_rung(flat.with_changes(needs=["direction"])).rung == "lumped"
-    assert choose_rung(flat.with_changes(needs=["incipient-slip"], tolerance=0.12)).rung == "bristle"
-    words = explain(flat.with_changes(needs=["incipient-slip"], tolerance=0.12))
-    assert "not lumped: incipient-slip is 13 % off" in words
-    with pytest.raises(ConfigError, match="no rung delivers this"):
-        choose_rung(flat.with_changes(needs=["incipient-slip"], tolerance=0.01))
+    tight = flat.with_changes(needs=["tangential-force", "transients"], tolerance=0.02)
+    words = explain(flat.with_changes(needs=["absolute-force"], tolerance=0.03))
+    assert words.startswith("contact: compliance\n")
+    assert "not lumped: absolute-force is 7.5 % off" in words
+    for refused in (tight, flat.with_changes(needs=["incipient-slip"], tolerance=0.12)):
+        with pytest.raises(ConfigError, match="no rung delivers this"):
+            choose_rung(refused)
 
 
 @pytest.mark.parametrize("rung", ["signal", "lumped"])

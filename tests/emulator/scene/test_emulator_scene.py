@@ -7,7 +7,14 @@ import pytest
 
 from tactiled import resources
 from tactiled.array import load_array
-from tactiled.emulator.scene.description import Flat, Grooves, Scene, Slide, load_scene, paper_scenes
+from tactiled.emulator.scene.description import (
+    FlatPlate,
+    GroovedPlate,
+    Scene,
+    SlidePhase,
+    load_scene,
+    paper_scenes,
+)
 from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import ConfigError
 
@@ -31,8 +38,8 @@ def test_prescribed_is_a_flat_slip_and_then_grooves() -> None:
     demo = load_scene("prescribed")
     assert demo.duration_s <= 38.0
     flat, grooves = Truth(demo).slips
-    assert isinstance(flat.surface, Flat)
-    assert isinstance(grooves.surface, Grooves)
+    assert isinstance(flat.surface, FlatPlate)
+    assert isinstance(grooves.surface, GroovedPlate)
     assert (grooves.surface.period_mm, grooves.surface.angle_deg) == (1.2, 30.0)
     assert flat.direction_deg == grooves.direction_deg == 0.0
     assert grooves.onset_s > flat.end_s + 1.0
@@ -42,9 +49,9 @@ def test_paper_scenes_are_the_protocols_of_its_table() -> None:
     scenes = paper_scenes()
     assert len(scenes) == 2 + 2 * 7
     varied = scenes["experiment-d1.20-a45"]
-    assert isinstance(varied.surface, Grooves)
+    assert isinstance(varied.surface, GroovedPlate)
     assert (varied.surface.period_mm, varied.surface.angle_deg) == (1.2, 45.0)
-    slides = {n: p for n, s in scenes.items() for p in s.phases if isinstance(p, Slide)}
+    slides = {n: p for n, s in scenes.items() for p in s.phases if isinstance(p, SlidePhase)}
     assert {n for n, p in slides.items() if p.speed_mm_s == 0.25} == {"flat-experiment"}
     assert len({s.name for s in scenes.values()}) == len(scenes)
 
@@ -53,11 +60,11 @@ def test_with_surface_changes_the_grooves_that_the_scene_has() -> None:
     demo = load_scene("prescribed").with_surface(period_mm=0.9)
     assert [s.surface.kind for s in Truth(demo).slips] == ["flat", "grooves"]
     surface = Truth(demo).slips[1].surface
-    assert isinstance(surface, Grooves)
+    assert isinstance(surface, GroovedPlate)
     assert (surface.period_mm, surface.angle_deg) == (0.9, 30.0)
-    assert all(s.surface == Flat() for s in Truth(demo.with_surface()).slips)
+    assert all(s.surface == FlatPlate() for s in Truth(demo.with_surface()).slips)
     made = load_scene("flat-experiment").with_surface(period_mm=1.5, angle_deg=-20)
-    assert isinstance(made.surface, Grooves)
+    assert isinstance(made.surface, GroovedPlate)
     with pytest.raises(ConfigError, match=r"variation of scene prescribed.*period_mm"):
         load_scene("prescribed").with_surface(period_mm=-1)
     assert load_scene("prescribed").with_changes(seed=9).seed == 9

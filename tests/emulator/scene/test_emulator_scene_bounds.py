@@ -15,7 +15,7 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.tomlfile import Params
 
 WANG = load_array("wang2019-3x3")
-PARTS = (ElectronicsParams, phases.Flat, phases.Grooves, phases.Disturbance, phases.HeldObject)
+PARTS = (ElectronicsParams, phases.FlatPlate, phases.GroovedPlate, phases.Disturbance, phases.HeldObject)
 
 
 def extremes(part: type[Params]) -> dict[str, list[float]]:
@@ -45,7 +45,7 @@ def at_extremes(part: type[Params]) -> st.SearchStrategy[dict[str, Any]]:
 
 @given(
     at_extremes(ElectronicsParams),
-    at_extremes(phases.Flat),
+    at_extremes(phases.FlatPlate),
     st.sampled_from(["signal", "lumped"]),
     st.sampled_from([1e-300, 1e-6, 5.0, 2000.0]),
     st.sampled_from([1e-300, 1.0, 1000.0]),

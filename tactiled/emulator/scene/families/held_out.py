@@ -18,7 +18,7 @@ from tactiled.emulator.scene.families.parts import (
 )
 
 # Travel from rest to gross slip over friction, under the lightest press of a family (`mechanics.lumped`).
-_PRESLIDING_MM = 0.23
+_SLIP_TRAVEL_MM = 0.23
 
 
 def braking_drag(seed: int) -> Scene:
@@ -57,7 +57,7 @@ def slip_on_shear(seed: int) -> Scene:
     """The skin is sheared within presliding, rests, and slides on from there at an angle to it."""
     rng, scene = begin("slip-on-shear", seed)
     speed_mm_s = log_uniform(rng, 0.25, 10.0)
-    sheared_mm = rng.uniform(0.2, 0.6) * scene["surface"]["friction"] * _PRESLIDING_MM
+    sheared_mm = rng.uniform(0.2, 0.6) * scene["surface"]["friction"] * _SLIP_TRAVEL_MM
     first = slide_phase(rng, duration_s=0.2, speed_mm_s=sheared_mm / 0.2)
     on_deg = turned(first["direction_deg"], rng.uniform(-60.0, 60.0))
     on = first | {"duration_s": 3.0, "speed_mm_s": speed_mm_s, "direction_deg": on_deg}

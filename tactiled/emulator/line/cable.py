@@ -26,7 +26,7 @@ class Arrival(NamedTuple):
     data: bytes
 
 
-class Line:
+class CableModel:
     """One direction, board to host.
 
     Parameters
