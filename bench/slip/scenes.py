@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 Announced = Literal["inhibit", "load-change"]
 
 RATE_HZ = 100.0
-ADC_BITS, ADC_REFERENCE_V = 12, 3.0  # of the 2019 circuit: facts of `emulator.identity.BoardParams`
+ADC_BITS, ADC_REFERENCE_V = 12, 3.0  # of the 2019 circuit: facts of `EmulatedBoardParams`
 LSB_V = ADC_REFERENCE_V / 2**ADC_BITS
 CHANNEL_STEP_S = 200e-6  # multiplexer step of the emulated board
 SCAN_SPAN_S = (
