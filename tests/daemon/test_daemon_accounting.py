@@ -1,5 +1,6 @@
 """Whatever happens to the line, scans and bytes are accounted for, and nothing old is called fresh."""
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -90,4 +91,5 @@ class AnyFaults(RuleBasedStateMachine):
 
 
 AnyFaults.TestCase.settings = settings(max_examples=40, stateful_step_count=20, deadline=None)
-TestAnyFaults = AnyFaults.TestCase
+# 40 examples take about a minute on an idle machine.
+TestAnyFaults = pytest.mark.timeout(600)(AnyFaults.TestCase)
