@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.detect.signal.wavelet import Coefficients, kink_response, taps
+from tactiled.detect.signal.wavelet import WaveletCoefficients, kink_response, taps
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class CoherentLevels:
         self._matched = _matched()
         self._before = np.zeros((_LONGEST, len(COHERENT_LEVELS), 2))
 
-    def score(self, answer: Coefficients) -> FloatArray:
+    def score(self, answer: WaveletCoefficients) -> FloatArray:
         """Statistic (n,) of a bank's answer whose first levels are these; 0 where any is not usable."""
         n = len(COHERENT_LEVELS)
         z = answer.volts[:, :n] @ self._weights / self._sd_v[:, np.newaxis]

@@ -12,7 +12,7 @@ from bench.slip.scenes import NOISES_V, RATE_HZ, Announcement, Played, play
 from bench.slip.score import tally
 from tactiled.array import load_array
 from tactiled.detect.base import Detector
-from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
 from tactiled.emulator.scene.families import HELD_OUT_QUIET, QUIET, Family
@@ -139,7 +139,7 @@ def _alarms(detector: Detector, stream: Stream, played: Played, *, is_apart: boo
     return Alarms(hours, hours if is_apart else 0.0, *said, tally(told, played).false)
 
 
-class _Alone(Bridge):
+class _Alone(GapBridge):
     """A slip detector as a suite without a texture estimator.
 
     Attributes

@@ -14,7 +14,14 @@ import pywt
 from bench.slip.levels import COHERENT_LEVELS, CoherentLevels
 from bench.slip.scenes import read_sd_v
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.wavelet import BankParams, Coefficients, SwtBank, border_scans, delay_scans, taps
+from tactiled.detect.signal.wavelet import (
+    BankParams,
+    SwtBank,
+    WaveletCoefficients,
+    border_scans,
+    delay_scans,
+    taps,
+)
 from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -23,7 +30,7 @@ LEVELS = (1, 2, 3, 4, 5, 6)
 HOLD_OFF_S = 0.2
 
 Rule = Callable[[Array, FloatArray], FloatArray]
-Statistic = Callable[[Coefficients], FloatArray]
+Statistic = Callable[[WaveletCoefficients], FloatArray]
 
 
 def any_channel(array: Array, coefficients: FloatArray) -> FloatArray:
@@ -168,7 +175,7 @@ class ThresholdRule:
 def window_rule(array: Array, level: int, threshold_volts: float) -> ThresholdRule:
     """Any channel at one level: the plain sliding window."""
 
-    def largest(answer: Coefficients) -> FloatArray:
+    def largest(answer: WaveletCoefficients) -> FloatArray:
         return any_channel(array, np.where(answer.usable[:, 0], answer.volts[:, 0], 0.0))
 
     return ThresholdRule(array, (level,), lambda: largest, threshold_volts, "pywt-swt-window")

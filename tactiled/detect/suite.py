@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
-from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
@@ -92,7 +92,7 @@ class TextureEstimator(Protocol):
         ...
 
 
-class Methods:
+class DetectorPair:
     """A slip detector, and a texture estimator that gets its events with each item; a `Detector`.
 
     Parameters
@@ -132,22 +132,22 @@ class Suite(Detector, Protocol):
         ...
 
 
-class Bridged(Bridge):
+class BridgedSuite(GapBridge):
     """Detectors behind a bridge over short gaps; a `Suite`."""
 
-    def __init__(self, methods: Methods) -> None:
+    def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
         self.texture: TextureEstimator | None = methods.texture
 
 
 def build_suite(array: Array, params: DetectParams) -> Suite:
     """Make the detectors of a setting, with short gaps bridged."""
-    return Bridged(build_methods(array, params))
+    return BridgedSuite(build_methods(array, params))
 
 
-def build_methods(array: Array, params: DetectParams) -> Methods:
+def build_methods(array: Array, params: DetectParams) -> DetectorPair:
     """Make the detectors of a setting without the bridge: every gap reaches them."""
     if params.setting == "wang2019":
         published = params.wang2019
-        return Methods(WaveletSlip(array, published.slip), PaperTexture(array, published.texture))
-    return Methods(CoherentSlip(array, params.slip), JointTexture(array, params.texture))
+        return DetectorPair(WaveletSlip(array, published.slip), PaperTexture(array, published.texture))
+    return DetectorPair(CoherentSlip(array, params.slip), JointTexture(array, params.texture))

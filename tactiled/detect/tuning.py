@@ -29,7 +29,7 @@ _STILL_VOLTS = 0.01
 _KEPT_TIMES = 8  # a slip is found at most some 0.3 s after its onset: more could not matter any more
 
 
-class _Times:
+class _AnnouncedIntervals:
     """Spans of time that someone announced."""
 
     def __init__(self) -> None:
@@ -85,8 +85,8 @@ class TunedSuite:
         """Of the first scan that a command given now holds for."""
         self._suite = self._build(self._array, self.params)
         self._recent: deque[ScanBlock] = deque()
-        self._inhibited = _Times()
-        self._load_changes = _Times()
+        self._inhibited = _AnnouncedIntervals()
+        self._load_changes = _AnnouncedIntervals()
         self._in_contact = False
         self._slip_is_told = False  # an onset of this slip was published as valid
         self._slip_suppressed: Suppressed = ""

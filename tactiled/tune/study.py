@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
@@ -209,7 +209,7 @@ def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int,
 
 def false_alarms(recording: Recording, params: CoherentParams) -> Alarms:
     """Slips that are told in a recording without any, short gaps bridged as in a pipeline."""
-    detector = Bridge(CoherentSlip(recording.array, params))
+    detector = GapBridge(CoherentSlip(recording.array, params))
     told = [
         event
         for item in recording.items

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.suite import DetectParams, Methods, Wang2019Params, build_methods
+from tactiled.detect.suite import DetectorPair, DetectParams, Wang2019Params, build_methods
 from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -116,6 +116,6 @@ def contact_states(events: Sequence[Event]) -> list[str]:
     return [event.state for event in events if isinstance(event, ContactEvent)]
 
 
-def published(array: Array, params: Wang2019Params | None = None) -> Methods:
+def published(array: Array, params: Wang2019Params | None = None) -> DetectorPair:
     """The methods of the paper, every gap told."""
     return build_methods(array, DetectParams(setting="wang2019", wang2019=params or Wang2019Params()))

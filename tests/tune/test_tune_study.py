@@ -15,7 +15,7 @@ from bench.slip.scenes import play, read_sd_v
 from tactiled.array import Array, load_array
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.slip.coherent import SETTINGS
-from tactiled.detect.slip.response import PRESSURE, Response, motion, responses
+from tactiled.detect.slip.response import PRESSURE, ResponseModel, motion, responses
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.families import QUIET
@@ -90,7 +90,7 @@ def test_a_detector_sees_the_shear_that_was_put_in(name: str, share: float, dire
     volts = held(0.02, 0.0, array=array)
     slid = slide(array, volts, np.full(len(volts), share), direction_deg)
     grid = Quantiser(array)
-    weights = Response(array).weights(np.ones(array.n_taxels, dtype=np.bool_))
+    weights = ResponseModel(array).weights(np.ones(array.n_taxels, dtype=np.bool_))
     seen = responses(weights, grid.round(slid))[0]
     x, y, turn = motion(seen) / seen[PRESSURE]
     along = np.deg2rad(direction_deg)

@@ -26,7 +26,7 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.slip_gate import Ended, Gate, Slid
+from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -135,7 +135,7 @@ class JointTexture:
 
     def reset(self) -> None:
         """Discard all scans and the speeds set since construction; keep the parameters."""
-        self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
+        self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s)
         self._end_slip()
 
     def _end_slip(self) -> None:
@@ -171,10 +171,10 @@ class JointTexture:
             return []
         events: list[Event] = []
         for piece in self._gate.pass_through(item, slip):
-            if isinstance(piece, Slid):
+            if isinstance(piece, SlidingScans):
                 events += self._gather(piece.block, piece.speeds_mm_s)
                 continue
-            if isinstance(piece, Ended) and not self._has_answer:
+            if isinstance(piece, SlipEnd) and not self._has_answer:
                 events.append(self._event(piece.time_s, len(self._scans) / piece.rate_hz, self._last))
             self._end_slip()
         return events

@@ -16,7 +16,7 @@ BRIDGE_S = 0.05  # a slip's kink bends for longer; corruption that a line surviv
 _LOSSES = ("corrupt", "missing")
 
 
-class Bridge:
+class GapBridge:
     """A detector that is spared short gaps.
 
     Parameters

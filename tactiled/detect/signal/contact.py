@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import Held, Quantiser
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -48,7 +48,7 @@ class ContactParams(Params):
 
 
 @dataclass(frozen=True, eq=False)
-class Pressure:
+class PressureMeasurement:
     """What the gate measures of n scans.
 
     Attributes
@@ -70,7 +70,7 @@ class Pressure:
         return zip(self.touches.tolist(), self.released.tolist(), self.slope_volts_s.tolist(), strict=True)
 
 
-class Transition(NamedTuple):
+class ContactTransition(NamedTuple):
     """A change of the contact's state."""
 
     previous: ContactState
@@ -119,7 +119,9 @@ class ContactTracker:
         self._steady_before = 0  # length of the steady stretch before this unsteady one
         self._unsteady = 0
 
-    def measure(self, block: ScanBlock, held: Held, stuck: NDArray[np.bool_] | None = None) -> Pressure:
+    def measure(
+        self, block: ScanBlock, held: HeldReadings, stuck: NDArray[np.bool_] | None = None
+    ) -> PressureMeasurement:
         """Pressure of each scan of a block.
 
         A saturated reading still says "pressed": contact takes any finite reading but those that are known
@@ -135,7 +137,7 @@ class ContactTracker:
         pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
         taxel_touches = pressure > self._params.contact_volts
         n_touching = taxel_touches.sum(axis=1)
-        return Pressure(
+        return PressureMeasurement(
             taxel_touches=taxel_touches,
             touches=n_touching > 0,
             released=(pressure < self._params.release_volts).all(axis=1),
@@ -158,7 +160,7 @@ class ContactTracker:
         slope: FloatArray = np.correlate(seen, self._line, "valid") * self._slope_scale
         return slope
 
-    def step(self, touches: bool, released: bool, slope_volts_s: float) -> Transition | None:
+    def step(self, touches: bool, released: bool, slope_volts_s: float) -> ContactTransition | None:
         """Take one scan in; the change of state that it brings, if any."""
         self._follow_load(slope_volts_s)
         is_first, self._is_first = self._is_first, False
@@ -191,21 +193,23 @@ class ContactTracker:
         since_lost = self._unsteady + self._steady
         return self._steady_before >= for_scans and since_lost <= within_scans
 
-    def begin_sliding(self) -> Transition:
+    def begin_sliding(self) -> ContactTransition:
         """The slip detector says that the contact slides."""
         return self._go("sliding")
 
-    def end_sliding(self) -> Transition:
+    def end_sliding(self) -> ContactTransition:
         """The slip detector says that it holds again."""
         return self._go("holding")
 
-    def _go(self, state: ContactState) -> Transition:
-        transition = Transition(self.state, state)
+    def _go(self, state: ContactState) -> ContactTransition:
+        transition = ContactTransition(self.state, state)
         self.state = state
         return transition
 
 
-def contact_event(block: ScanBlock, scan: int, pressure: Pressure, change: Transition) -> ContactEvent:
+def contact_event(
+    block: ScanBlock, scan: int, pressure: PressureMeasurement, change: ContactTransition
+) -> ContactEvent:
     """Event for a change of state at a scan of a block; not valid when the scan came late."""
     return ContactEvent(
         time_s=float(block.time_s[scan]),

@@ -19,7 +19,7 @@ READING_BITS = 23  # with 24-bit filter coefficients, sums stay below 2^53: see 
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldReadings:
     """Readings as whole steps; what could not be used is held at the channel's last good reading.
 
     Attributes
@@ -54,14 +54,14 @@ class Quantiser:
         """Forget the held readings."""
         self._last = np.zeros(self._n_channels)
 
-    def process(self, block: ScanBlock) -> Held:
+    def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; chunking does not matter."""
         ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
         steps = self.round(block.volts)
         if not ok.all():
             steps = self._hold(steps, ok)
         self._last = steps[-1].copy()
-        return Held(steps, ok)
+        return HeldReadings(steps, ok)
 
     def round(self, volts: FloatArray) -> FloatArray:
         """Whole steps nearest to readings; NaN stays NaN, what is outside full scale is clipped."""

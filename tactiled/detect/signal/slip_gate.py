@@ -11,12 +11,12 @@ from tactiled.samples.block import ScanBlock
 
 
 @dataclass(frozen=True)
-class Began:
+class SlipStart:
     """A slip began; what was held of another is past."""
 
 
 @dataclass(frozen=True)
-class Ended:
+class SlipEnd:
     """A slip ended, at a scan."""
 
     time_s: float
@@ -24,14 +24,14 @@ class Ended:
 
 
 @dataclass(frozen=True, eq=False)
-class Slid:
+class SlidingScans:
     """Scans of a slip, with the speed from each to the next: (n,), 0 where it is not known."""
 
     block: ScanBlock
     speeds_mm_s: FloatArray
 
 
-class Gate:
+class SlipGate:
     """Slips of a stream, and speeds that are set.
 
     Parameters
@@ -65,7 +65,9 @@ class Gate:
         """Wait for slip anew, as after a gap."""
         self.slip = None
 
-    def pass_through(self, block: ScanBlock, slip: Sequence[Event]) -> Iterator[Began | Ended | Slid]:
+    def pass_through(
+        self, block: ScanBlock, slip: Sequence[Event]
+    ) -> Iterator[SlipStart | SlipEnd | SlidingScans]:
         """What happens in a block, in order.
 
         Parameters
@@ -84,17 +86,17 @@ class Gate:
             if change.state == "onset":
                 self.slip = change
                 self._begin_index = int(block.index[scan]) + round(self._settle_s * block.rate_hz)
-                yield Began()
+                yield SlipStart()
             elif self.slip is not None:
-                yield Ended(float(block.time_s[scan]), block.rate_hz)
+                yield SlipEnd(float(block.time_s[scan]), block.rate_hz)
                 self.slip = None
         yield from self._slid(block[done:])
 
-    def _slid(self, block: ScanBlock) -> Iterator[Slid]:
+    def _slid(self, block: ScanBlock) -> Iterator[SlidingScans]:
         speeds_mm_s = self._speeds_of(block)
         wait = max(0, self._begin_index - int(block.index[0]))
         if self.slip is not None and wait < len(block):
-            yield Slid(block[wait:], speeds_mm_s[wait:])
+            yield SlidingScans(block[wait:], speeds_mm_s[wait:])
 
     def _speeds_of(self, block: ScanBlock) -> FloatArray:
         starts = np.array([index for index, _ in self._speeds], dtype=np.int64)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import Held, Quantiser
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -111,7 +111,7 @@ def error_volts(level: int, array: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Coefficients:
+class WaveletCoefficients:
     """What the bank says of a stretch of n scans.
 
     Attributes
@@ -158,25 +158,27 @@ class SwtBank:
         # Before the start stand copies of the first scan, which are not readings.
         self._newest_bad = np.full(self._n_channels, -1, dtype=np.int64)
 
-    def process(self, item: ScanBlock | Gap) -> Coefficients:
+    def process(self, item: ScanBlock | Gap) -> WaveletCoefficients:
         """Coefficients of each scan; a gap forgets what came before and has none."""
         if isinstance(item, Gap):
             self.reset()
             n_levels = len(self.levels)
             empty = np.zeros((0, n_levels, self._n_channels))
-            return Coefficients(empty, empty.astype(np.bool_))
+            return WaveletCoefficients(empty, empty.astype(np.bool_))
         held = self._quantiser.process(item)
         parts = [
-            self.filter(Held(held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS]))
+            self.filter(
+                HeldReadings(held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS])
+            )
             for start in range(0, len(item), PIECE_SCANS)
         ]
         if len(parts) == 1:
             return parts[0]
-        return Coefficients(
+        return WaveletCoefficients(
             np.concatenate([part.volts for part in parts]), np.concatenate([part.usable for part in parts])
         )
 
-    def filter(self, held: Held) -> Coefficients:
+    def filter(self, held: HeldReadings) -> WaveletCoefficients:
         """The same for readings that are on the grid already; at most `PIECE_SCANS` of them."""
         n = len(held.steps)
         self._append(held.steps)
@@ -186,7 +188,7 @@ class SwtBank:
         else:
             for row, matrix in enumerate(self._toeplitz):
                 self._filter_level(matrix, volts[:, row])
-        return Coefficients(volts, self._usable(held.ok))
+        return WaveletCoefficients(volts, self._usable(held.ok))
 
     def recent_steps(self, n: int) -> FloatArray:
         """Held readings (n + border, channels) that the last `n` outputs were made of, as grid steps.
@@ -237,6 +239,6 @@ def _toeplitz(filter_taps: FloatArray) -> FloatArray:
     return matrix
 
 
-def coefficients(array: Array, block: ScanBlock, params: BankParams | None = None) -> Coefficients:
+def coefficients(array: Array, block: ScanBlock, params: BankParams | None = None) -> WaveletCoefficients:
     """Coefficients of a whole recording, for pictures: the streaming bank fed once."""
     return SwtBank(array, params).process(block)

@@ -27,10 +27,10 @@ _RESTED_S = 0.1
 _TURN_DEG = 30.0
 TURNED_S = 0.2  # as `heading`: a tap that shoves the skin aside is over sooner
 
-Fate = Literal["gross", "stalled", "back", "again", "turned", "reversed", "rests"]
+SlipOutcome = Literal["gross", "stalled", "back", "again", "turned", "reversed", "rests"]
 
 
-class Verdict(NamedTuple):
+class SlipDecision(NamedTuple):
     """What became of a slip.
 
     Attributes
@@ -44,25 +44,25 @@ class Verdict(NamedTuple):
     sd_scans : float
     """
 
-    fate: Fate
+    fate: SlipOutcome
     at_index: float
     sd_scans: float
 
 
 @dataclass
-class Extreme:
+class TimedExtreme:
     """An extreme, and when the response was last at it."""
 
     value: float
     index: int
 
 
-class Recoil:
+class RecoilTracker:
     """Shear that fell back, until it rests or has turned into another slip.
 
     Parameters
     ----------
-    low, high : Extreme
+    low, high : TimedExtreme
         Of the level, shear over pressure.
     rate_hz : float
     least : float
@@ -75,8 +75,8 @@ class Recoil:
 
     def __init__(
         self,
-        low: Extreme,
-        high: Extreme,
+        low: TimedExtreme,
+        high: TimedExtreme,
         rate_hz: float,
         least: float,
         reversed_below: float,
@@ -87,20 +87,20 @@ class Recoil:
         self._rate_hz, self._least = rate_hz, least
         self._reversed_below, self._may_grow = reversed_below, may_grow
 
-    def step(self, index: int, shear: float, level: float, noise: float) -> Verdict | None:
+    def step(self, index: int, shear: float, level: float, noise: float) -> SlipDecision | None:
         """A scan: shear and its rising side's level over pressure, and the noise of both."""
         if shear < self._reversed_below:
-            return Verdict("reversed", self._high.index, (index - self._high.index) / 4)
+            return SlipDecision("reversed", self._high.index, (index - self._high.index) / 4)
         if level < self._low.value - max(NEAR_PART * self._high.value, NEAR_SDS * noise):
-            self._low = Extreme(level, index)
+            self._low = TimedExtreme(level, index)
         if self._may_grow and level - self._low.value > max(self._least, NOISE_SDS * noise):
-            return Verdict("again", self._low.index, (index - self._low.index) / 2)
+            return SlipDecision("again", self._low.index, (index - self._low.index) / 2)
         if index - self._low.index > _RESTED_S * self._rate_hz:
-            return Verdict("rests", self._low.index, 0.0)
+            return SlipDecision("rests", self._low.index, 0.0)
         return None
 
 
-class Gross:
+class GrossSlipTracker:
     """All slips.
 
     Parameters
@@ -125,15 +125,15 @@ class Gross:
         self._settled = settled
         self._settles = True
         self._n_turned = 0
-        self._low, self._high = Extreme(0.0, settled), Extreme(0.0, settled)
+        self._low, self._high = TimedExtreme(0.0, settled), TimedExtreme(0.0, settled)
 
     def step(
         self, index: int, sides: tuple[float, float, float], level: float, slope: float, noise: float
-    ) -> Verdict | None:
+    ) -> SlipDecision | None:
         """A scan: its motion (x, y, turn), the level, its slope in steps a scan, and the level's noise."""
         still_rises = self._settles and slope > _RISES * self._steepest
         if index <= self._settled or still_rises:
-            self._low, self._high = Extreme(level, index), Extreme(level, index)
+            self._low, self._high = TimedExtreme(level, index), TimedExtreme(level, index)
             return None
         self._settles = False
         if turned := self._has_turned(index, sides):
@@ -145,17 +145,19 @@ class Gross:
         if level >= self._high.value - near:
             self._high.index = index
         if self._high.value - level > max(self._least, NOISE_SDS * noise, FELL_PART * self._high.value):
-            return Verdict("back", self._high.index, (index - self._high.index) / 2)
+            return SlipDecision("back", self._high.index, (index - self._high.index) / 2)
         if level - self._low.value > max(GROWS_PART * self._low.value, NOISE_SDS * noise):
-            return Verdict("again", self._low.index, (index - self._low.index) / 2)
+            return SlipDecision("again", self._low.index, (index - self._low.index) / 2)
         return None
 
-    def recoil(self, index: int, level: float) -> Recoil:
+    def recoil(self, index: int, level: float) -> RecoilTracker:
         """What follows where shear fell back at a scan."""
         below = -max(self._least, _REVERSED_PART * self._high.value)
-        return Recoil(Extreme(level, index), self._high, self._rate_hz, self._least, below, may_grow=True)
+        return RecoilTracker(
+            TimedExtreme(level, index), self._high, self._rate_hz, self._least, below, may_grow=True
+        )
 
-    def _has_turned(self, index: int, sides: tuple[float, float, float]) -> Verdict | None:
+    def _has_turned(self, index: int, sides: tuple[float, float, float]) -> SlipDecision | None:
         """Friction points along the motion: the response turns with it."""
         size = math.sqrt(sum(s * s for s in sides))
         along = sum(a * s for a, s in zip(self._along, sides, strict=True))
@@ -163,4 +165,4 @@ class Gross:
         self._n_turned = self._n_turned + 1 if is_off else 0
         if self._n_turned <= TURNED_S * self._rate_hz:
             return None
-        return Verdict("turned", index - self._n_turned, self._n_turned / 2)
+        return SlipDecision("turned", index - self._n_turned, self._n_turned / 2)

@@ -27,7 +27,7 @@ OUTGROWS_S = 0.1  # ago it began to, give or take the half: the swing it came ou
 _NOISE_SDS = 6.0
 
 
-class Swings:
+class SwingHistory:
     """Memory of the slips of a contact.
 
     Parameters
@@ -46,7 +46,7 @@ class Swings:
         since_s = max((index - self._at) / self._rate_hz - _KEPT_S, 0.0)
         return self._size * math.pow(2.0, -since_s / _FORGET_S)
 
-    def came_and_went(self, size: float, index: int) -> None:
+    def record_swing(self, size: float, index: int) -> None:
         """Shear over pressure rose by so much and fell back."""
         self._size, self._at = max(_NEWS * size, self.least(index)), index
 
@@ -66,7 +66,7 @@ class Swings:
         return self._n_soon >= _FEW
 
 
-class Shake:
+class ShakeTracker:
     """A slip that goes back and forth, until it rests or is outgrown.
 
     Parameters

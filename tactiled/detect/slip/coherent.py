@@ -27,17 +27,17 @@ from tactiled.array import Array
 from tactiled.detect.signal.contact import (
     ContactParams,
     ContactTracker,
-    Transition,
+    ContactTransition,
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Held, Quantiser
-from tactiled.detect.slip.evidence import Evidence
-from tactiled.detect.slip.gap import LOOK_SCANS, BeforeGap
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings
 from tactiled.detect.slip.rate import NOISE_PART, shear_at
-from tactiled.detect.slip.story import Story
-from tactiled.detect.slip.stuck import Stuck
-from tactiled.detect.slip.witness import Witness
+from tactiled.detect.slip.story import SlipTracker
+from tactiled.detect.slip.stuck import StuckChannelDetector
+from tactiled.detect.slip.witness import ScanEvidence
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -119,16 +119,16 @@ class CoherentSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
-        self._before: BeforeGap | None = None  # what a gap was before
-        self._stuck = Stuck(self._array)
+        self._before: PreGapReadings | None = None  # what a gap was before
+        self._stuck = StuckChannelDetector(self._array)
 
     def _start(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
         self._quantiser = Quantiser(self._array)
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
-        self._evidence = Evidence(self._array, rate_hz, self._params.noise_per_hour, self._least_shear)
+        self._evidence = ShearEvidence(self._array, rate_hz, self._params.noise_per_hour, self._least_shear)
         self._n_seen = 0
-        self._story = Story(self._evidence, rate_hz, self._least_shear, self._gross_shear, self._before)
+        self._story = SlipTracker(self._evidence, rate_hz, self._least_shear, self._gross_shear, self._before)
 
     @property
     def contact_state(self) -> ContactState:
@@ -144,7 +144,7 @@ class CoherentSlip:
         if isinstance(item, Gap):
             before = None
             if self.contact_state != "none" and item.cause in _UNSEEN:
-                before = BeforeGap(self._last_time_s, self._evidence.newest(LOOK_SCANS), self._evidence)
+                before = PreGapReadings(self._last_time_s, self._evidence.newest(LOOK_SCANS), self._evidence)
             events = self._forget()
             self._before = before
             return events
@@ -170,7 +170,7 @@ class CoherentSlip:
         held = self._quantiser.process(block)
         stuck = self._stuck.process(held.steps)
         if stuck.any():
-            held = Held(held.steps, held.ok & ~stuck)
+            held = HeldReadings(held.steps, held.ok & ~stuck)
         pressure = self._tracker.measure(block, held, stuck)
         gate = pressure.rows()
         events: list[Event] = []
@@ -180,7 +180,7 @@ class CoherentSlip:
                 scan = stretch.scans.start + row
                 if change := self._tracker.step(*next(gate)):
                     events.append(contact_event(block, scan, pressure, change))
-                now = Witness(self._array, self._evidence, block, stretch, row, self._n_seen)
+                now = ScanEvidence(self._array, self._evidence, block, stretch, row, self._n_seen)
                 if (state := self._tracker.state) == "none":
                     slips = self._story.lift(now)
                 else:
@@ -192,7 +192,7 @@ class CoherentSlip:
                 self._n_seen += 1
         return events
 
-    def _follow(self) -> Transition | None:
+    def _follow(self) -> ContactTransition | None:
         """Sliding is known by slip alone."""
         state, is_gross = self._tracker.state, self._story.is_gross
         if is_gross and state not in ("sliding", "none"):

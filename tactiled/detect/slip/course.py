@@ -27,15 +27,15 @@ from tactiled.detect.slip.after import (
     NEAR_SDS,
     NOISE_SDS,
     TURNED_S,
-    Extreme,
-    Gross,
-    Recoil,
-    Verdict,
+    GrossSlipTracker,
+    RecoilTracker,
+    SlipDecision,
+    TimedExtreme,
 )
-from tactiled.detect.slip.kink import Kink
-from tactiled.detect.slip.limit import Limit
+from tactiled.detect.slip.kink import KinkEstimate
+from tactiled.detect.slip.limit import FrictionLimitTest
 from tactiled.detect.slip.response import PRESSURE, motion, rising_half
-from tactiled.detect.slip.rest import Rest
+from tactiled.detect.slip.rest import PlateauTracker
 
 _FLAT = 0.3
 _LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
@@ -67,7 +67,7 @@ _SETTLE_S = 0.05  # after a break-away, before the new level is one
 _ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
 
 
-class Course:
+class SlipPhaseTracker:
     """Follows one slip.
 
     Parameters
@@ -80,14 +80,14 @@ class Course:
         Response of an even pressure of 1.
     index : int
         Newest scan.
-    began : Kink
+    began : KinkEstimate
         How many scans ago.
     slope : float
         Of the growth so far, steps a scan.
     rate_hz : float
     least, gross : float
         Shear over pressure of a change that counts, and of gross slip.
-    limit : Limit
+    limit : FrictionLimitTest
     """
 
     def __init__(
@@ -96,12 +96,12 @@ class Course:
         start: FloatArray,
         even: FloatArray,
         index: int,
-        began: Kink,
+        began: KinkEstimate,
         slope: float,
         rate_hz: float,
         least: float,
         gross: float,
-        limit: Limit,
+        limit: FrictionLimitTest,
     ) -> None:
         self.along = along
         self._along: list[float] = along.tolist()
@@ -116,13 +116,13 @@ class Course:
         self._limit = limit
         self._start_shear, self._start_pressure = float(along @ motion(start)), float(start[PRESSURE])
         self._least_line = max(4, round(_LINE_S * rate_hz))
-        self._top = Extreme(-math.inf, index)
+        self._top = TimedExtreme(-math.inf, index)
         self._top_pressure = 0.0
         self._top_shear = 0.0
         self._n_flat = self._n_still = self._n_turned = 0
-        self._rest = Rest(rate_hz)
+        self._rest = PlateauTracker(rate_hz)
         self._flat_at = index
-        self._after: Gross | Recoil | None = None
+        self._after: GrossSlipTracker | RecoilTracker | None = None
 
     def shift(self, by: FloatArray, read: NDArray[np.bool_]) -> None:
         """These taxels (taxels,) make the response from now on, which jumps by (7,); zeros where all stay."""
@@ -156,7 +156,7 @@ class Course:
         sides = row[:PRESSURE].tolist()
         return float(sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True)))
 
-    def step(self, index: int, seen: FloatArray, steps: FloatArray, noise: float) -> Verdict | None:
+    def step(self, index: int, seen: FloatArray, steps: FloatArray, noise: float) -> SlipDecision | None:
         """Take in a scan.
 
         Parameters
@@ -175,7 +175,7 @@ class Course:
         if self._after is None:
             return self._step_incipient(index, seen, steps, shear, pressure, noise)
         level, noise = self._risen(seen[-1]) / pressure - self._even, noise / pressure
-        if isinstance(self._after, Recoil):
+        if isinstance(self._after, RecoilTracker):
             return self._after.step(index, shear / pressure, level, noise)
         slope = self._risen(self._trend(seen, self._least_line))
         verdict = self._after.step(index, (x, y, turn), level, slope, noise)
@@ -185,7 +185,7 @@ class Course:
 
     def _step_incipient(
         self, index: int, seen: FloatArray, steps: FloatArray, shear: float, pressure: float, noise: float
-    ) -> Verdict | None:
+    ) -> SlipDecision | None:
         noise *= math.sqrt(2)  # one side of two, twice
         n = self._line_scans(noise, len(seen))
         trend = self._trend(seen, n)
@@ -208,10 +208,10 @@ class Course:
             if broke and self._top_shear >= self._gross * pressure:
                 return self._go_gross(index, self._top.index, _INSTANT_SD, round(_SETTLE_S * self._rate_hz))
             level = response / pressure - self._even
-            low, high = Extreme(level, index), Extreme(level, self._top.index)
+            low, high = TimedExtreme(level, index), TimedExtreme(level, self._top.index)
             reversed_below = -max(self._gross, self._least)
-            self._after = Recoil(low, high, self._rate_hz, self._least, reversed_below, may_grow=False)
-            return Verdict("back", self._top.index, since / 2)
+            self._after = RecoilTracker(low, high, self._rate_hz, self._least, reversed_below, may_grow=False)
+            return SlipDecision("back", self._top.index, since / 2)
         # The largest that is sure, not the largest that noise made.
         self._steepest = max(self._steepest, slope - 2 * noise * math.sqrt(12) / n**1.5)
         is_flat = speed < _FLAT * self._steepest
@@ -233,12 +233,12 @@ class Course:
                 return self._go_gross(index, *self._reached(index, seen), 0)
         beyond = shear - self._rest.doubtful_at
         if beyond > max(GROWS_PART * self._rest.doubtful_at, NOISE_SDS * noise):
-            return Verdict("again", self._flat_at, (index - self._flat_at) / 2)
+            return SlipDecision("again", self._flat_at, (index - self._flat_at) / 2)
         may_slip = math.isfinite(self._rest.doubtful_at)
         if not may_slip and self._n_still > max(n, _STALLED_S * self._rate_hz):
-            return Verdict("stalled", index - self._n_still - 0.35 * n, n / 4)
+            return SlipDecision("stalled", index - self._n_still - 0.35 * n, n / 4)
         if self._n_turned > max(n, TURNED_S * self._rate_hz):
-            return Verdict("turned", index - self._n_turned, n / 2)
+            return SlipDecision("turned", index - self._n_turned, n / 2)
         return None
 
     def _odds(self, shear: float, pressure: float, steps: FloatArray) -> float:
@@ -279,7 +279,7 @@ class Course:
         wanted = (noise * math.sqrt(12) / (_SLOPE_SD_PART * max(self._steepest, 1e-9))) ** (2 / 3)
         return int(min(max(self._least_line, math.ceil(wanted)), most))
 
-    def _go_gross(self, index: int, at: float, sd_scans: float, settle_scans: int) -> Verdict:
+    def _go_gross(self, index: int, at: float, sd_scans: float, settle_scans: int) -> SlipDecision:
         settled = index + 1 + settle_scans
-        self._after = Gross(self._along, self._steepest, self._rate_hz, self._least, settled)
-        return Verdict("gross", at, sd_scans)
+        self._after = GrossSlipTracker(self._along, self._steepest, self._rate_hz, self._least, settled)
+        return SlipDecision("gross", at, sd_scans)

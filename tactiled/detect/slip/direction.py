@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.evidence import Evidence
+from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.response import AXES, PRESSURE, motion
 from tactiled.events.types import UNKNOWN_SD_DEG
 
@@ -39,13 +39,13 @@ _TURNS, _TURNS_SD = 0.4, 0.33
 
 
 def direction(
-    evidence: Evidence, along: FloatArray, change: FloatArray, now: FloatArray
+    evidence: ShearEvidence, along: FloatArray, change: FloatArray, now: FloatArray
 ) -> tuple[float, float]:
     """Direction and its sigma, degrees; the sigma is `UNKNOWN_SD_DEG` where the skin turns on the spot.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : ShearEvidence
         Of an array with shear channels.
     along : (3,) float64
         Unit vector of the growth.
@@ -69,7 +69,7 @@ def direction(
     return math.remainder(math.degrees(angle), 360.0), min(UNKNOWN_SD_DEG, math.degrees(sd))
 
 
-def _spread(evidence: Evidence, towards: FloatArray, change: FloatArray) -> float:
+def _spread(evidence: ShearEvidence, towards: FloatArray, change: FloatArray) -> float:
     """Standard error of the direction of a sum of taxels that point to different sides."""
     x, y = (evidence.shear_weights @ change)[:, evidence.taxels]
     total = float(np.hypot(x.sum(), y.sum()))
@@ -83,7 +83,7 @@ def _spread(evidence: Evidence, towards: FloatArray, change: FloatArray) -> floa
     return _SHARED * math.sqrt(n / (n - 1) * float((across**2).sum())) / total
 
 
-def _hidden(evidence: Evidence, towards: FloatArray, change: FloatArray, now: FloatArray) -> float:
+def _hidden(evidence: ShearEvidence, towards: FloatArray, change: FloatArray, now: FloatArray) -> float:
     """Turn by what relieved sides may hide of the growth."""
     grown = evidence.weights @ change
     halves = np.stack([now, now - grown])[:, :PRESSURE].reshape(2, 2, AXES)[..., :2]  # (scan, half, axis)

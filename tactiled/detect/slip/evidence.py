@@ -33,11 +33,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import Held
+from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.slip.filters import N_BASELINE, lasting
-from tactiled.detect.slip.limit import Limit
+from tactiled.detect.slip.limit import FrictionLimitTest
 from tactiled.detect.slip.response import AXES, motion, moved
-from tactiled.detect.slip.stretch import BEFORE_SCANS, Stretch, Stretches
+from tactiled.detect.slip.stretch import BEFORE_SCANS, ResponseSegmenter, TaxelSetSegment
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_parts.py).
@@ -63,7 +63,7 @@ _LOADED, _TAKE_PART = 0.25, 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
-class Growth:
+class ShearGrowth:
     """Evidence of slip at a scan: the ramp that shows it best.
 
     Attributes
@@ -84,7 +84,7 @@ class Growth:
     statistic: float
 
 
-class Evidence:
+class ShearEvidence:
     """Whether shear grows at the newest scans.
 
     Parameters
@@ -111,7 +111,7 @@ class Evidence:
         self._normal_weights = array.normal_weights()
         self._chance = noise_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
         self._least = least_shear
-        self._stretches = Stretches(array, rate_hz, self._fits)
+        self._stretches = ResponseSegmenter(array, rate_hz, self._fits)
         self._filters = self._stretches.filters
         self.window, self.longest = self._filters.window, self._filters.longest
         self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
@@ -137,7 +137,7 @@ class Evidence:
         axes = int((motion(self.weights.T) != 0).any(axis=0).sum())
         return _threshold(self._chance, max(1, axes))
 
-    def stretches(self, held: Held) -> Iterator[Stretch]:
+    def stretches(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
         """Take in the scans of a block, each of which must be learnt from before the next stretch."""
         return self._stretches.cut(held)
 
@@ -157,12 +157,12 @@ class Evidence:
             & (rises[:, AXES] <= _PRESS * pressure)
         )
 
-    def growth(self, stretch: Stretch, scan: int, since: int, least: float) -> Growth | None:
+    def growth(self, stretch: TaxelSetSegment, scan: int, since: int, least: float) -> ShearGrowth | None:
         """Evidence at a scan of a stretch.
 
         Parameters
         ----------
-        stretch : Stretch
+        stretch : TaxelSetSegment
         scan : int
         since : int
             Scans that may count: what was before is told already.
@@ -197,9 +197,9 @@ class Evidence:
         change = self._filters.rise(best, stretch.steps[scan : scan + self.window])
         if not self.is_shared(rise, change, stretch.steps[scan + self.window - 1]):
             return None
-        return Growth(best, scans, rise, change, float(statistic[best]))
+        return ShearGrowth(best, scans, rise, change, float(statistic[best]))
 
-    def _noise_before(self, stretch: Stretch, scan: int) -> FloatArray:
+    def _noise_before(self, stretch: TaxelSetSegment, scan: int) -> FloatArray:
         """Standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
         newest = len(stretch.details) - len(stretch.fits) + scan
         before = newest - self._filters.lengths[:, np.newaxis] - np.arange(BEFORE_SCANS)
@@ -208,7 +208,7 @@ class Evidence:
         sizes[..., _FINE_LEVELS:] = 0.0
         return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
 
-    def at_once(self, growth: Growth, delay: float, late: FloatArray) -> Growth:
+    def without_skew(self, growth: ShearGrowth, delay: float, late: FloatArray) -> ShearGrowth:
         """As if the channels of a taxel were sampled at once, and not each so late (channels,) in a scan.
 
         Of a slip that began one or two scans ago, the later of two pairs shows a tenth more. A slip counts as
@@ -233,12 +233,12 @@ class Evidence:
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
-    def limit(self, start: FloatArray, late: FloatArray) -> Limit:
+    def limit(self, start: FloatArray, late: FloatArray) -> FrictionLimitTest:
         """Of a slip that began at readings (channels,), each read so late in a scan."""
         numbers = np.flatnonzero(self.taxels & self._array.has_shear)
         taxels = np.eye(self._array.n_taxels)[numbers]
         each = taxels[:, self._array.channel_taxel]
-        return Limit(self.weights, numbers, each, taxels @ self._normal_weights, start, late)
+        return FrictionLimitTest(self.weights, numbers, each, taxels @ self._normal_weights, start, late)
 
     def is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
         """Whether the taxels agree, and not a few of many have it alone.
@@ -254,7 +254,7 @@ class Evidence:
         taking_part = total**2 / float(shares @ shares)
         return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
-    def learn(self, stretch: Stretch, row: int, *, disturbed: bool) -> None:
+    def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> None:
         """Noise of a scan of a stretch, and whether something happened."""
         if self._stretches.learn(stretch, row, disturbed=disturbed):
             self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)

@@ -33,7 +33,7 @@ _LONGEST_SCANS = 448  # keeps sums exact (see above) where scans come faster tha
 _GROWTH = 1.5
 
 
-class Filters:
+class RampFilters:
     """Filters for a scan rate.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.evidence import Evidence
+from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.response import PRESSURE, motion
 
 LOOK_SCANS = 8  # averaged on either side
@@ -23,7 +23,7 @@ _NOISE_SDS = 6.0
 _LONGEST_S = 2.0  # longer, and what is held is held anew
 
 
-class BeforeGap(NamedTuple):
+class PreGapReadings(NamedTuple):
     """What was before a gap.
 
     Attributes
@@ -32,13 +32,13 @@ class BeforeGap(NamedTuple):
         Of the last scan.
     steps : (LOOK_SCANS, channels) float64
         The last readings.
-    evidence : Evidence
+    evidence : ShearEvidence
         As it was then.
     """
 
     time_s: float
     steps: FloatArray
-    evidence: Evidence
+    evidence: ShearEvidence
 
     @property
     def readings(self) -> FloatArray:
@@ -46,7 +46,7 @@ class BeforeGap(NamedTuple):
         return np.asarray(self.steps.mean(axis=0))
 
 
-class Moved(NamedTuple):
+class GapShearChange(NamedTuple):
     """What came in a gap.
 
     Attributes
@@ -70,18 +70,18 @@ class Moved(NamedTuple):
 
 
 def moved_in_gap(
-    before: BeforeGap, steps: FloatArray, first_s: float, evidence: Evidence, least: float
-) -> Moved | None:
+    before: PreGapReadings, steps: FloatArray, first_s: float, evidence: ShearEvidence, least: float
+) -> GapShearChange | None:
     """What a gap hid, if anything did.
 
     Parameters
     ----------
-    before : BeforeGap
+    before : PreGapReadings
     steps : (LOOK_SCANS, channels) float64
         The first readings after it.
     first_s : float
         Instant of the first of them.
-    evidence : Evidence
+    evidence : ShearEvidence
         As it is now.
     least : float
         Shear over pressure of a change that counts.
@@ -108,4 +108,4 @@ def moved_in_gap(
     change = after - readings * pressed
     if not evidence.is_shared(news, change, after):
         return None
-    return Moved(gap_s, change, along, size, float((size / noise) ** 2))
+    return GapShearChange(gap_s, change, along, size, float((size / noise) ** 2))

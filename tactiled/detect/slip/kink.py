@@ -42,14 +42,16 @@ _INSTANT_SD = 0.12
 _PARAMETERS = 5  # of a fit: level, size, instant, power, when all slips
 
 
-class Kink(NamedTuple):
+class KinkEstimate(NamedTuple):
     """How far back from the newest scan, in scans."""
 
     delay_scans: float
     sd_scans: float
 
 
-def find_kink(ago: FloatArray, course: FloatArray, noise: FloatArray, longest: float, least: float) -> Kink:
+def find_kink(
+    ago: FloatArray, course: FloatArray, noise: FloatArray, longest: float, least: float
+) -> KinkEstimate:
     """Where a response began to rise.
 
     Parameters
@@ -79,7 +81,7 @@ def find_kink(ago: FloatArray, course: FloatArray, noise: FloatArray, longest: f
     mean = float((posterior * instants).sum())
     variance = float((posterior * (instants - mean) ** 2).sum())
     step = float(delays[1] - delays[0])
-    return Kink(mean, float(np.sqrt(variance + step**2 / 12 + _INSTANT_SD**2)))
+    return KinkEstimate(mean, float(np.sqrt(variance + step**2 / 12 + _INSTANT_SD**2)))
 
 
 def _likelihood(

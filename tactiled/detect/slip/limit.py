@@ -32,7 +32,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.slip.response import COLUMNS, PRESSURE, motion, moved, rising_half, unit
 
 
-class _Bends(NamedTuple):
+class _BendPrior(NamedTuple):
     """What y of taxels may be: a slope over their log loads, and strays."""
 
     slope: float
@@ -43,8 +43,8 @@ class _Bends(NamedTuple):
 # Rounded from seeds 1001 to 1012 of loads that rest at 0.2 to 0.9 of the limit, that come evenly and at once,
 # swing, ease off and come in two steps; and of seeds 1001 to 1006 of the physical families. There slopes are
 # -0.1 to 0.2 and 0.1 to 1.1 (tenth to last tenth), strays 0.002 to 0.01 and 0.01 to 0.04.
-_HOLDS = _Bends(0.05, 0.15, (0.003, 0.01))
-_SLIPS = _Bends(0.5, 0.3, (0.012, 0.035))
+_HOLDS = _BendPrior(0.05, 0.15, (0.003, 0.01))
+_SLIPS = _BendPrior(0.5, 0.3, (0.012, 0.035))
 # A rise has come to 0.4 of its end in 0.4 / 0.95 of the time to 0.95 if it is straight; by Mindlin's curve an
 # evenly dragged skin in 0.7 of that. On the same seeds slips at even speed lie at 0.65 to 0.84, loads that
 # come evenly at 0.87 to 1.03; loads may ease off as they like, so it counts for little.
@@ -65,7 +65,7 @@ _MOST_ROWS = 128  # kept of a rise: then two become one
 _START_ROW = np.array([[0.0, 0.0, math.sqrt(START_SCANS)]])
 
 
-class Limit:
+class FrictionLimitTest:
     """Follows the taxels' shares of a growing shear.
 
     Parameters
@@ -100,7 +100,7 @@ class Limit:
         self._n_summed, self._each = 0, 1  # scans that are a row
 
     @classmethod
-    def of_nothing(cls, n_channels: int) -> Self:
+    def unobserved(cls, n_channels: int) -> Self:
         """Where the rise was not seen: knows nothing."""
         numbers, none, start = np.zeros(0, dtype=np.int64), np.zeros((0, n_channels)), np.zeros(n_channels)
         return cls(np.zeros((COLUMNS, n_channels)), numbers, none, none, start, start)
@@ -144,7 +144,7 @@ class Limit:
         log_load -= log_load.mean()
         if log_load.std() < _EVEN:
             return None
-        at, rise = rows[:, 0], self._at_once(rows[:, 0], rows[:, 1:] - self._start, shear)
+        at, rise = rows[:, 0], self._without_skew(rows[:, 0], rows[:, 1:] - self._start, shear)
         risen = np.minimum(rise.sum(axis=1) / end.sum(), 1.0)
         seen = risen > _SEEN
         s = np.concatenate([risen[seen], np.ones(len(rest))])
@@ -165,7 +165,7 @@ class Limit:
         bears_both = (rising - both) @ now >= _BOTTOMED * (rising @ now)
         return self._taxels * (both if bears_both else 2 * rising)
 
-    def _at_once(self, at: FloatArray, risen: FloatArray, shear: FloatArray) -> FloatArray:
+    def _without_skew(self, at: FloatArray, risen: FloatArray, shear: FloatArray) -> FloatArray:
         """Shear (rows, taxels) as if all had been read when a scan began: what grows has grown on since."""
         each = risen @ shear.T
         whole = each.sum(axis=1, keepdims=True)
@@ -204,7 +204,7 @@ def _fitted(s: FloatArray, shear: FloatArray, scans: FloatArray) -> tuple[FloatA
     return bent / own, variance * inverse[1, 1] / own**2
 
 
-def _log_density(fitted: tuple[FloatArray, FloatArray], log_load: FloatArray, bends: _Bends) -> float:
+def _log_density(fitted: tuple[FloatArray, FloatArray], log_load: FloatArray, bends: _BendPrior) -> float:
     """Of all taxels' y, but for a constant; what they have in common is any."""
     y, variance = fitted
     common = 1.0 + bends.slope_sd**2 * np.outer(log_load, log_load)

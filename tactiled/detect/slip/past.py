@@ -7,7 +7,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip.filters import N_BASELINE
-from tactiled.detect.slip.kink import Kink, find_kink
+from tactiled.detect.slip.kink import KinkEstimate, find_kink
 from tactiled.detect.slip.response import COLUMNS, PRESSURE, motion
 
 _KEPT_S = 16.0  # the slowest creep into slip takes 12 s
@@ -20,12 +20,12 @@ _LEVEL_SCANS = 8  # before the earliest instant that is tried
 _LEAST_NOISE = 0.5  # steps: readings are whole
 
 
-class _Mean(NamedTuple):
+class _ResponseMean(NamedTuple):
     newest: int  # scan
     row: FloatArray  # (7,)
 
 
-class Past:
+class ResponseHistory:
     """The response since contact began: means over some scans each, for as long as anything grows.
 
     Parameters
@@ -38,7 +38,7 @@ class Past:
     def __init__(self, rate_hz: float, longest_ramp: int) -> None:
         self._longest_ramp = longest_ramp
         self._each = max(1, round(_EACH_S * rate_hz))
-        self._means: deque[_Mean] = deque(maxlen=round(_KEPT_S * rate_hz / self._each))
+        self._means: deque[_ResponseMean] = deque(maxlen=round(_KEPT_S * rate_hz / self._each))
         self._n_taken = 0
         self.forget()
 
@@ -61,7 +61,7 @@ class Past:
         self._n += 1
         self._n_taken += 1
         if self._n == self._each:
-            self._means.append(_Mean(self._n_taken, self._sum / self._n))
+            self._means.append(_ResponseMean(self._n_taken, self._sum / self._n))
             self._sum, self._n = np.zeros(COLUMNS), 0
 
     def at(self, seen: FloatArray, scans: float) -> FloatArray:
@@ -71,7 +71,7 @@ class Past:
             return np.asarray(seen[-1 - min(ago, len(seen) - 1)])
         return min(self._means, key=lambda mean: abs(self._n_taken - mean.newest - ago)).row
 
-    def began(self, seen: FloatArray, ramp: int, known: int, along: FloatArray, noise: float) -> Kink:
+    def began(self, seen: FloatArray, ramp: int, known: int, along: FloatArray, noise: float) -> KinkEstimate:
         """When a growth began.
 
         Parameters

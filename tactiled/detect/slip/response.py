@@ -36,7 +36,7 @@ _LARGEST = 2.0**24
 _BOTTOMED = 0.5
 
 
-class Response:
+class ResponseModel:
     """Weights from readings to responses.
 
     Parameters

@@ -16,7 +16,7 @@ _GROWN_PART, _GROWN_SDS = 0.015, 3.0
 _DOUBTFUL = -2.0
 
 
-class Rest:
+class PlateauTracker:
     """Follows a shear that may have stopped.
 
     Parameters

@@ -12,62 +12,62 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip import words as slip_words
-from tactiled.detect.slip.after import Verdict
-from tactiled.detect.slip.again import OUTGROWS_S, Shake, Swings, extent
-from tactiled.detect.slip.course import Course
-from tactiled.detect.slip.evidence import Evidence, Growth
-from tactiled.detect.slip.gap import LOOK_SCANS, BeforeGap, moved_in_gap
-from tactiled.detect.slip.kink import Kink
-from tactiled.detect.slip.limit import Limit
-from tactiled.detect.slip.past import Past
+from tactiled.detect.slip.after import SlipDecision
+from tactiled.detect.slip.again import OUTGROWS_S, ShakeTracker, SwingHistory, extent
+from tactiled.detect.slip.course import SlipPhaseTracker
+from tactiled.detect.slip.evidence import ShearEvidence, ShearGrowth
+from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings, moved_in_gap
+from tactiled.detect.slip.kink import KinkEstimate
+from tactiled.detect.slip.limit import FrictionLimitTest
+from tactiled.detect.slip.past import ResponseHistory
 from tactiled.detect.slip.response import PRESSURE, motion, unit
-from tactiled.detect.slip.stretch import Stretch
-from tactiled.detect.slip.witness import Testimony, Witness
+from tactiled.detect.slip.stretch import TaxelSetSegment
+from tactiled.detect.slip.witness import ScanEvidence, SlipDescription
 from tactiled.events.types import SlipEvent
 
 _SWING_S = 2.0  # a whole swing of 0.5 Hz
 
 
-class _Slip(NamedTuple):
+class _TrackedSlip(NamedTuple):
     """A slip: its newest onset event, its course, and the evidence that raised it."""
 
     event: SlipEvent
-    course: Course
+    course: SlipPhaseTracker
     statistic: float
 
 
-class Story:
+class SlipTracker:
     """Of a contact.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : ShearEvidence
     rate_hz : float
     least_shear, gross_shear : float
         Shear over pressure of what counts, and of gross slip.
-    before : BeforeGap or None
+    before : PreGapReadings or None
         The contact goes on from before a gap.
     """
 
     def __init__(
         self,
-        evidence: Evidence,
+        evidence: ShearEvidence,
         rate_hz: float,
         least_shear: float,
         gross_shear: float,
-        before: BeforeGap | None = None,
+        before: PreGapReadings | None = None,
     ) -> None:
         self._evidence = evidence
         self._rate_hz = rate_hz
         self._least_shear, self._gross_shear = least_shear, gross_shear
         self._before = before
-        self._slip: _Slip | None = None
-        self._recoil: _Slip | None = None  # one that has ended and may be turning back
-        self._told = 0  # what was until this scan is told, or was no contact
-        self._swings = Swings(rate_hz)
-        self._shake: Shake | None = None  # what the slip goes on as
-        self._beneath: Shake | None = None  # swings that are no news
-        self._past = Past(rate_hz, evidence.longest)
+        self._slip: _TrackedSlip | None = None
+        self._recoil: _TrackedSlip | None = None  # one that has ended and may be turning back
+        self._reported_until = 0  # what was until this scan is told, or was no contact
+        self._swings = SwingHistory(rate_hz)
+        self._shake: ShakeTracker | None = None  # what the slip goes on as
+        self._beneath: ShakeTracker | None = None  # swings that are no news
+        self._past = ResponseHistory(rate_hz, evidence.longest)
 
     @property
     def is_gross(self) -> bool:
@@ -87,14 +87,16 @@ class Story:
             return []
         return [slip_words.ended(self._slip.event, time_s, time_s, valid=False)]
 
-    def lift(self, now: Witness) -> list[SlipEvent]:
+    def lift(self, now: ScanEvidence) -> list[SlipEvent]:
         """A scan without contact."""
-        self._told = now.index
+        self._reported_until = now.index
         self._recoil = self._shake = self._beneath = None
         self._past.forget()
         return [] if self._slip is None else [self._end(now, now.time_s)]
 
-    def look(self, now: Witness, stretch: Stretch, row: int, *, is_sure: bool) -> list[SlipEvent]:
+    def look(
+        self, now: ScanEvidence, stretch: TaxelSetSegment, row: int, *, is_sure: bool
+    ) -> list[SlipEvent]:
         """Take in a scan in contact; `is_sure` where the contact's beginning was seen.
 
         A mean pressure that is not positive is no load: the scan is kept, and nothing is concluded from it.
@@ -114,7 +116,7 @@ class Story:
             return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
         if self._is_outgrown(now):
             return self._outgrow(now, self._evidence.threshold)
-        since, pressure = now.index - self._told, float(now.seen[-1, PRESSURE])
+        since, pressure = now.index - self._reported_until, float(now.seen[-1, PRESSURE])
         growth = self._evidence.growth(stretch, row, since, 0.0)
         if growth is None:
             return []
@@ -126,16 +128,18 @@ class Story:
             return []
         return [self._onset(growth, now, is_sure)]
 
-    def _swinging(self, now: Witness, least: float) -> Shake:
+    def _swinging(self, now: ScanEvidence, least: float) -> ShakeTracker:
         """What goes on as swings that are no news: as large as shear was before the newest of them."""
         # A swing goes from one end to the other: half of it about its middle.
-        before = now.seen[: len(now.seen) - (now.index - self._told)]
+        before = now.seen[: len(now.seen) - (now.index - self._reported_until)]
         of_late = before[-round(_SWING_S * self._rate_hz) :]
         sizes = [extent(motion(row)) / max(float(row[PRESSURE]), 1.0) for row in of_late]
         largest = max([least / 2, *sizes])
-        return Shake(now.index, now.shear, largest, self._rate_hz, self._least_shear, is_known=bool(sizes))
+        return ShakeTracker(
+            now.index, now.shear, largest, self._rate_hz, self._least_shear, is_known=bool(sizes)
+        )
 
-    def _is_outgrown(self, now: Witness) -> bool:
+    def _is_outgrown(self, now: ScanEvidence) -> bool:
         """Whether shear is beyond swings that are no news: what they are worth as noise would hide it."""
         if self._beneath is None:
             return False
@@ -145,14 +149,17 @@ class Story:
             return False
         return self._beneath.is_outgrown(now.index, now.shear)
 
-    def _look_back(self, before: BeforeGap, now: Witness) -> list[SlipEvent]:
+    def _look_back(self, before: PreGapReadings, now: ScanEvidence) -> list[SlipEvent]:
         """What a gap hid, known some scans after it."""
         first_s = now.time_s - (LOOK_SCANS - 1) / self._rate_hz
         moved = moved_in_gap(before, now.steps[-LOOK_SCANS:], first_s, self._evidence, self._least_shear)
         if moved is None:
             return []
         half = moved.gap_s * self._rate_hz / 2
-        kink, said = Kink(LOOK_SCANS - 1 + half, half), now.testify(moved.along, moved.change).doubted()
+        kink, said = (
+            KinkEstimate(LOOK_SCANS - 1 + half, half),
+            now.describe_change(moved.along, moved.change).with_half_confidence(),
+        )
         return [self._begin(now, moved.along, kink, said, moved.size / (2 * half), moved.statistic, before)]
 
     @property
@@ -160,26 +167,26 @@ class Story:
         """Whether what is seen now is no noise."""
         return self._slip is not None or self._recoil is not None
 
-    def _onset(self, growth: Growth, now: Witness, is_sure: bool) -> SlipEvent:
+    def _onset(self, growth: ShearGrowth, now: ScanEvidence, is_sure: bool) -> SlipEvent:
         size = float(np.sqrt((growth.rise**2).sum()))
         along = growth.rise / size
-        known, noise = now.index - self._told, self._evidence.noise(along)
+        known, noise = now.index - self._reported_until, self._evidence.noise(along)
         kink = self._past.began(now.seen, growth.scans, known, along, noise)
-        growth = now.at_once(growth, kink.delay_scans)
+        growth = now.without_skew(growth, kink.delay_scans)
         along = unit(growth.rise)
-        said = now.testify(along, growth.change)
-        said = said if is_sure else said.doubted()
+        said = now.describe_change(along, growth.change)
+        said = said if is_sure else said.with_half_confidence()
         return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
 
     def _begin(
         self,
-        now: Witness,
+        now: ScanEvidence,
         along: FloatArray,
-        kink: Kink,
-        said: Testimony,
+        kink: KinkEstimate,
+        said: SlipDescription,
         slope: float,
         statistic: float,
-        before: BeforeGap | None = None,
+        before: PreGapReadings | None = None,
     ) -> SlipEvent:
         """Onset of a slip; `before` is what was before it where a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
@@ -187,8 +194,11 @@ class Story:
         start = self._past.at(now.seen, kink.delay_scans)
         limit = now.limit(kink.delay_scans)
         if before is not None:
-            start, limit = self._evidence.weights @ before.readings, Limit.of_nothing(len(before.readings))
-        course = Course(
+            start, limit = (
+                self._evidence.weights @ before.readings,
+                FrictionLimitTest.unobserved(len(before.readings)),
+            )
+        course = SlipPhaseTracker(
             along,
             start,
             self._evidence.even,
@@ -201,12 +211,12 @@ class Story:
             limit=limit,
         )
         course.look_back(now.steps)
-        self._slip = _Slip(event, course, statistic)
+        self._slip = _TrackedSlip(event, course, statistic)
         self._beneath = None
         self._swings.begin(now.index)
         return event
 
-    def _conclude(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+    def _conclude(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
         """Events of what became of the slip."""
         assert self._slip is not None
         along = self._slip.course.along
@@ -217,14 +227,14 @@ class Story:
         slip, was_gross = self._slip, self._slip.event.kind == "gross"
         excursion = slip.course.excursion(now.seen[-1])
         if self._swings.are_many:
-            self._shake = Shake(now.index, now.shear, excursion, self._rate_hz, self._least_shear)
+            self._shake = ShakeTracker(now.index, now.shear, excursion, self._rate_hz, self._least_shear)
             return []
         if verdict.fate == "back":
             self._recoil = slip
         if verdict.fate == "back" and not was_gross:
-            self._swings.came_and_went(excursion, now.index)
+            self._swings.record_swing(excursion, now.index)
         events = [self._end(now, at_s)]
-        self._told = int(verdict.at_index)
+        self._reported_until = int(verdict.at_index)
         if verdict.fate in ("again", "turned"):
             # Friction points along the motion: in a gross slip that goes on, all of the response does.
             goes_on = was_gross and verdict.fate == "turned"
@@ -232,7 +242,7 @@ class Story:
             events += self._resume(verdict, now, towards, slip.statistic)
         return events
 
-    def _go_on(self, shake: Shake, now: Witness) -> list[SlipEvent]:
+    def _go_on(self, shake: ShakeTracker, now: ScanEvidence) -> list[SlipEvent]:
         """A scan of a slip that goes back and forth."""
         assert self._slip is not None
         shear, slip = now.shear, self._slip
@@ -242,46 +252,48 @@ class Story:
             return []
         since = OUTGROWS_S * self._rate_hz if is_outgrown else now.index - shake.rests_since
         self._shake = None
-        self._told = int(now.index - since)
-        self._swings.came_and_went(shake.largest, now.index)
+        self._reported_until = int(now.index - since)
+        self._swings.record_swing(shake.largest, now.index)
         events = [self._end(now, now.time_s - since / self._rate_hz)]
         return events + self._outgrow(now, slip.statistic) if is_outgrown else events
 
-    def _outgrow(self, now: Witness, statistic: float) -> list[SlipEvent]:
+    def _outgrow(self, now: ScanEvidence, statistic: float) -> list[SlipEvent]:
         """Onset of a slip beyond swings that went on."""
         since = OUTGROWS_S * self._rate_hz
-        verdict = Verdict("again", now.index - since, since / 2)
+        verdict = SlipDecision("again", now.index - since, since / 2)
         return self._resume(verdict, now, now.along(since), statistic)
 
-    def _turn_back(self, verdict: Verdict, now: Witness) -> list[SlipEvent]:
+    def _turn_back(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
         """What became of a slip that fell back."""
         assert self._recoil is not None
         recoil, self._recoil = self._recoil, None
         was_gross = recoil.event.kind == "gross"
-        self._told = int(verdict.at_index)
+        self._reported_until = int(verdict.at_index)
         if verdict.fate == "rests":
             if not was_gross:  # a swing goes from one end to the other
-                self._swings.came_and_went(recoil.course.swing(now.seen[-1]), now.index)
+                self._swings.record_swing(recoil.course.swing(now.seen[-1]), now.index)
             return []
         return self._resume(verdict, now, now.along(now.index - verdict.at_index), recoil.statistic)
 
-    def _resume(self, verdict: Verdict, now: Witness, along: FloatArray, statistic: float) -> list[SlipEvent]:
+    def _resume(
+        self, verdict: SlipDecision, now: ScanEvidence, along: FloatArray, statistic: float
+    ) -> list[SlipEvent]:
         """Onset of a slip that follows on another."""
         since = now.index - verdict.at_index
         size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
         if not along.any() or size == 0:
             return []
-        said = now.testify(along, now.changed(since))
-        kink = Kink(since, max(verdict.sd_scans, 1.0))
+        said = now.describe_change(along, now.changed(since))
+        kink = KinkEstimate(since, max(verdict.sd_scans, 1.0))
         return [self._begin(now, along, kink, said, size / max(since, 1.0), statistic)]
 
-    def _deepen(self, verdict: Verdict, now: Witness, gross_s: float) -> SlipEvent:
+    def _deepen(self, verdict: SlipDecision, now: ScanEvidence, gross_s: float) -> SlipEvent:
         assert self._slip is not None
         event = slip_words.gross(self._slip.event, now, gross_s, verdict.sd_scans)
         self._slip = self._slip._replace(event=event)
         return event
 
-    def _end(self, now: Witness, ended_s: float) -> SlipEvent:
+    def _end(self, now: ScanEvidence, ended_s: float) -> SlipEvent:
         assert self._slip is not None
         event = self._slip.event
         self._slip = None

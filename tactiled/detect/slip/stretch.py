@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import READING_BITS, Held, Quantiser
+from tactiled.detect.signal.quantise import READING_BITS, HeldReadings, Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
-from tactiled.detect.slip.filters import LEVELS, Filters
+from tactiled.detect.slip.filters import LEVELS, RampFilters
 from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
-from tactiled.detect.slip.response import AXES, PRESSURE, Response, motion, responses
+from tactiled.detect.slip.response import AXES, PRESSURE, ResponseModel, motion, responses
 
 Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
@@ -41,7 +41,7 @@ _NO_NOISE = 2.0 ** (READING_BITS - 13)
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class TaxelSetSegment:
     """Scans between which no taxel comes or goes.
 
     Attributes
@@ -75,7 +75,7 @@ class Stretch:
     channels: FloatArray
 
 
-class Stretches:
+class ResponseSegmenter:
     """The response of the newest scans, of the taxels that can be trusted.
 
     Parameters
@@ -87,7 +87,7 @@ class Stretches:
 
     Attributes
     ----------
-    filters : Filters
+    filters : RampFilters
     taxels : (taxels,) bool
         Those that make the response now.
     weights : (7, channels) float64
@@ -98,9 +98,9 @@ class Stretches:
     """
 
     def __init__(self, array: Array, rate_hz: float, fits: Fits) -> None:
-        self._response = Response(array)
+        self._response = ResponseModel(array)
         self._fits = fits
-        self.filters = Filters(rate_hz)
+        self.filters = RampFilters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
         self._floor = NoiseFloor(len(LEVELS), _COMMON + array.n_channels, rate_hz)
@@ -120,7 +120,7 @@ class Stretches:
         self.weights = self._response.weights(taxels)
         self.even = self.weights @ self._response.pressed
 
-    def cut(self, held: Held) -> Iterator[Stretch]:
+    def cut(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
         """Take in the scans of a block; noise must be learnt of each stretch before the next is asked for."""
         if not len(self._steps):
             self._steps = np.repeat(held.steps[:1], self.filters.window - 1, axis=0)
@@ -156,7 +156,7 @@ class Stretches:
 
     def _stretch(
         self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
-    ) -> Stretch:
+    ) -> TaxelSetSegment:
         jump = np.zeros(self.weights.shape[0])
         if (taxels != self.taxels).any():
             before, noise = responses(self.weights, self._steps[-1:]), self._made_of(self._floor.sd)
@@ -177,14 +177,14 @@ class Stretches:
         self._details = details[n:]
         rises = ramps * self.filters.rise_scale
         fits = self._fits(rises, axes[self.filters.window - 1 :])
-        return Stretch(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
+        return TaxelSetSegment(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
 
     def _made_of(self, noise: FloatArray) -> FloatArray:
         """Noise (levels, 4) of axes and pressure if channels (levels, 4 + channels) have each their own."""
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
         return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
 
-    def learn(self, stretch: Stretch, row: int, *, disturbed: bool) -> bool:
+    def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
         """Noise of a scan of a stretch, and whether something happened; True where that changed a floor."""
         common = stretch.details[len(stretch.details) - len(stretch.channels) + row]
         if not self._floor.take(np.concatenate([common, stretch.channels[row]]), disturbed):

@@ -28,7 +28,7 @@ _PRESSED_VOLTS = 0.15  # what `contact` takes for the least of a press
 _LEAST_SIDES = 3
 
 
-class Stuck:
+class StuckChannelDetector:
     """Follows all channels.
 
     Parameters

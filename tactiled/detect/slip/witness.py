@@ -6,10 +6,10 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.slip.direction import direction
-from tactiled.detect.slip.evidence import Evidence, Growth
-from tactiled.detect.slip.limit import START_SCANS, Limit
+from tactiled.detect.slip.evidence import ShearEvidence, ShearGrowth
+from tactiled.detect.slip.limit import START_SCANS, FrictionLimitTest
 from tactiled.detect.slip.response import PRESSURE, motion, moved
-from tactiled.detect.slip.stretch import Stretch
+from tactiled.detect.slip.stretch import TaxelSetSegment
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 
@@ -17,7 +17,7 @@ _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may b
 
 
 @dataclass(frozen=True)
-class Testimony:
+class SlipDescription:
     """Of a change of the response.
 
     Attributes
@@ -32,20 +32,20 @@ class Testimony:
     confidence: float
     taxels: tuple[int, ...]
 
-    def doubted(self) -> "Testimony":
+    def with_half_confidence(self) -> "SlipDescription":
         """Of a contact whose beginning, or a slip whose course nobody saw: half the confidence."""
         return replace(self, confidence=self.confidence / 2)
 
 
-class Witness:
+class ScanEvidence:
     """A scan with the scans before it.
 
     Parameters
     ----------
     array : Array
-    evidence : Evidence
+    evidence : ShearEvidence
     block : ScanBlock
-    stretch : Stretch
+    stretch : TaxelSetSegment
         Of the block, with the scan in it.
     row : int
         The scan's, in the stretch.
@@ -63,9 +63,9 @@ class Witness:
     def __init__(
         self,
         array: Array,
-        evidence: Evidence,
+        evidence: ShearEvidence,
         block: ScanBlock,
-        stretch: Stretch,
+        stretch: TaxelSetSegment,
         row: int,
         index: int,
     ) -> None:
@@ -100,9 +100,9 @@ class Witness:
         """Row of `seen` that is so long before the newest, at most the oldest."""
         return -1 - int(min(max(round(scans), 0), len(self.seen) - 1))
 
-    def at_once(self, growth: Growth, delay: float) -> Growth:
+    def without_skew(self, growth: ShearGrowth, delay: float) -> ShearGrowth:
         """What grew since so many scans ago, as if the channels of a taxel were sampled at one instant."""
-        return self._evidence.at_once(growth, delay, self._block.channel_offset_s * self.rate_hz)
+        return self._evidence.without_skew(growth, delay, self._block.channel_offset_s * self.rate_hz)
 
     def skew_s(self, along: FloatArray) -> float:
         """How long after the scan began its channels were sampled, on the average of their weights."""
@@ -119,13 +119,13 @@ class Witness:
         """Change (channels,) of the readings since so long ago."""
         return np.asarray(self.steps[-1] - self.steps[self.ago(scans)])
 
-    def limit(self, scans: float) -> Limit:
+    def limit(self, scans: float) -> FrictionLimitTest:
         """Of a shear that began to grow so long ago."""
         began = len(self.steps) + self.ago(scans)
         start = self.steps[max(0, began + 1 - START_SCANS) : began + 1].mean(axis=0)
         return self._evidence.limit(start, self._block.channel_offset_s * self._block.rate_hz)
 
-    def testify(self, along: FloatArray, change: FloatArray) -> Testimony:
+    def describe_change(self, along: FloatArray, change: FloatArray) -> SlipDescription:
         """About a change of the readings (channels,) that is one along a unit vector (3,)."""
         shares = self._evidence.shares(along, change)
         agreement = max(0.0, float(shares.sum())) / max(float(np.abs(shares).sum()), 1.0)
@@ -136,7 +136,7 @@ class Witness:
             direction_deg, direction_sd_deg = direction(self._evidence, along, change, self.seen[-1])
         else:
             direction_deg, direction_sd_deg = 0.0, UNKNOWN_SD_DEG
-        return Testimony(
+        return SlipDescription(
             direction_deg,
             direction_sd_deg,
             agreement * opposed / max(opposed + common, 1.0),

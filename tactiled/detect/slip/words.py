@@ -4,16 +4,21 @@ import dataclasses
 
 import numpy as np
 
-from tactiled.detect.slip.evidence import Evidence
-from tactiled.detect.slip.kink import Kink
-from tactiled.detect.slip.witness import Testimony, Witness
+from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.kink import KinkEstimate
+from tactiled.detect.slip.witness import ScanEvidence, SlipDescription
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "coherent"
 
 
 def onset(
-    now: Witness, onset_s: float, kink: Kink, said: Testimony, evidence: Evidence, statistic: float
+    now: ScanEvidence,
+    onset_s: float,
+    kink: KinkEstimate,
+    said: SlipDescription,
+    evidence: ShearEvidence,
+    statistic: float,
 ) -> SlipEvent:
     """A slip begins; `kink` tells how well its instant is known."""
     return SlipEvent(
@@ -34,7 +39,7 @@ def onset(
     )
 
 
-def gross(event: SlipEvent, now: Witness, gross_s: float, sd_scans: float) -> SlipEvent:
+def gross(event: SlipEvent, now: ScanEvidence, gross_s: float, sd_scans: float) -> SlipEvent:
     """All of it slips; the rest is as its onset had it."""
     return dataclasses.replace(
         event,

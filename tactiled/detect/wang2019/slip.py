@@ -38,7 +38,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.contact import (
     ContactParams,
     ContactTracker,
-    Transition,
+    ContactTransition,
     contact_event,
     lost_contact_event,
 )
@@ -215,7 +215,7 @@ class WaveletSlip:
             return [slide.ended(slide.trace_s, view.time_s, valid=not view.late)]
         return []
 
-    def _update_tracker(self, slip: SlipEvent) -> Transition | None:
+    def _update_tracker(self, slip: SlipEvent) -> ContactTransition | None:
         """Pass an onset or end on to the contact tracker."""
         if slip.state == "onset":
             return None if self._tracker.state == "sliding" else self._tracker.begin_sliding()

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.slip_gate import Ended, Gate, Slid
+from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
 from tactiled.detect.wang2019 import grooves
 from tactiled.detect.wang2019.column import TaxelColumn
 from tactiled.detect.wang2019.grooves import GrooveEstimate, GrooveParams, SlidingMotion
@@ -94,7 +94,7 @@ class PaperTexture:
 
     def reset(self) -> None:
         """Discard all scans and the speeds set since construction; keep the parameters."""
-        self._gate = Gate(self._params.settle_s, self._params.speed_mm_s)
+        self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s)
         self._speed_mm_s = self._params.speed_mm_s
         self._stop()
 
@@ -122,10 +122,10 @@ class PaperTexture:
             return []
         events: list[Event] = []
         for piece in self._gate.pass_through(item, slip):
-            if isinstance(piece, Slid):
+            if isinstance(piece, SlidingScans):
                 events += self._gather(piece.block, piece.speeds_mm_s)
                 continue
-            if isinstance(piece, Ended) and not self._answered:
+            if isinstance(piece, SlipEnd) and not self._answered:
                 self._speed_mm_s = self._gate.speed_mm_s
                 events.append(
                     self._event(piece.time_s, self._n_gathered / piece.rate_hz, GrooveEstimate("no-slip"))

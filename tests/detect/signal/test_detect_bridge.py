@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.detect.signal.bridge import Bridge
+from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import load_scene
@@ -125,7 +125,7 @@ def test_the_bridge_is_a_straight_line_between_what_was_read() -> None:
 
     volts = np.array([[0.0], [1.0], [9.0], [9.0], [4.0]])
     block = regular_block(volts, 100.0)
-    bridge = Bridge(Spy())
+    bridge = GapBridge(Spy())
     for item in (block[:2], Gap(2, "missing", 4), block[4:]):
         bridge.process(item)
     assert seen[1].volts[:, 0] == pytest.approx([2.0, 3.0, 4.0])

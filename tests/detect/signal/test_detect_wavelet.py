@@ -12,8 +12,8 @@ from tactiled import tomlfile
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.signal.wavelet import (
     BankParams,
-    Coefficients,
     SwtBank,
+    WaveletCoefficients,
     border_scans,
     coefficients,
     delay_scans,
@@ -38,9 +38,11 @@ def noise(n: int, array: Array, seed: int = 0) -> FloatArray:
     return np.random.default_rng(seed).uniform(0, 3, size=(n, array.n_channels))
 
 
-def joined(bank: SwtBank, blocks: list[ScanBlock]) -> Coefficients:
+def joined(bank: SwtBank, blocks: list[ScanBlock]) -> WaveletCoefficients:
     parts = [bank.process(block) for block in blocks]
-    return Coefficients(np.concatenate([p.volts for p in parts]), np.concatenate([p.usable for p in parts]))
+    return WaveletCoefficients(
+        np.concatenate([p.volts for p in parts]), np.concatenate([p.usable for p in parts])
+    )
 
 
 @pytest.mark.parametrize("level", LEVELS)

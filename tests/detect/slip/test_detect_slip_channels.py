@@ -12,7 +12,7 @@ from tactiled.array import FloatArray, load_array
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.slip.filters import lasting
-from tactiled.detect.slip.stuck import Stuck
+from tactiled.detect.slip.stuck import StuckChannelDetector
 from tactiled.events.types import Event
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -57,11 +57,11 @@ def test_a_press_that_is_over_mends_no_channel() -> None:
     touch = Touch(slide_s=3.0, stop_s=3.5, lift_s=4.0, end_s=5.0)
     volts = np.concatenate([touch.volts(ARRAY, 100.0)] * 2)
     volts[:, 5] = 2.9  # before it could have had noise
-    stuck = Stuck(ARRAY).process(steps(volts))
+    stuck = StuckChannelDetector(ARRAY).process(steps(volts))
     assert stuck[150:, 5].all()
     assert not np.delete(stuck, 5, axis=1).any()
     volts[600:, 5] += LSB
-    assert not Stuck(ARRAY).process(steps(volts))[600, 5]
+    assert not StuckChannelDetector(ARRAY).process(steps(volts))[600, 5]
 
 
 def test_a_side_that_is_stuck_from_the_start_costs_no_confidence() -> None:
@@ -94,19 +94,23 @@ def test_a_quiet_converter_repeats_its_codes_lawfully(noise_lsb: float, drift_v_
     rng = np.random.default_rng(seed)
     volts = touch + noise_lsb * LSB * rng.normal(size=touch.shape)
     volts += drift_v_s * np.arange(len(volts))[:, np.newaxis] / 100
-    assert not Stuck(ARRAY).process(steps(volts)).any()
+    assert not StuckChannelDetector(ARRAY).process(steps(volts)).any()
 
 
 def test_noise_that_stops_everywhere_sticks_nothing() -> None:
     rng = np.random.default_rng(5)
     volts = 1.2 + 2e-3 * rng.normal(size=(1500, ARRAY.n_channels)) * (np.arange(1500) < 700)[:, np.newaxis]
-    assert not Stuck(ARRAY).process(steps(volts)).any()
+    assert not StuckChannelDetector(ARRAY).process(steps(volts)).any()
 
 
 @pytest.mark.parametrize("noise", [1e-3, 10e-3])
 def test_noise_of_a_last_bit_repeats_no_code_for_long(noise: float) -> None:
     rng = np.random.default_rng(6)
-    assert not Stuck(ARRAY).process(steps(1.2 + noise * rng.normal(size=(60_000, ARRAY.n_channels)))).any()
+    assert (
+        not StuckChannelDetector(ARRAY)
+        .process(steps(1.2 + noise * rng.normal(size=(60_000, ARRAY.n_channels))))
+        .any()
+    )
 
 
 def broken() -> ScanBlock:

@@ -5,19 +5,19 @@ import pytest
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.slip.direction import direction
-from tactiled.detect.slip.evidence import Evidence
-from tactiled.detect.slip.response import Response
+from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.response import ResponseModel
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 ARRAY = load_array("wang2019-3x3")
 PRESSED = 1e6  # steps
 
 
-class AllTaxels(Evidence):
+class AllTaxels(ShearEvidence):
     """With every taxel, from the first scan on."""
 
     taxels = np.ones(ARRAY.n_taxels, dtype=np.bool_)
-    weights = Response(ARRAY).weights(taxels)
+    weights = ResponseModel(ARRAY).weights(taxels)
 
 
 EVIDENCE = AllTaxels(ARRAY, 100.0, 1.0, 0.1)

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.kink import Kink, find_kink
+from tactiled.detect.slip.kink import KinkEstimate, find_kink
 
 
-def kink_of(course: FloatArray, longest: float, noise: float, least: float = 0.0) -> Kink:
+def kink_of(course: FloatArray, longest: float, noise: float, least: float = 0.0) -> KinkEstimate:
     """Of a reading a scan, each as noisy as every other."""
     ago = np.arange(len(course) - 1.0, -1.0, -1.0)
     return find_kink(ago, course, np.full(len(course), noise), longest, least)

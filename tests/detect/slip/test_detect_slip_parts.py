@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.signal.quantise import Held
-from tactiled.detect.slip.course import Course
-from tactiled.detect.slip.evidence import Evidence
-from tactiled.detect.slip.filters import LEVELS, N_BASELINE, Filters
+from tactiled.detect.signal.quantise import HeldReadings
+from tactiled.detect.slip.course import SlipPhaseTracker
+from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.filters import LEVELS, N_BASELINE, RampFilters
 from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
-from tactiled.detect.slip.kink import Kink
-from tactiled.detect.slip.limit import Limit
-from tactiled.detect.slip.response import AXES, FALLING, PRESSURE, Response, motion, moved, responses
-from tactiled.detect.slip.rest import Rest
+from tactiled.detect.slip.kink import KinkEstimate
+from tactiled.detect.slip.limit import FrictionLimitTest
+from tactiled.detect.slip.response import AXES, FALLING, PRESSURE, ResponseModel, motion, moved, responses
+from tactiled.detect.slip.rest import PlateauTracker
 
 ARRAY = load_array("wang2019-3x3")
 ALL = np.ones(ARRAY.n_taxels, dtype=np.bool_)
@@ -29,7 +29,7 @@ def shown(direction_deg: float) -> FloatArray:
 def test_the_response_points_along_the_motion_whatever_taxels_are_left(
     direction_deg: float, whole: list[bool]
 ) -> None:
-    weights = Response(ARRAY).weights(np.array(whole))
+    weights = ResponseModel(ARRAY).weights(np.array(whole))
     x, y, turn = motion(responses(weights, 1e6 * shown(direction_deg)[np.newaxis]))[0]
     assert np.hypot(x, y) == pytest.approx(2e6, rel=1e-5)
     assert np.cos(np.arctan2(y, x) - np.radians(direction_deg)) == pytest.approx(1, abs=1e-9)
@@ -39,20 +39,20 @@ def test_the_response_points_along_the_motion_whatever_taxels_are_left(
 def test_a_skin_that_turns_on_the_spot_shows_on_its_own_axis() -> None:
     away = np.degrees(np.arctan2(ARRAY.y_mm - ARRAY.y_mm.mean(), ARRAY.x_mm - ARRAY.x_mm.mean()))
     of_taxel = np.concatenate([shown(a + 90)[4 * k : 4 * k + 4] for k, a in enumerate(away)])
-    x, y, turn = motion(responses(Response(ARRAY).weights(ALL), 1e6 * of_taxel[np.newaxis]))[0]
+    x, y, turn = motion(responses(ResponseModel(ARRAY).weights(ALL), 1e6 * of_taxel[np.newaxis]))[0]
     assert turn > 5 * np.hypot(x, y)
 
 
 @given(st.floats(0.1, 2.0))
 def test_pressure_alone_is_no_motion(level: float) -> None:
-    row = responses(Response(ARRAY).weights(ALL), np.full((1, ARRAY.n_channels), round(1e6 * level)))[0]
+    row = responses(ResponseModel(ARRAY).weights(ALL), np.full((1, ARRAY.n_channels), round(1e6 * level)))[0]
     assert np.abs(motion(row)).max() <= 2
     assert row[PRESSURE] == pytest.approx(1e6 * level, rel=ARRAY.n_channels * 2.0**-21)  # weights are whole
 
 
 def test_a_side_that_bottomed_out_does_not_bend_the_direction() -> None:
     rest, along = np.full(ARRAY.n_channels, 1e6), shown(30.0)
-    weights = Response(ARRAY).weights(ALL)
+    weights = ResponseModel(ARRAY).weights(ALL)
     free, bottomed = rest + 9e5 * along, np.maximum(rest + 9e5 * along, 4e5)
     change = moved(*responses(weights, np.stack([rest, bottomed])))
     assert np.degrees(np.arctan2(change[1], change[0])) == pytest.approx(30.0, abs=0.01)
@@ -63,7 +63,7 @@ def test_a_side_that_bottomed_out_does_not_bend_the_direction() -> None:
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 350.0, 1000.0])
 def test_ramps_measure_ramps_and_nothing_else(rate_hz: float) -> None:
-    filters = Filters(rate_hz)
+    filters = RampFilters(rate_hz)
     k = np.arange(filters.window, dtype=np.float64)[:, np.newaxis]
     flat, _ = filters.apply(np.full((filters.window, 1), 2.0**24))
     assert np.all(flat == 0)
@@ -76,7 +76,7 @@ def test_ramps_measure_ramps_and_nothing_else(rate_hz: float) -> None:
 
 @pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
 def test_filters_are_exact_on_the_largest_numbers(rate_hz: float) -> None:
-    filters = Filters(rate_hz)
+    filters = RampFilters(rate_hz)
     rng = np.random.default_rng(1)
     seen = rng.choice([-(2.0**25), 2.0**25], size=(filters.window + 40, AXES))
     ramps, details = filters.apply(seen)
@@ -93,7 +93,7 @@ def test_the_noise_of_every_ramp_follows_from_its_octaves(smooth: float) -> None
     noise = rng.normal(size=60_000)
     for k in range(1, len(noise)):
         noise[k] += smooth * noise[k - 1]
-    filters = Filters(100.0)
+    filters = RampFilters(100.0)
     ramps, details = filters.apply(np.rint(1000 * noise)[:, np.newaxis])
     stated = filters.ramp_sd(details[:, 0].std(axis=0)[:, np.newaxis])[0]
     # What is below the last octave is drawn on from it.
@@ -135,7 +135,7 @@ def test_the_floor_is_frozen_while_something_happens_but_not_for_ever() -> None:
 
 def alarms_per_hour(allowed: float, smooth: float, scans: int, seed: int) -> float:
     """Alarms on noise, of any size of rise, after two seconds in which the floor is learnt."""
-    evidence = Evidence(ARRAY, 100.0, allowed, 1e-9)
+    evidence = ShearEvidence(ARRAY, 100.0, allowed, 1e-9)
     rng = np.random.default_rng(seed)
     state = np.zeros(ARRAY.n_channels)
     alarms, last, index = 0, -100, 0
@@ -144,7 +144,7 @@ def alarms_per_hour(allowed: float, smooth: float, scans: int, seed: int) -> flo
         for row in steps if smooth else ():
             row += smooth * state
             state = row.copy()
-        held = Held(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_))
+        held = HeldReadings(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_))
         for stretch in evidence.stretches(held):
             for row in range(len(stretch.fits)):
                 if index > 400 and evidence.growth(stretch, row, 10**6, 0.0) is not None:
@@ -182,7 +182,9 @@ def odds_of_slip(
     weights[0], weights[6] = np.r_[gain / 2, none], np.r_[none, gain]
     weights[3] = -weights[0]
     own_load, start = np.hstack([0 * eye, np.diag(gain)]), np.concatenate([none, load])
-    limit = Limit(weights, np.arange(taxels), np.hstack([eye, eye]), own_load, start, np.r_[late, none])
+    limit = FrictionLimitTest(
+        weights, np.arange(taxels), np.hstack([eye, eye]), own_load, start, np.r_[late, none]
+    )
     even = np.linspace(0, 1, 20 * scans)
     rest = []
     total = mindlin(travel * even[:, np.newaxis] / load ** (2 / 3)) @ load
@@ -207,7 +209,9 @@ def test_rising_sides_that_cancel_tell_nothing() -> None:
     load, rise, fall = np.linspace(0.8, 1.2, 9), np.r_[np.full(7, 0.25), -0.875, -0.875], np.full(9, -14.4)
     start = np.r_[np.full(18, 32.0), load]
     own_load = np.hstack([none, none, eye])
-    limit = Limit(weights, np.arange(9), np.hstack([eye, eye, eye]), own_load, start, np.zeros(27))
+    limit = FrictionLimitTest(
+        weights, np.arange(9), np.hstack([eye, eye, eye]), own_load, start, np.zeros(27)
+    )
     end = start + np.r_[rise, fall, np.zeros(9)]
     for scan in range(1, 20):
         limit.take(float(scan), start + (end - start) * scan / 20)
@@ -263,7 +267,7 @@ def test_few_taxels_equal_loads_or_a_rise_within_some_scans_tell_nothing() -> No
 
 @pytest.mark.parametrize(("odds", "may_slip"), [(-5.0, False), (-1.0, True)])
 def test_a_rest_of_small_odds_may_be_a_slip_until_it_is_known_better(odds: float, may_slip: bool) -> None:
-    rest = Rest(100.0)
+    rest = PlateauTracker(100.0)
     assert not rest.is_gross(2, 1.0, 0.001, lambda: odds)
     assert np.isfinite(rest.doubtful_at) == may_slip
     rest.goes_on()
@@ -273,7 +277,7 @@ def test_a_rest_of_small_odds_may_be_a_slip_until_it_is_known_better(odds: float
 
 
 def test_what_is_known_of_a_rest_is_not_asked_again_until_it_has_grown() -> None:
-    rest, asked = Rest(100.0), list[float]()
+    rest, asked = PlateauTracker(100.0), list[float]()
 
     def odds() -> float:
         asked.append(1.0)
@@ -303,9 +307,18 @@ def follow(shear: FloatArray, *, noise: float = 0.0, seed: int = 0) -> list[tupl
     even = np.ones(7)
     slope = max(1e6 * float(shear[4]) / 4, 1.0)
     readings = np.zeros((156, 0))
-    limit = Limit.of_nothing(readings.shape[1])
-    course = Course(
-        np.eye(3)[0], rows[200], even, 204, Kink(4.0, 1.0), slope, 100.0, least=0.1, gross=0.45, limit=limit
+    limit = FrictionLimitTest.unobserved(readings.shape[1])
+    course = SlipPhaseTracker(
+        np.eye(3)[0],
+        rows[200],
+        even,
+        204,
+        KinkEstimate(4.0, 1.0),
+        slope,
+        100.0,
+        least=0.1,
+        gross=0.45,
+        limit=limit,
     )
     fates: list[tuple[str, float, int]] = []
     for index in range(205, len(rows)):
@@ -376,11 +389,11 @@ def test_a_slide_at_a_steady_load_never_ends() -> None:
 
 def test_ramps_have_a_baseline_of_their_own() -> None:
     """Evidence may not reach into what is told: a rise that is over is no new one."""
-    evidence = Evidence(ARRAY, 100.0, 1.0, 0.05)
+    evidence = ShearEvidence(ARRAY, 100.0, 1.0, 0.05)
     steps = np.full((120, ARRAY.n_channels), 1e6)
     steps += 1e5 * np.clip((np.arange(120)[:, np.newaxis] - 60) / 5, 0, 1) * shown(20.0)
     grown = {}
-    for stretch in evidence.stretches(Held(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
+    for stretch in evidence.stretches(HeldReadings(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
         for scan, since in ((64, 64), (90, 90), (90, 90 - 66), (64, N_BASELINE + 1)):
             if stretch.scans.start <= scan < stretch.scans.stop:
                 grown[scan, since] = evidence.growth(stretch, scan - stretch.scans.start, since, 0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.past import Past
+from tactiled.detect.slip.past import ResponseHistory
 
 ALONG = np.array([0.6, 0.8, 0.0])
 WINDOW, LONGEST_RAMP = 144, 128
@@ -25,7 +25,7 @@ def test_what_grew_since_long_before_the_window_began_then() -> None:
     for _ in range(30):
         delay = rng.uniform(400, 1200)
         past, course = (
-            Past(100.0, LONGEST_RAMP),
+            ResponseHistory(100.0, LONGEST_RAMP),
             rows(np.maximum(scans - (1499 - delay), 0) + rng.normal(size=1500)),
         )
         for row in course:
@@ -40,7 +40,7 @@ def test_what_grew_since_long_before_the_window_began_then() -> None:
 def test_what_is_told_already_has_nothing_to_do_with_it() -> None:
     scans = np.arange(1500.0)
     course = rows(np.where(scans < 1000, scans, 0.0) + np.maximum(scans - 1300, 0))
-    past = Past(100.0, LONGEST_RAMP)
+    past = ResponseHistory(100.0, LONGEST_RAMP)
     for row in course:
         past.take(row)
     kink = past.began(course[-WINDOW:], LONGEST_RAMP, 400, ALONG, 1.0)
@@ -51,7 +51,7 @@ def test_what_is_told_already_has_nothing_to_do_with_it() -> None:
 def test_other_taxels_shift_the_past_too_and_a_lift_clears_it(forgets: bool) -> None:
     scans = np.arange(1500.0)
     course = np.maximum(scans - 900, 0)
-    past, before = Past(100.0, LONGEST_RAMP), rows(course[:1003])
+    past, before = ResponseHistory(100.0, LONGEST_RAMP), rows(course[:1003])
     for row in before:
         past.take(row)
     if forgets:
