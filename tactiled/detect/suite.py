@@ -1,10 +1,11 @@
-"""Named settings: which detectors a pipeline runs on every block.
+"""Detectors that run on every block, by the name of the setting.
 
-To add one: write its module beside the others, hold it to `tests/detect`'s contract, and name it here.
+To add a detector, write its module beside the others and enter it in `REGISTRY`. The contract test
+(`tests/detect/test_detect_contract.py`) then holds it to the promises of `tactiled.detect.base`.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field, model_validator
 
@@ -43,7 +44,7 @@ class DetectParams(Params):
     @model_validator(mode="before")
     @classmethod
     def _as_the_setting_says(cls, document: Any) -> Any:
-        """Keys of `slip` that are left out come from the setting."""
+        """Complete the table `slip` with the values of the setting."""
         if not isinstance(document, Mapping):
             return document
         named = SETTINGS.get(str(document.get("setting", "balanced")))
@@ -55,12 +56,15 @@ class DetectParams(Params):
 
     @property
     def in_use(self) -> str:
-        """Where the parameters of the setting are: a dotted prefix, empty for the tables of this model."""
+        """Dotted prefix of the tables that the setting reads; empty for the tables of this model."""
         return "wang2019." if self.setting == "wang2019" else ""
 
 
 def _over(table: dict[str, Any], given: Any) -> Any:
-    """`table` with what is given in its place, table by table; what is no table stays as it is given."""
+    """Merge nested tables: the values of `given` replace those of `table`.
+
+    A `given` that is no table is returned unchanged, so that validation can refuse it.
+    """
     if not isinstance(given, Mapping):
         return given
     merged = {k: _over(table[k], v) if isinstance(table.get(k), dict) else v for k, v in given.items()}
@@ -68,7 +72,7 @@ def _over(table: dict[str, Any], given: Any) -> Any:
 
 
 class SlipDetector(Detector, Protocol):
-    """Contact and slip events."""
+    """Detector of contact and slip."""
 
     @property
     def contact_state(self) -> ContactState:
@@ -77,23 +81,23 @@ class SlipDetector(Detector, Protocol):
 
 
 class TextureEstimator(Protocol):
-    """Texture events, gated by the events of the slip detector."""
+    """Estimator of grooves, gated by the events of the slip detector."""
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         ...
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Sliding speed that holds from a scan on."""
+        """Set the sliding speed from scan `from_index` on."""
         ...
 
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
-        """Events that the item completes, given what the slip detector said of it."""
+        """Return the events that the item completes; `slip` has the slip events of the same item."""
         ...
 
 
 class DetectorPair:
-    """A slip detector, and a texture estimator that gets its events with each item; a `Detector`.
+    """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
 
     Parameters
     ----------
@@ -116,7 +120,7 @@ class DetectorPair:
         return self._slip.contact_state
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes, in the order of their evidence, however scans were chunked."""
+        """Return the events that the item completes, in order of their evidence for any chunking."""
         events = self._slip.process(item)
         texture = self.texture.process(item, events)
         # The sort is stable: slip before texture.
@@ -124,7 +128,7 @@ class DetectorPair:
 
 
 class Suite(Detector, Protocol):
-    """The detectors of a setting as one detector."""
+    """Detectors of a setting as one detector."""
 
     @property
     def texture(self) -> TextureEstimator | None:
@@ -133,21 +137,49 @@ class Suite(Detector, Protocol):
 
 
 class BridgedSuite(GapBridge):
-    """Detectors behind a bridge over short gaps; a `Suite`."""
+    """`Suite` whose detectors are given interpolated scans in place of short gaps."""
 
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
         self.texture: TextureEstimator | None = methods.texture
 
 
+class DetectorFactories(NamedTuple):
+    """Constructors of the slip detector and the texture estimator that run together.
+
+    Attributes
+    ----------
+    slip, texture : callable
+        Make the detector for an array from the parameters of all detectors.
+    """
+
+    slip: Callable[[Array, DetectParams], SlipDetector]
+    texture: Callable[[Array, DetectParams], TextureEstimator]
+
+
+_COHERENT = DetectorFactories(
+    slip=lambda array, params: CoherentSlip(array, params.slip),
+    texture=lambda array, params: JointTexture(array, params.texture),
+)
+_WANG2019 = DetectorFactories(
+    slip=lambda array, params: WaveletSlip(array, params.wang2019.slip),
+    texture=lambda array, params: PaperTexture(array, params.wang2019.texture),
+)
+REGISTRY: Mapping[Setting, DetectorFactories] = {
+    "fast": _COHERENT,
+    "balanced": _COHERENT,
+    "quiet": _COHERENT,
+    "wang2019": _WANG2019,
+}
+"""Detectors of each setting; settings that share detectors differ in their parameters."""
+
+
 def build_suite(array: Array, params: DetectParams) -> Suite:
-    """Make the detectors of a setting, with short gaps bridged."""
+    """Make the detectors of a setting, with short gaps interpolated."""
     return BridgedSuite(build_methods(array, params))
 
 
 def build_methods(array: Array, params: DetectParams) -> DetectorPair:
-    """Make the detectors of a setting without the bridge: every gap reaches them."""
-    if params.setting == "wang2019":
-        published = params.wang2019
-        return DetectorPair(WaveletSlip(array, published.slip), PaperTexture(array, published.texture))
-    return DetectorPair(CoherentSlip(array, params.slip), JointTexture(array, params.texture))
+    """Make the detectors of a setting without interpolation: every gap reaches them."""
+    factories = REGISTRY[params.setting]
+    return DetectorPair(factories.slip(array, params), factories.texture(array, params))

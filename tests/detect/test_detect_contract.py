@@ -1,6 +1,7 @@
-"""What every detector promises (tactiled/detect/base.py), on several arrays and rates."""
+"""Promises of `tactiled.detect.base`, checked for each registered detector on several arrays and rates."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 
@@ -8,25 +9,56 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import Touch, pieces, published, run, splits
+from touches import Touch, pieces, run, splits
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
+from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.signal.contact import ContactGate
-from tactiled.detect.slip.coherent import CoherentSlip
-from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.wang2019.slip import WaveletSlip
+from tactiled.detect.suite import (
+    REGISTRY,
+    DetectorFactories,
+    DetectParams,
+    Setting,
+    SlipDetector,
+    Wang2019Params,
+    build_methods,
+)
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
-TEXTURE = TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=4.0)
-DETECTORS: dict[str, Callable[[Array], Detector]] = {
-    "contact": ContactGate,
-    "slip": WaveletSlip,
-    "coherent": CoherentSlip,
-    "wang2019": lambda array: published(array, Wang2019Params(texture=TEXTURE)),
-}
+SPEED_MM_S = 4.0
+
+
+def build_slip_detector(array: Array, params: DetectParams) -> SlipDetector:
+    """Make the slip detector of a setting without its texture estimator."""
+    return REGISTRY[params.setting].slip(array, params)
+
+
+def registered() -> dict[str, Callable[[Array], Detector]]:
+    """Return the slip detector, alone and with its texture estimator, of each entry of the suite's registry.
+
+    Settings that share their detectors are checked once, with the default setting in preference.
+    """
+    default = DetectParams().setting
+    names: dict[DetectorFactories, Setting] = {REGISTRY[default]: default}
+    for setting, factories in REGISTRY.items():
+        names.setdefault(factories, setting)
+    made: dict[str, Callable[[Array], Detector]] = {}
+    for setting in names.values():
+        params = DetectParams(
+            setting=setting,
+            texture=JointParams(speed_mm_s=SPEED_MM_S, hop_s=1.0),
+            wang2019=Wang2019Params(texture=TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=SPEED_MM_S)),
+        )
+        made[f"{setting}-slip"] = functools.partial(build_slip_detector, params=params)
+        made[f"{setting}-slip-and-texture"] = functools.partial(build_methods, params=params)
+    return made
+
+
+# The contact gate is a part of slip detectors; no setting runs it alone.
+DETECTORS: dict[str, Callable[[Array], Detector]] = {"contact": ContactGate, **registered()}
 ONE_TAXEL = build(
     ArrayFile(
         name="one",
@@ -49,8 +81,8 @@ every_array = pytest.mark.parametrize(("array", "rate_hz"), CASES, ids=[array.na
 
 
 def sliding(array: Array, rate_hz: float) -> ScanBlock:
-    """A slide over grooves in which channels drop out now and then, and some scans are late."""
-    touch = Touch(grooves=(2.0, 20.0), speed_mm_s=4.0, ripple=0.1)
+    """Return a slide over grooves with missing readings and late scans."""
+    touch = Touch(grooves=(2.0, 20.0), speed_mm_s=SPEED_MM_S, ripple=0.1)
     block = touch.block(array, rate_hz, np.linspace(0, 0.5 / rate_hz, array.n_channels))
     rng = np.random.default_rng(5)
     volts = block.volts.copy()
@@ -72,7 +104,7 @@ def assert_finite(events: list[Event]) -> None:
 
 @every_detector
 @every_array
-def test_has_something_to_say(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
+def test_a_slide_gives_events(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
     events = make(array).process(sliding(array, rate_hz))
     assert len(events) >= 3
     assert_finite(events)
@@ -88,10 +120,10 @@ def test_any_chunking_gives_the_same_events(
 
     @given(splits(len(block)))
     @settings(max_examples=8, deadline=None)
-    def same(cuts: list[int]) -> None:
+    def check_chunking(cuts: list[int]) -> None:
         assert run(make(array), pieces(block, cuts)) == whole
 
-    same()
+    check_chunking()
 
 
 @every_detector
@@ -106,14 +138,16 @@ def test_reset_equals_new(make: Callable[[Array], Detector], array: Array, rate_
 
 @every_detector
 @every_array
-def test_after_a_gap_it_is_as_new(make: Callable[[Array], Detector], array: Array, rate_hz: float) -> None:
+def test_a_gap_equals_reset_and_ends_events(
+    make: Callable[[Array], Detector], array: Array, rate_hz: float
+) -> None:
     block = sliding(array, rate_hz)
     for cut in (1, len(block) // 2, len(block) * 2 // 3):
         detector = make(array)
         before = detector.process(block[:cut])
         at_gap = detector.process(GAP)
         assert not any(getattr(event, "valid", False) for event in at_gap)
-        # What was begun is ended: whoever follows the events is not left with a contact or slip for ever.
+        # A contact or slip that has begun is ended by an event, so that no subscriber waits for its end.
         for topic, rest_state in (("contact", "none"), ("slip", "end")):
             states = [getattr(e, "state", "") for e in [*before, *at_gap] if e.topic == topic]
             assert states == [] or states[-1] == rest_state
@@ -124,7 +158,7 @@ def test_after_a_gap_it_is_as_new(make: Callable[[Array], Detector], array: Arra
 @every_detector
 @every_array
 @pytest.mark.parametrize("value", [0.0, 1.2, 3.0, -5.0, 1e308, np.nan, np.inf, -np.inf])
-def test_constants_of_any_kind_are_survived(
+def test_constant_readings_give_no_slip_and_finite_events(
     make: Callable[[Array], Detector], array: Array, rate_hz: float, value: float
 ) -> None:
     block = regular_block(np.full((700, array.n_channels), value), rate_hz)
@@ -135,12 +169,12 @@ def test_constants_of_any_kind_are_survived(
 
 @every_detector
 @every_array
-def test_steps_noise_and_dropouts_of_any_size_are_survived(
+def test_steps_noise_and_dropouts_of_any_size_give_finite_events(
     make: Callable[[Array], Detector], array: Array, rate_hz: float
 ) -> None:
     @given(st.integers(0, 10**6), st.sampled_from([1e-6, 1e-3, 0.1, 10.0, 1e300]), st.floats(0, 1))
     @settings(max_examples=15, deadline=None)
-    def survives(seed: int, size: float, dropped: float) -> None:
+    def check_finite(seed: int, size: float, dropped: float) -> None:
         rng = np.random.default_rng(seed)
         volts = 1.0 + size * np.sign(rng.normal(size=(400, array.n_channels))).cumsum(axis=0)
         volts[rng.random(volts.shape) < dropped / 5] = np.nan
@@ -148,4 +182,4 @@ def test_steps_noise_and_dropouts_of_any_size_are_survived(
             make(array).process(regular_block(volts, rate_hz, valid=rng.random(volts.shape) > dropped / 5))
         )
 
-    survives()
+    check_finite()
