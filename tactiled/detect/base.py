@@ -1,11 +1,11 @@
-"""What every detector promises; `tests/detect/test_detect_contract.py` holds each of them to it.
+"""Promises of every detector; `tests/detect/test_detect_contract.py` checks them for each.
 
 1. ``process`` takes blocks and gaps in order and returns the events that they complete.
 2. Any chunking of the same scans gives bit-identical events.
-3. ``reset()`` equals a new detector. No window straddles a Gap: a gap forgets what it interrupts (gaps of up
-   to 50 ms never reach a detector: `bridge`).
+3. ``reset()`` equals a new detector. No window straddles a Gap: a gap discards the scans before it
+   (gaps of up to 50 ms never reach a detector: `bridge`).
 4. Memory is bounded and nothing drifts: no running sum that never forgets.
-5. Finite in or NaN in, finite out: NaN and invalid readings drop out, never spread.
+5. Finite in or NaN in, finite out: NaN and invalid readings are left out and never spread.
 """
 
 from typing import Protocol
@@ -18,7 +18,7 @@ class Detector(Protocol):
     """An online detector or estimator."""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that `item` completes, in order of their evidence."""
+        """Return the events that `item` completes, in order of their evidence."""
         ...
 
     def reset(self) -> None:

@@ -1,9 +1,9 @@
-"""The detectors with what people change while they run: zero, sliding speed, thresholds, times not to trust.
+"""Run-time settings of the detectors: zero, sliding speed, thresholds, suppression of slips.
 
-`TunedSuite` stands where a suite stands. Untouched it passes everything through, bit by bit. Its settings
-survive gaps and replugs; `reset()` is the way back to what the configuration says. Every change takes effect
-at a scan boundary, and one that alters what detectors see or compare with is a `Gap` to them, so that no
-window holds both kinds. Who records the calls between the blocks can run them again with the same events.
+`TunedSuite` replaces a suite. Without any command its events are those of the suite, bit for bit. Its
+settings survive gaps and replugs; `reset()` restores the configuration. Every change takes effect at a scan
+boundary. A change of the zero or of thresholds is a `Gap` to the detectors, so that no window holds scans
+from before and after it. Replaying the same calls between the same blocks gives the same events.
 """
 
 from collections import deque
@@ -22,37 +22,37 @@ from tactiled.events.types import ContactEvent, Event, SlipEvent, Suppressed
 from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
-_LEAST_TARE_SCANS = 10  # below 20 Hz, half a second is too few to call a mean
+_LEAST_TARE_SCANS = 10  # below 20 Hz, half a second holds too few scans for a mean
 # Means of both halves may differ by this (volts): well above creep of 0.01 V/s in a quarter of a second and
 # what is left of 5 mV rms of noise (1.4 mV), well below what a touch brings in the time.
 _STILL_VOLTS = 0.01
-_KEPT_TIMES = 8  # a slip is found at most some 0.3 s after its onset: more could not matter any more
+_KEPT_INTERVALS = 8  # a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 
 
 class _AnnouncedIntervals:
-    """Spans of time that someone announced."""
+    """Announced intervals of time."""
 
     def __init__(self) -> None:
-        self._spans: deque[tuple[float, float]] = deque(maxlen=_KEPT_TIMES)
+        self._spans: deque[tuple[float, float]] = deque(maxlen=_KEPT_INTERVALS)
 
     def announce(self, now_s: float, duration_s: float) -> None:
-        """From now on for a time; said again while one holds, it holds until then."""
+        """Add an interval that starts now; while one is running, replace its end."""
         from_s = self._spans.pop()[0] if self.left_s(now_s) > 0 else now_s
         self._spans.append((from_s, now_s + duration_s))
 
     def left_s(self, now_s: float) -> float:
-        """For how much longer the newest holds."""
+        """Return the remaining time of the newest interval."""
         return max(0.0, self._spans[-1][1] - now_s) if self._spans else 0.0
 
-    def hold(self, slip: SlipEvent) -> bool:
-        """Whether a slip began in one of them, or before and was found in it."""
+    def overlap(self, slip: SlipEvent) -> bool:
+        """Return True if the time from onset to detection of a slip overlaps an interval."""
         return any(slip.onset_s <= until_s and slip.detected_s >= from_s for from_s, until_s in self._spans)
 
 
 class TunedSuite:
-    """A suite of detectors with run-time settings.
+    """Suite of detectors with run-time settings.
 
-    Every command gives the reason why it was refused, empty when it was done, and the events that it brought.
+    Each command returns the reason why it was refused (empty if it was not) and the resulting events.
 
     Parameters
     ----------
@@ -76,23 +76,23 @@ class TunedSuite:
     def reset(self) -> None:
         """Forget everything seen and every setting."""
         self.params = self._configured
-        """What detectors go by now."""
+        """Parameters in use."""
         self.baseline_volts: FloatArray | None = None
-        """(channels,) what is subtracted before detectors see a scan; None before any tare."""
+        """Zero (channels,) that is subtracted from each scan; None before any tare."""
         self.speed_mm_s: float | None = None
-        """As last told; None where the configuration's holds."""
+        """Speed last set; None while that of the configuration is used."""
         self.next_index = 0
-        """Of the first scan that a command given now holds for."""
+        """Index of the first scan that a command given now applies to."""
         self._suite = self._build(self._array, self.params)
         self._recent: deque[ScanBlock] = deque()
         self._inhibited = _AnnouncedIntervals()
         self._load_changes = _AnnouncedIntervals()
         self._in_contact = False
-        self._slip_is_told = False  # an onset of this slip was published as valid
+        self._slip_is_published = False  # an onset of this slip was published as valid
         self._slip_suppressed: Suppressed = ""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes; slips that an announcement explains are said as suppressed."""
+        """Return the events that the item completes; mark slips in announced intervals as suppressed."""
         if isinstance(item, Gap):
             self._recent.clear()
         else:
@@ -100,7 +100,7 @@ class TunedSuite:
             self.next_index = int(item.index[-1]) + 1
             if self.baseline_volts is not None:
                 item = replace(item, volts=item.volts - self.baseline_volts)
-        return self._judge(self._suite.process(item))
+        return self._mark_suppressed(self._suite.process(item))
 
     def tare(self, *, force: bool) -> tuple[str, list[Event]]:
         """Take the mean of the last `TARE_S` as zero; refused under load unless forced."""
@@ -121,30 +121,30 @@ class TunedSuite:
         drift_volts = np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max()
         if drift_volts > _STILL_VOLTS and not force:
             return f"readings still move by {drift_volts * 1000:.0f} mV: wait until they rest", []
-        events = self._part()
+        events = self._insert_gap()
         self.baseline_volts = volts.mean(axis=0)
         return "", events
 
     def forget_zero(self) -> None:
-        """Another board: its zero is not known, and what is known of it is that gaps come first."""
+        """Discard the zero, as for another board; a gap always precedes the block that follows."""
         self.baseline_volts = None
 
     def set_speed(self, speed_mm_s: float) -> None:
-        """Sliding speed from the next scan on."""
+        """Set the sliding speed from the next scan on."""
         if speed_mm_s != self.speed_mm_s:
             self.speed_mm_s = speed_mm_s
             self._pass_speed()
 
     def inhibit(self, now_s: float, duration_s: float) -> None:
-        """Do not trust slips that begin from now on for a time; 0 ends it now."""
+        """Suppress slips for `duration_s` from now on; 0 ends the interval now."""
         self._inhibited.announce(now_s, duration_s)
 
     def inhibited_s(self, now_s: float) -> float:
-        """For how much longer slips are not trusted."""
+        """Return the remaining time for which slips are suppressed."""
         return self._inhibited.left_s(now_s)
 
     def expect_load_change(self, now_s: float, duration_s: float) -> None:
-        """Shear will grow for a reason: for a time trust gross slips, not incipient ones; 0 ends it."""
+        """Suppress incipient slips, not gross ones, during an expected change of load; 0 ends it."""
         self._load_changes.announce(now_s, duration_s)
 
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
@@ -166,7 +166,7 @@ class TunedSuite:
             return "; ".join(fault.removeprefix(self.params.in_use) for fault in error.faults), []
         if params == self.params:
             return "", []
-        events = self._part()
+        events = self._insert_gap()
         self.params = params
         self._suite = self._build(self._array, params)
         self._pass_speed()
@@ -176,10 +176,14 @@ class TunedSuite:
         if self.speed_mm_s is not None and self._suite.texture is not None:
             self._suite.texture.set_speed(self.speed_mm_s, self.next_index)
 
-    def _part(self) -> list[Event]:
-        """Nothing before this moment belongs to anything after it."""
+    def _insert_gap(self) -> list[Event]:
+        """Pass a gap to the detectors, so that no window spans the change."""
         self._recent.clear()
-        return self._judge(self._suite.process(Gap(0, "command", self.next_index))) if self.next_index else []
+        return (
+            self._mark_suppressed(self._suite.process(Gap(0, "command", self.next_index)))
+            if self.next_index
+            else []
+        )
 
     def _remember(self, block: ScanBlock) -> None:
         self._recent.append(block)
@@ -188,7 +192,7 @@ class TunedSuite:
         while have - len(self._recent[0]) >= wanted:
             have -= len(self._recent.popleft())
 
-    def _judge(self, events: list[Event]) -> list[Event]:
+    def _mark_suppressed(self, events: list[Event]) -> list[Event]:
         out: list[Event] = []
         for event in events:
             if isinstance(event, ContactEvent):
@@ -199,18 +203,18 @@ class TunedSuite:
         return out
 
     def _suppressed(self, slip: SlipEvent) -> Suppressed:
-        """The announcement that explains an event; a slip's end goes with its onsets.
+        """Return the reason to suppress an event, or an empty string.
 
-        Nobody should hear of an end alone, and who heard of an onset is told its end.
+        Every published onset is followed by a published end, and no end is published alone.
         """
         if slip.state == "end":
-            reason: Suppressed = "" if self._slip_is_told else self._slip_suppressed
-            self._slip_is_told, self._slip_suppressed = False, ""
+            reason: Suppressed = "" if self._slip_is_published else self._slip_suppressed
+            self._slip_is_published, self._slip_suppressed = False, ""
             return reason
-        if self._inhibited.hold(slip):
+        if self._inhibited.overlap(slip):
             reason = "inhibit"
         else:
-            reason = "load-change" if slip.kind == "incipient" and self._load_changes.hold(slip) else ""
-        self._slip_is_told |= not reason
+            reason = "load-change" if slip.kind == "incipient" and self._load_changes.overlap(slip) else ""
+        self._slip_is_published |= not reason
         self._slip_suppressed = reason or self._slip_suppressed
         return reason

@@ -1,4 +1,4 @@
-"""Every rate that a board may say or be told, from a scan in ten seconds on."""
+"""Detection at every scan rate that a board may have, from one scan in ten seconds on."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tactiled.samples.block import regular_block
 
 
 @pytest.mark.parametrize("rate_hz", [RATES_HZ[0], 1.0, 4.0, 10.0, 12.4, 13.0, 50.0, 1000.0, RATES_HZ[1]])
-def test_shear_that_grows_under_pressure_is_told_at_any_rate(rate_hz: float) -> None:
+def test_shear_that_grows_under_pressure_is_reported_at_any_rate(rate_hz: float) -> None:
     array = load_array("wang2019-3x3")
     volts = np.zeros((400, array.n_channels))
     volts[50:] = 1.0

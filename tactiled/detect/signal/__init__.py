@@ -1,1 +1,1 @@
-"""What every detector builds on: contact gate, wavelet bank, pairs of channels, quantiser, slip gate."""
+"""Shared parts of detectors: contact gate, wavelet bank, pairs of channels, quantiser, slip gate."""

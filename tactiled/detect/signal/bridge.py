@@ -1,9 +1,10 @@
-"""Short gaps bridged: a lost scan must not cost the slip that happens beside it.
+"""Linear interpolation over short gaps, so that a lost scan does not hide a slip beside it.
 
-A gap empties every filter, and a detector is blind until they are full again: a third of a second, for one
-lost scan. So up to `BRIDGE_S` of missing scans are drawn as a straight line from the last reading before to
-the first after, and the detector sees no gap. Longer gaps, restarts and replugs reach it: nobody knows what
-happened in them. The scans that are published, recorded and counted are never these.
+A gap empties every filter, and a detector is blind until they are full again: a third of a second for one
+lost scan. Up to `BRIDGE_S` of missing scans are therefore interpolated linearly between the last reading
+before the gap and the first after it, and the detector sees no gap. Longer gaps, restarts and replugs reach
+the detector, because the signal in them is unknown. Interpolated scans are never published, recorded or
+counted.
 """
 
 import numpy as np
@@ -12,12 +13,12 @@ from tactiled.detect.base import Detector
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock
 
-BRIDGE_S = 0.05  # a slip's kink bends for longer; corruption that a line survives seldom lasts so long
+BRIDGE_S = 0.05  # the onset of a slip bends the signal for longer; corruption seldom lasts so long
 _LOSSES = ("corrupt", "missing")
 
 
 class GapBridge:
-    """A detector that is spared short gaps.
+    """Detector that is given interpolated scans in place of short gaps.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ class GapBridge:
         self._detector.reset()
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes."""
+        """Return the events that the item completes."""
         if isinstance(item, Gap):
             return self._take_gap(item)
         block = item if self._gap is None or self._last is None else _joined(self._last, item)
@@ -53,11 +54,11 @@ class GapBridge:
 
 
 def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:
-    """`block` with the scans missing since `last` drawn before it."""
+    """Prepend to `block` the scans missing since `last`, interpolated linearly."""
     first = block[:1]
     n = int(first.index[0] - last.index[0]) - 1
     part = (np.arange(1, n + 1) / (n + 1))[:, np.newaxis]
-    finite = np.isfinite(last.volts) & np.isfinite(first.volts)  # only between numbers is there a line
+    finite = np.isfinite(last.volts) & np.isfinite(first.volts)  # interpolate only between finite readings
     before, after = np.where(finite, last.volts, np.nan), np.where(finite, first.volts, np.nan)
     volts = before + part * (after - before)
     return ScanBlock(

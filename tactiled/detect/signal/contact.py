@@ -1,13 +1,13 @@
-"""Contact gate: nothing there, loading, holding, sliding.
+"""Contact gate with the states none, loading, holding and sliding.
 
 Wang, Chen, Mei 2019 call voltages above 0.5 V clear enough to analyse: a taxel whose pressure response
-(mean of its four resistors, or its normal channel) passes that is in contact. What one resistor reads alone
-is a fault of its own and no contact: a press loads all four, and shear relieves two at most. Loading and
-holding are told apart by the slope of the array's pressure response, a least-squares line over a short
-window. A falling pressure is neither: the state stays and only `steady_scans` starts anew.
+(mean of its four resistors, or its normal channel) exceeds that is in contact. A reading of one resistor
+alone is a fault and no contact: a press loads all four, and shear relieves two at most. Loading and
+holding are distinguished by the slope of the array's pressure response, a least-squares line over a short
+window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
 `ContactTracker` is the state machine. `ContactGate` makes a detector of it. Sliding cannot be seen from
-pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `slip_wavelet`).
+pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
 """
 
 from collections.abc import Iterator
@@ -24,14 +24,14 @@ from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# Of the mean of the others of its taxel: a side that reads more than so many times counts for no more. With
-# two sides relieved of all that they carry, and that on the third, it would be three.
+# A side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
+# relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
-_LEAST_SIDES = 3  # two that differ do not tell which of them is wrong
+_LEAST_SIDES = 3  # of two readings that differ, the wrong one cannot be identified
 
 
 class ContactParams(Params):
-    """When the array touches something, and when the load is steady."""
+    """Thresholds for contact and for a steady load."""
 
     contact_volts: float = Field(
         default=0.5, gt=0, description="pressure response of a taxel in contact; 0.5 V in the 2019 paper"
@@ -49,7 +49,7 @@ class ContactParams(Params):
 
 @dataclass(frozen=True, eq=False)
 class PressureMeasurement:
-    """What the gate measures of n scans.
+    """Measurements of the contact gate for n scans.
 
     Attributes
     ----------
@@ -66,12 +66,12 @@ class PressureMeasurement:
     slope_volts_s: FloatArray
 
     def rows(self) -> Iterator[tuple[bool, bool, float]]:
-        """What `ContactTracker.step` takes, scan by scan."""
+        """Iterate over the arguments of `ContactTracker.step`, scan by scan."""
         return zip(self.touches.tolist(), self.released.tolist(), self.slope_volts_s.tolist(), strict=True)
 
 
 class ContactTransition(NamedTuple):
-    """A change of the contact's state."""
+    """Change of the contact's state."""
 
     previous: ContactState
     state: ContactState
@@ -122,11 +122,11 @@ class ContactTracker:
     def measure(
         self, block: ScanBlock, held: HeldReadings, stuck: NDArray[np.bool_] | None = None
     ) -> PressureMeasurement:
-        """Pressure of each scan of a block.
+        """Measure the pressure in each scan of a block.
 
-        A saturated reading still says "pressed": contact takes any finite reading but those that are known
-        to be `stuck` (n, channels). The slope takes held ones, since a channel that vanishes is no change of
-        load.
+        A saturated reading still means "pressed": contact uses every finite reading except those known to
+        be `stuck` (n, channels). The slope uses held readings, since a channel that drops out is no change
+        of load.
         """
         if held.ok.all():
             steps, readings = held.steps, self._counted.sum(axis=0)
@@ -145,7 +145,7 @@ class ContactTracker:
         )
 
     def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
-        """Of each taxel (n, taxels); whole, but where one side has it alone."""
+        """Sum the steps of each taxel (n, taxels); whole numbers except where one side was clipped."""
         sums = steps @ self._signs
         largest = (steps * self._sign)[:, self._own].max(axis=2)
         rest = sums - largest
@@ -161,13 +161,13 @@ class ContactTracker:
         return slope
 
     def step(self, touches: bool, released: bool, slope_volts_s: float) -> ContactTransition | None:
-        """Take one scan in; the change of state that it brings, if any."""
+        """Process one scan and return the change of state, if any."""
         self._follow_load(slope_volts_s)
         is_first, self._is_first = self._is_first, False
         if self.state == "none":
             if touches and is_first:
                 return self._go("unknown")
-            self._steady = self._steady_before = 0  # what was steady before the touch was no hold
+            self._steady = self._steady_before = 0  # a steady signal before the touch is no hold
             return self._go("loading") if touches else None
         if released:
             return self._go("none")
@@ -187,18 +187,18 @@ class ContactTracker:
         self._unsteady += 1
 
     def was_steady(self, for_scans: int, within_scans: int) -> bool:
-        """Whether the load is steady since `for_scans`, or was until at most `within_scans` ago."""
+        """Return True if the load was steady for `for_scans` scans, ending at most `within_scans` ago."""
         if self._steady >= for_scans:
             return True
         since_lost = self._unsteady + self._steady
         return self._steady_before >= for_scans and since_lost <= within_scans
 
     def begin_sliding(self) -> ContactTransition:
-        """The slip detector says that the contact slides."""
+        """Enter the state sliding; called by the slip detector."""
         return self._go("sliding")
 
     def end_sliding(self) -> ContactTransition:
-        """The slip detector says that it holds again."""
+        """Return to the state holding; called by the slip detector."""
         return self._go("holding")
 
     def _go(self, state: ContactState) -> ContactTransition:
@@ -210,7 +210,7 @@ class ContactTracker:
 def contact_event(
     block: ScanBlock, scan: int, pressure: PressureMeasurement, change: ContactTransition
 ) -> ContactEvent:
-    """Event for a change of state at a scan of a block; not valid when the scan came late."""
+    """Make the event for a change of state at a scan of a block; not valid when the scan came late."""
     return ContactEvent(
         time_s=float(block.time_s[scan]),
         state=change.state,
@@ -221,7 +221,7 @@ def contact_event(
 
 
 def lost_contact_event(time_s: float, previous: ContactState) -> ContactEvent:
-    """Event for a contact that a gap cut off after the scan at `time_s`."""
+    """Make the event for a contact that a gap cut off after the scan at `time_s`."""
     return ContactEvent(time_s=time_s, state="none", previous=previous, taxels=(), valid=False)
 
 
@@ -247,7 +247,7 @@ class ContactGate:
         self._last_time_s = 0.0
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes; a gap ends a contact, invalidly, since nobody saw it end."""
+        """Return the events that the item completes; a gap ends a contact with an event that is not valid."""
         if isinstance(item, Gap):
             return self._forget()
         events = self._forget() if item.rate_hz != self._rate_hz else []

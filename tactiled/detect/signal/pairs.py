@@ -1,4 +1,4 @@
-"""What pairs of opposed channels say together: R1 against R3, R2 against R4, over the taxels in contact."""
+"""Responses of opposed channel pairs (R1 - R3, R2 - R4), summed over the taxels in contact."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ _ONE_TAXEL_SD_DEG = 3.0  # one taxel shows no spread; resistors that are 5 % une
 
 
 def whole_weights(weights: FloatArray) -> FloatArray:
-    """Weights rounded to the grid on which sums of readings are exact."""
+    """Round weights to the grid on which sums of readings are exact."""
     return np.asarray(np.rint(weights * _WEIGHT_SCALE) / _WEIGHT_SCALE)
 
 
@@ -27,7 +27,7 @@ def mean_response(weights: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 class PairResponse:
-    """Opposed and common movement of an array's channels.
+    """Opposed (shear) and common (pressure) response of an array's channels.
 
     Parameters
     ----------
@@ -42,18 +42,18 @@ class PairResponse:
         self._needs = (self._weights != 0).any(axis=0).astype(np.float64)
 
     def whole_taxels(self, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Taxels (taxels,) of which every shear channel is usable (channels,)."""
+        """Return the taxels (taxels,) whose shear channels are all usable (channels,)."""
         complete: NDArray[np.bool_] = (self._needs @ ~usable) == 0
         return complete
 
     def motion_weights(self, taxels: NDArray[np.bool_]) -> FloatArray:
-        """Weights (2, channels) of the summed response (x, y) of some taxels."""
+        """Return the weights (2, channels) of the summed response (x, y) of some taxels."""
         return np.asarray(self._weights[:, taxels].sum(axis=1))
 
     def direction_sd_deg(
         self, moved: FloatArray, taxels: NDArray[np.bool_], along: FloatArray, noise_sd_deg: float
     ) -> float:
-        """Sigma of the direction of some taxels' summed response.
+        """Return the standard deviation of the direction of some taxels' summed response.
 
         Parameters
         ----------
@@ -63,11 +63,11 @@ class PairResponse:
         along : (2,) float64
             Unit vector of the direction.
         noise_sd_deg : float
-            What noise alone makes of it.
+            Standard deviation from noise alone.
 
         Notes
         -----
-        Root sum of squares of the noise; of what the taxels, whose resistors are unequal, differ across the
+        Root sum of squares of the noise; of the spread of the taxels, whose resistors are unequal, across the
         direction (the standard error of a sum, n / (n - 1) times the sum of squares); and of the model.
         """
         x, y = (self._weights @ moved)[:, taxels]
@@ -81,14 +81,14 @@ class PairResponse:
         return min(UNKNOWN_SD_DEG, float(np.sqrt(noise_sd_deg**2 + spread_deg**2 + _MODEL_SD_DEG**2)))
 
     def opposed_and_common(self, volts: FloatArray, taxels: NDArray[np.bool_]) -> tuple[float, float]:
-        """Size of the opposed and of the common part, both as the mean over the channels that have a share.
+        """Return the size of the opposed and of the common part, each as a mean over its channels.
 
         Parameters
         ----------
         volts : (channels,) float64
-            One coefficient or reading of each channel.
+            One coefficient or reading for each channel.
         taxels : (taxels,) bool
-            Those that count.
+            Taxels to include.
         """
         responses = (self._weights @ volts)[:, taxels].sum(axis=1)
         opposed = responses / np.maximum(self._sizes[:, taxels].sum(axis=1), 1e-12)

@@ -1,4 +1,4 @@
-"""Readings on an integer grid, so that sums do not depend on the order they are taken in.
+"""Readings on an integer grid, so that sums do not depend on their order.
 
 Floating-point sums round, and a matrix product rounds differently for one scan than for a thousand; a
 threshold can then flip with the chunking. Integers below 2^53 do not round in float64. So each reading
@@ -20,7 +20,7 @@ READING_BITS = 23  # with 24-bit filter coefficients, sums stay below 2^53: see 
 
 @dataclass(frozen=True, eq=False)
 class HeldReadings:
-    """Readings as whole steps; what could not be used is held at the channel's last good reading.
+    """Readings as whole steps; unusable readings repeat the channel's last good one.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Quantiser:
         self._last = np.zeros(self._n_channels)
 
     def process(self, block: ScanBlock) -> HeldReadings:
-        """Round a block; chunking does not matter."""
+        """Round a block; the result does not depend on chunking."""
         ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
         steps = self.round(block.volts)
         if not ok.all():
@@ -64,7 +64,7 @@ class Quantiser:
         return HeldReadings(steps, ok)
 
     def round(self, volts: FloatArray) -> FloatArray:
-        """Whole steps nearest to readings; NaN stays NaN, what is outside full scale is clipped."""
+        """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""
         limit = self.full_scale_volts
         steps: FloatArray = np.rint(np.clip(volts, -limit, limit) * (1.0 / self.volts_per_step))
         return steps

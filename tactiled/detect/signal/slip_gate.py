@@ -1,4 +1,4 @@
-"""Which scans estimators of texture look at: those of a slip, once it has settled, each with its speed."""
+"""Selection of scans for texture estimators: those of a settled slip, each with its sliding speed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from tactiled.samples.block import ScanBlock
 
 @dataclass(frozen=True)
 class SlipStart:
-    """A slip began; what was held of another is past."""
+    """Start of a slip; scans kept from an earlier slip are no longer used."""
 
 
 @dataclass(frozen=True)
 class SlipEnd:
-    """A slip ended, at a scan."""
+    """End of a slip, at the time of a scan."""
 
     time_s: float
     rate_hz: float
@@ -25,28 +25,28 @@ class SlipEnd:
 
 @dataclass(frozen=True, eq=False)
 class SlidingScans:
-    """Scans of a slip, with the speed from each to the next: (n,), 0 where it is not known."""
+    """Scans of a slip, with the speed from each scan to the next: (n,), 0 where unknown."""
 
     block: ScanBlock
     speeds_mm_s: FloatArray
 
 
 class SlipGate:
-    """Slips of a stream, and speeds that are set.
+    """Select the scans of slips from a stream, with the sliding speeds that were set.
 
     Parameters
     ----------
     settle_s : float
-        From detected slip to the first scan that is let through.
+        Time from detected slip to the first scan that is passed on.
     speed_mm_s : float
-        Until another is set.
+        Speed until another is set.
 
     Attributes
     ----------
     slip : SlipEvent or None
-        The onset of the slip that goes on.
+        Newest onset event of the current slip.
     speed_mm_s : float
-        At the newest scan.
+        Speed at the newest scan.
     """
 
     def __init__(self, settle_s: float, speed_mm_s: float) -> None:
@@ -57,23 +57,23 @@ class SlipGate:
         self._begin_index = 0
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Speed that holds from a scan on (or from the next scan to come, if that one is past)."""
+        """Set the speed from a scan on (from the next scan, if that one is past)."""
         self._speeds.append((from_index, speed_mm_s))
         self._speeds.sort(key=lambda entry: entry[0])
 
     def close(self) -> None:
-        """Wait for slip anew, as after a gap."""
+        """Wait for the next onset of slip, as after a gap."""
         self.slip = None
 
     def pass_through(
         self, block: ScanBlock, slip: Sequence[Event]
     ) -> Iterator[SlipStart | SlipEnd | SlidingScans]:
-        """What happens in a block, in order.
+        """Yield the starts, sliding scans and ends of slips in a block, in order.
 
         Parameters
         ----------
         slip : sequence of Event
-            What the slip detector said of the block; events of other topics are passed over.
+            Events of the slip detector for the block; other topics are ignored.
         """
         done = 0
         for change in slip:

@@ -10,7 +10,7 @@ Exactness. Readings are whole steps within 2^23 (see `quantise`); taps are whole
 of a filter's absolute taps is at most 9.14 (level 6), so no partial sum exceeds 9.14 * 2^47 < 2^50.2 <
 2^53: every matrix product, in any order and any chunking, gives the same bits. Rounded taps are adjusted so
 that they and their first moment sum to zero exactly: a constant and a steady ramp give exactly 0, for ever.
-What rounding costs is bounded by `error_volts` and is below 1 uV rms in use.
+The error from rounding is bounded by `error_volts` and is below 1 uV rms in use.
 """
 
 import functools
@@ -28,13 +28,13 @@ from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 MAX_LEVEL = 6
-PIECE_SCANS = 1024  # longest stretch filtered at once: bounds the memory of long blocks
+PIECE_SCANS = 1024  # most scans filtered at once: bounds the memory of long blocks
 _TAP_SCALE = 2.0**24
 _ROWS = 16  # outputs for each Toeplitz product: long enough for BLAS, short enough to waste little
 
 
 class BankParams(Params):
-    """Which levels to compute."""
+    """Levels of the wavelet bank."""
 
     levels: tuple[int, ...] = Field(
         default=(1, 2, 3, 4, 5, 6), min_length=1, description="1 is the finest; each next sees twice the time"
@@ -60,7 +60,7 @@ def border_scans(level: int) -> int:
 
 @functools.cache
 def taps(level: int) -> FloatArray:
-    """Filter of a level, newest scan first, as the bank applies it.
+    """Return the filter of a level as the bank applies it, newest scan first.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def taps(level: int) -> FloatArray:
     surplus = int(whole.sum())
     moved = (whole - _exact_taps(level) * _TAP_SCALE) * np.sign(surplus)
     whole[np.argsort(-moved, kind="stable")[: abs(surplus)]] -= np.sign(surplus)
-    # The same for the first moment, by pairs that leave the sum alone.
+    # Correct the first moment, by pairs that leave the sum unchanged.
     while moment := int(whole @ np.arange(len(whole))):
         reach = min(abs(moment), len(whole) - 1)
         whole[0] += np.sign(moment)
@@ -112,7 +112,7 @@ def error_volts(level: int, array: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class WaveletCoefficients:
-    """What the bank says of a stretch of n scans.
+    """Wavelet coefficients of n scans.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class SwtBank:
         self._newest_bad = np.full(self._n_channels, -1, dtype=np.int64)
 
     def process(self, item: ScanBlock | Gap) -> WaveletCoefficients:
-        """Coefficients of each scan; a gap forgets what came before and has none."""
+        """Return the coefficients of each scan; a gap resets the bank and has none."""
         if isinstance(item, Gap):
             self.reset()
             n_levels = len(self.levels)
@@ -179,7 +179,7 @@ class SwtBank:
         )
 
     def filter(self, held: HeldReadings) -> WaveletCoefficients:
-        """The same for readings that are on the grid already; at most `PIECE_SCANS` of them."""
+        """Return the coefficients of readings already on the grid, at most `PIECE_SCANS` of them."""
         n = len(held.steps)
         self._append(held.steps)
         volts = np.empty((n, len(self.levels), self._n_channels))
@@ -191,7 +191,7 @@ class SwtBank:
         return WaveletCoefficients(volts, self._usable(held.ok))
 
     def recent_steps(self, n: int) -> FloatArray:
-        """Held readings (n + border, channels) that the last `n` outputs were made of, as grid steps.
+        """Return the held readings (n + border, channels) behind the last `n` outputs, in grid steps.
 
         A view, good until the next call of `filter` or `process`.
         """
@@ -240,5 +240,5 @@ def _toeplitz(filter_taps: FloatArray) -> FloatArray:
 
 
 def coefficients(array: Array, block: ScanBlock, params: BankParams | None = None) -> WaveletCoefficients:
-    """Coefficients of a whole recording, for pictures: the streaming bank fed once."""
+    """Return the coefficients of a whole recording, for plots: one call of the streaming bank."""
     return SwtBank(array, params).process(block)

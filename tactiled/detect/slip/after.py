@@ -1,4 +1,4 @@
-"""A slip after it has become gross, or fallen back: does it end, turn, stick again?
+"""Slip after it became gross or its shear fell back: detection of its end, turn or renewed sticking.
 
 While all slips, shear goes with pressure, so their ratio is followed, once it has come to rest at its
 limit. It drops when the motion ends with a recoil, turns back, or breaks away again; it grows when the skin
@@ -31,7 +31,7 @@ SlipOutcome = Literal["gross", "stalled", "back", "again", "turned", "reversed",
 
 
 class SlipDecision(NamedTuple):
-    """What became of a slip.
+    """Decision on a slip.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class SlipDecision(NamedTuple):
         ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
         direction. After it fell back: ``reversed``, it slips the other way; ``again``; ``rests``.
     at_index : float
-        Scan at which that began.
+        Scan of the change.
     sd_scans : float
     """
 
@@ -51,26 +51,26 @@ class SlipDecision(NamedTuple):
 
 @dataclass
 class TimedExtreme:
-    """An extreme, and when the response was last at it."""
+    """Extreme value, with the scan at which the response was last near it."""
 
     value: float
     index: int
 
 
 class RecoilTracker:
-    """Shear that fell back, until it rests or has turned into another slip.
+    """Follow shear that fell back until it rests or becomes another slip.
 
     Parameters
     ----------
     low, high : TimedExtreme
-        Of the level, shear over pressure.
+        Extremes of the level, which is shear over pressure.
     rate_hz : float
     least : float
         Shear over pressure of a change that counts.
     reversed_below : float
-        Shear over pressure of a slip the other way.
+        Shear over pressure below which a slip in the opposite direction has begun.
     may_grow : bool
-        What grows again is another slip.
+        A renewed growth is another slip.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class RecoilTracker:
         self._reversed_below, self._may_grow = reversed_below, may_grow
 
     def step(self, index: int, shear: float, level: float, noise: float) -> SlipDecision | None:
-        """A scan: shear and its rising side's level over pressure, and the noise of both."""
+        """Process a scan: shear and the rising side's level over pressure, and the noise of both."""
         if shear < self._reversed_below:
             return SlipDecision("reversed", self._high.index, (index - self._high.index) / 4)
         if level < self._low.value - max(NEAR_PART * self._high.value, NEAR_SDS * noise):
@@ -101,19 +101,19 @@ class RecoilTracker:
 
 
 class GrossSlipTracker:
-    """All slips.
+    """Follow a gross slip until it ends, turns or sticks again.
 
     Parameters
     ----------
     along : list of float
         Unit vector (3,) of the response's growth.
     steepest : float
-        Slope of that, steps a scan.
+        Steepest slope of the response, steps per scan.
     rate_hz : float
     least : float
         Shear over pressure of a change that counts.
     settled : int
-        Scan after which the level is one.
+        Scan after which the level is evaluated.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class GrossSlipTracker:
     def step(
         self, index: int, sides: tuple[float, float, float], level: float, slope: float, noise: float
     ) -> SlipDecision | None:
-        """A scan: its motion (x, y, turn), the level, its slope in steps a scan, and the level's noise."""
+        """Process a scan: motion (x, y, turn), level, slope in steps per scan, noise of the level."""
         still_rises = self._settles and slope > _RISES * self._steepest
         if index <= self._settled or still_rises:
             self._low, self._high = TimedExtreme(level, index), TimedExtreme(level, index)
@@ -151,14 +151,14 @@ class GrossSlipTracker:
         return None
 
     def recoil(self, index: int, level: float) -> RecoilTracker:
-        """What follows where shear fell back at a scan."""
+        """Make the tracker of shear that fell back at a scan."""
         below = -max(self._least, _REVERSED_PART * self._high.value)
         return RecoilTracker(
             TimedExtreme(level, index), self._high, self._rate_hz, self._least, below, may_grow=True
         )
 
     def _has_turned(self, index: int, sides: tuple[float, float, float]) -> SlipDecision | None:
-        """Friction points along the motion: the response turns with it."""
+        """Detect a turn of the motion; friction, and so the response, points along the motion."""
         size = math.sqrt(sum(s * s for s in sides))
         along = sum(a * s for a, s in zip(self._along, sides, strict=True))
         is_off = along < math.cos(math.radians(_TURN_DEG)) * size

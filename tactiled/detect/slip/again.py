@@ -1,9 +1,8 @@
-"""What comes again and again: a hum, a shaking arm, an object that sticks and slips.
+"""Repeated shear: a hum, a shaking arm, an object that sticks and slips.
 
-Shear that came and went is no news for a while: what follows must outgrow it to be said, and while the swings
-go on they are not forgotten. Swings as large as a slip look like slips that turn back and forth, and may be:
-the first few are said one by one, then the slip is said to go on until the shear rests. Who grips on the
-first grips on, and is not told of each swing.
+After a swing of shear, later shear is reported only if it is larger; the memory of the swing fades unless
+swings continue. During sustained shaking, the first few swings are reported one by one, then as a single slip
+until shear is steady. A gripper that reacts to the first swing is therefore not sent an event for each.
 """
 
 import math
@@ -28,7 +27,7 @@ _NOISE_SDS = 6.0
 
 
 class SwingHistory:
-    """Memory of the slips of a contact.
+    """Size of recent swings of a contact, and how often slips began.
 
     Parameters
     ----------
@@ -42,46 +41,46 @@ class SwingHistory:
         self._n_soon = 0
 
     def least(self, index: int) -> float:
-        """Shear over pressure that came and went of late: what is news outgrows it."""
+        """Return the shear over pressure that a new slip must exceed because of recent swings."""
         since_s = max((index - self._at) / self._rate_hz - _KEPT_S, 0.0)
         return self._size * math.pow(2.0, -since_s / _FORGET_S)
 
     def record_swing(self, size: float, index: int) -> None:
-        """Shear over pressure rose by so much and fell back."""
+        """Record that shear over pressure rose by `size` and fell back."""
         self._size, self._at = max(_NEWS * size, self.least(index)), index
 
     def go_on(self, index: int) -> None:
-        """Something moves that is no news: it goes on, and is not forgotten meanwhile."""
+        """Keep the size of swings that continue from fading."""
         self._size, self._at = self.least(index), index
 
     def begin(self, index: int) -> None:
-        """A slip is said."""
+        """Record the onset of a reported slip."""
         is_soon = index - self._begun < _SOON_S * self._rate_hz
         self._n_soon = self._n_soon + 1 if is_soon else 0
         self._begun = index
 
     @property
     def are_many(self) -> bool:
-        """Whether enough of them were said one by one."""
+        """True if enough swings were reported one by one."""
         return self._n_soon >= _FEW
 
 
 class ShakeTracker:
-    """A slip that goes back and forth, until it rests or is outgrown.
+    """Follow sustained shaking until shear is steady or exceeds the swings.
 
     Parameters
     ----------
     index : int
         Newest scan.
     shear : (3,) float64
-        Motion over pressure there.
+        Shear over pressure at that scan.
     largest : float
-        Of the slip so far, over pressure.
+        Largest shear over pressure of the slip so far.
     rate_hz : float
     least : float
         Shear over pressure of a change that counts.
     is_known : bool
-        How large it gets; else its first second shows.
+        `largest` is final; otherwise the first second may raise it.
     """
 
     def __init__(
@@ -101,19 +100,19 @@ class ShakeTracker:
         self._rate_hz, self._least = rate_hz, least
 
     def is_outgrown(self, index: int, shear: FloatArray) -> bool:
-        """Whether a scan's motion over pressure is beyond all swings of its first second."""
+        """Return True if shear over pressure exceeds all swings of the first second."""
         now = extent(shear)
         if index <= self._seen_until:
             self.largest = max(self.largest, now)
         return now > _OUTGROWN * self.largest
 
     def rests(self, index: int, shear: FloatArray, noise: float) -> bool:
-        """Whether a scan's motion over pressure, with its noise, has stayed where it was for long enough."""
+        """Return True if shear over pressure has stayed within noise for `_RESTS_S`."""
         if extent(shear - self._shear) > max(self._least, _NOISE_SDS * noise):
             self._shear, self.rests_since = shear, index
         return index - self.rests_since > _RESTS_S * self._rate_hz
 
 
 def extent(vector: FloatArray) -> float:
-    """Length of a motion (3,)."""
+    """Return the length of a motion (3,)."""
     return float(np.sqrt((vector**2).sum()))

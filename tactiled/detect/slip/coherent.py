@@ -1,4 +1,4 @@
-"""Slip as early as the signal allows: one decision of the whole array ("coherent").
+"""Early slip detector that decides on the response of the whole array ("coherent").
 
 * Evidence (`slip_evidence`): shear of the array as a whole grows beyond noise, pressure and elastic play.
   That is "incipient": some part of the contact slips, or is about to. The instant is the kink's, when shear
@@ -54,7 +54,7 @@ _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
 class CoherentParams(Params):
-    """How often what is no slip may be said, and what is known of the surfaces."""
+    """Permitted false-alarm rate, and limits of shear for the surfaces in use."""
 
     false_alarms_per_hour: float = Field(
         default=150.0,
@@ -85,7 +85,7 @@ class CoherentParams(Params):
 
     @property
     def noise_per_hour(self) -> float:
-        """False alarms that noise alone may raise."""
+        """False alarms per hour that noise alone may cause."""
         return self.false_alarms_per_hour * (NOISE_PART if self.least_shear is None else 1.0)
 
 
@@ -99,7 +99,7 @@ first swing of a hum, ``quiet`` nearly all that a weak slip has."""
 
 
 class CoherentSlip:
-    """Contact and slip events; a `Detector`.
+    """Detect contact and slip; a `Detector`.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class CoherentSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
-        self._before: PreGapReadings | None = None  # what a gap was before
+        self._before: PreGapReadings | None = None  # readings before a gap
         self._stuck = StuckChannelDetector(self._array)
 
     def _start(self, rate_hz: float) -> None:
@@ -136,7 +136,7 @@ class CoherentSlip:
         return self._tracker.state if self._rate_hz else "none"
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Events that the item completes.
+        """Return the events that the item completes.
 
         A gap, or a new scan rate, ends a slip and a contact with events that are not valid: nobody saw
         them end. The detector then is as new, but compares the shear after a gap with that before.
@@ -161,7 +161,7 @@ class CoherentSlip:
         events: list[Event] = [*self._story.cut_off(self._last_time_s)] if self._rate_hz else []
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
-        stuck = self._stuck  # what is broken stays so over a gap
+        stuck = self._stuck  # stuck channels stay stuck over a gap
         self.reset()
         self._stuck = stuck
         return events
@@ -193,7 +193,7 @@ class CoherentSlip:
         return events
 
     def _follow(self) -> ContactTransition | None:
-        """Sliding is known by slip alone."""
+        """Enter or leave the contact state sliding, which only gross slip shows."""
         state, is_gross = self._tracker.state, self._story.is_gross
         if is_gross and state not in ("sliding", "none"):
             return self._tracker.begin_sliding()

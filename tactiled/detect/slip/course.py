@@ -1,16 +1,16 @@
-"""A slip from its onset on: does it become gross, does it end, does it turn back?
+"""Phases of a slip after its onset: incipient, gross, ended or reversed.
 
 Shear that grows is answered by Mindlin's curve (Mindlin, J. Appl. Mech. 16, 1949: the tangential force on a
 ball rises as ``1 - (1 - x)^(3/2)`` with the travel x): steep at first, flat when everything slips. A pull on
 a held object rises as it likes and then stays at what friction bears. Either way gross slip is where the
-response stops following the motion: its slope falls to `_FLAT` of the steepest. At x = 0.9, where nine tenths
-slip, Mindlin's slope is 0.32 of that at the start.
+response stops following the motion: its slope falls to `_FLAT` of the steepest slope. At x = 0.9, where nine
+tenths slip, Mindlin's slope is 0.32 of that at the start.
 
-A load that stops growing below the friction limit has the same shape. What tells it apart: little shear over
-pressure is no gross slip on any likely surface; pressure that came with the shear and stops with it is a
-load; and the taxels' shares of the shear tell (`slip_limit`). A response that falls back at
-once is a load that goes again; one that falls much faster than it rose has broken away (stick-slip). What
-comes after is `slip_after`'s.
+A load that stops growing below the friction limit has the same shape. Three criteria distinguish it: little
+shear over pressure is no gross slip on any likely surface; pressure that came with the shear and stops with
+it is a load; and the taxels' shares of the shear differ (`slip.limit`). A response that falls back at once is
+a load that is removed; one that falls much faster than it rose has broken away (stick-slip). `slip.after`
+follows the slip from there.
 """
 
 import functools
@@ -38,8 +38,9 @@ from tactiled.detect.slip.response import PRESSURE, motion, rising_half
 from tactiled.detect.slip.rest import PlateauTracker
 
 _FLAT = 0.3
-_LINE_S = 0.04  # of the line through the newest responses whose slope is looked at: four scans at 100 Hz
-# A line must be flat for half its length, for less where shear is so many times the least of gross slip. On
+_LINE_S = 0.04  # length of the line fitted to the newest responses: four scans at 100 Hz
+# The slope must stay below `_FLAT` for half the line; a shorter time suffices where shear is this many times
+# the least of gross slip. On
 # seeds 1001 to 1006 of the physical families gross slip is then said 42 ms after it began and not 50, and no
 # load that stops is called gross; at 1.3 times one in a dozen cable tugs is, at 1.0 arm motion too. A load
 # that goes again at a third of the speed it came with is falling by so much of the steepest by then.
@@ -50,7 +51,7 @@ _INSTANT_SD = 0.8  # scans: where between two it lies, and what noise adds
 # Of the time since the onset: what real curves differ from Mindlin's, one way and either way, on seeds 1001
 # to 1012 of the physical families.
 _LATE_PART, _SHAPE_SD_PART = 0.03, 0.03
-# The line is longer where noise would make its slope uncertain by more than this part of the steepest.
+# The line is lengthened where noise makes its slope uncertain by more than this part of the steepest slope.
 _SLOPE_SD_PART = 0.15
 # Flat for so long, scans that noise bends taken off twice, below what is gross: the load stays, nothing slips
 # any more.
@@ -61,32 +62,32 @@ _COMMON = 4.0
 # Pressure that grew with the shear by more than this of it is a load that came at a slant: slip itself moves
 # the pressure by an eighth, jolts by up to 0.65, slanted loads on the physical families by 1.1 to 1.7.
 _PRESSED = 0.8
-# Friction bears what it bore: the less the shear has grown since it began, the less likely it met the limit.
+# A small growth of shear makes it unlikely that the friction limit was reached.
 _LITTLE = 0.2
 _SETTLE_S = 0.05  # after a break-away, before the new level is one
 _ASIDE = 0.5  # shear that grows by so much of the steepest, at more than 60 degrees from where it grew
 
 
 class SlipPhaseTracker:
-    """Follows one slip.
+    """Follow the phases of one slip.
 
     Parameters
     ----------
     along : (3,) float64
         Unit vector of the response's growth.
     start : (7,) float64
-        Response where it began.
+        Response at the onset.
     even : (7,) float64
         Response of an even pressure of 1.
     index : int
         Newest scan.
     began : KinkEstimate
-        How many scans ago.
+        Onset, in scans before the newest.
     slope : float
-        Of the growth so far, steps a scan.
+        Slope of the growth so far, steps per scan.
     rate_hz : float
     least, gross : float
-        Shear over pressure of a change that counts, and of gross slip.
+        Least shear over pressure of a change that counts, and that of gross slip.
     limit : FrictionLimitTest
     """
 
@@ -125,7 +126,7 @@ class SlipPhaseTracker:
         self._after: GrossSlipTracker | RecoilTracker | None = None
 
     def shift(self, by: FloatArray, read: NDArray[np.bool_]) -> None:
-        """These taxels (taxels,) make the response from now on, which jumps by (7,); zeros where all stay."""
+        """Change to the taxel set `read` (taxels,), by which the response jumps by (7,)."""
         if not by.any():
             return
         jump, shear, pressure = self._risen(by), float(self.along @ motion(by)), float(by[PRESSURE])
@@ -139,15 +140,15 @@ class SlipPhaseTracker:
         self._rest.shift(shear)
 
     def excursion(self, row: FloatArray) -> float:
-        """How far shear went, over the pressure of the newest response (7,)."""
+        """Return the largest growth of shear over the pressure of the newest response (7,)."""
         return (self._top.value - self._start) / float(row[PRESSURE])
 
     def swing(self, row: FloatArray) -> float:
-        """How far shear fell from its top to the newest response (7,), over the pressure of that."""
+        """Return the fall of shear since its maximum over the pressure of the newest response (7,)."""
         return (self._top_shear - float(self.along @ motion(row))) / float(row[PRESSURE])
 
     def look_back(self, steps: FloatArray) -> None:
-        """Take the taxels' shares from before the slip was known, of what `step` is given."""
+        """Collect the taxels' shares between onset and detection from the kept readings."""
         ago = min(int(self._began.delay_scans), len(steps) - 1)
         for row in range(len(steps) - 1 - ago, len(steps)):
             self._limit.take(self._began.delay_scans - (len(steps) - 1 - row), steps[row])
@@ -157,7 +158,7 @@ class SlipPhaseTracker:
         return float(sum(w * s for w, s in zip(self._sides.tolist(), sides, strict=True)))
 
     def step(self, index: int, seen: FloatArray, steps: FloatArray, noise: float) -> SlipDecision | None:
-        """Take in a scan.
+        """Process a scan and return the decision it brings, if any.
 
         Parameters
         ----------
@@ -165,7 +166,7 @@ class SlipPhaseTracker:
         seen : (window, 7) float64
             Responses, newest last; the newest pressure is positive.
         steps : (window, channels) float64
-            The readings that they are of.
+            Readings of these responses.
         noise : float
             Standard deviation of the response along the slip.
         """
@@ -242,7 +243,7 @@ class SlipPhaseTracker:
         return None
 
     def _odds(self, shear: float, pressure: float, steps: FloatArray) -> float:
-        """Logarithm of the odds that friction is at its limit where shear has stopped."""
+        """Return the log odds that friction is at its limit where shear has stopped growing."""
         grown = shear - self._start_shear
         if pressure - self._start_pressure > _PRESSED * grown:
             return -math.inf  # a load came to rest, and shear with it
@@ -255,7 +256,7 @@ class SlipPhaseTracker:
         return odds if grown >= _LITTLE * shear else odds + math.log(grown / (_LITTLE * shear))
 
     def _trend(self, seen: FloatArray, n: int) -> FloatArray:
-        """Slopes (7,) of a line through the newest n scans, or all that are kept.
+        """Return the slopes (7,) of a line through the newest n scans, or all that are kept.
 
         Sums of whole numbers: exact in any order.
         """
@@ -264,7 +265,7 @@ class SlipPhaseTracker:
         return np.asarray((line @ seen[-n:]) * 6 / (n * (n * n - 1.0)))
 
     def _reached(self, index: int, seen: FloatArray) -> tuple[float, float]:
-        """Scan at which nine tenths slipped, with its sigma, now that the response stands at its limit."""
+        """Return the scan at which nine tenths slipped, with its standard deviation in scans."""
         courses = seen[:, :PRESSURE] @ self._sides
         limit = float(courses[-max(self._n_flat, 1) :].mean())
         below = np.flatnonzero(courses < self._start + _NINE_TENTHS * (limit - self._start))
@@ -275,7 +276,7 @@ class SlipPhaseTracker:
         return at, math.hypot(_INSTANT_SD, _SHAPE_SD_PART * (at - self._begun))
 
     def _line_scans(self, noise: float, most: int) -> int:
-        """The variance of a slope is 12 noise^2 / n^3."""
+        """Return the length of the line; the variance of its slope is 12 noise^2 / n^3."""
         wanted = (noise * math.sqrt(12) / (_SLOPE_SD_PART * max(self._steepest, 1e-9))) ** (2 / 3)
         return int(min(max(self._least_line, math.ceil(wanted)), most))
 

@@ -1,4 +1,4 @@
-"""Which way a slip goes, and how well that is known: of a growth of shear.
+"""Direction of a slip and its standard deviation, from a growth of shear.
 
 Shear grows along what moves the skin. On a skin that is sheared at an angle already that need not be where it
 slides: friction bears the sum. An object that is pulled more and more sets off along the sum of all pulls at
@@ -41,7 +41,7 @@ _TURNS, _TURNS_SD = 0.4, 0.33
 def direction(
     evidence: ShearEvidence, along: FloatArray, change: FloatArray, now: FloatArray
 ) -> tuple[float, float]:
-    """Direction and its sigma, degrees; the sigma is `UNKNOWN_SD_DEG` where the skin turns on the spot.
+    """Return direction and sigma in degrees; sigma is `UNKNOWN_SD_DEG` where the skin turns on the spot.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def direction(
     along : (3,) float64
         Unit vector of the growth.
     change : (channels,) float64
-        What each reading rose.
+        Rise of each reading.
     now : (7,) float64
         Newest response.
     """
@@ -84,7 +84,7 @@ def _spread(evidence: ShearEvidence, towards: FloatArray, change: FloatArray) ->
 
 
 def _hidden(evidence: ShearEvidence, towards: FloatArray, change: FloatArray, now: FloatArray) -> float:
-    """Turn by what relieved sides may hide of the growth."""
+    """Return the angle by which relieved sides may bend the direction of the growth."""
     grown = evidence.weights @ change
     halves = np.stack([now, now - grown])[:, :PRESSURE].reshape(2, 2, AXES)[..., :2]  # (scan, half, axis)
     relieved = (halves.min(axis=1) < _RELIEVED * halves.max(axis=1)).any(axis=0)
@@ -95,7 +95,7 @@ def _hidden(evidence: ShearEvidence, towards: FloatArray, change: FloatArray, no
 
 
 def _open_turn(towards: FloatArray, now: FloatArray) -> float:
-    """From the growth to the sum of all shear when that is at the limit."""
+    """Return the angle from the growth to the total shear at the friction limit."""
     x, y = motion(now)[:2] / max(float(now[PRESSURE]), 1.0)
     ahead, across = float(towards[0] * x + towards[1] * y), float(towards[0] * y - towards[1] * x)
     at_limit = max(ahead, math.sqrt(max(_LIMIT**2 - across**2, 0.0)))

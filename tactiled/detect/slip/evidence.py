@@ -1,7 +1,7 @@
-"""Has shear begun to grow, over all the array and beyond noise, pressure and elastic play?
+"""Detection of shear that grows over the whole array beyond noise, pressure and elastic play.
 
-At every scan and for every ramp of `slip_filters` the question is put anew; a ramp that passes all of these
-is evidence of slip:
+Every ramp of `slip.filters` is tested at every scan; a ramp that passes all of these tests is evidence of
+slip:
 
 1. Likelihood ratio. The sum over x, y and turn of (output / its standard deviation)^2 is, under noise, a
    chi-square variable with one degree of freedom an axis. Its threshold follows from the false alarms an hour
@@ -64,16 +64,16 @@ _LOADED, _TAKE_PART = 0.25, 1 / 3
 
 @dataclass(frozen=True, eq=False)
 class ShearGrowth:
-    """Evidence of slip at a scan: the ramp that shows it best.
+    """Growth of shear at a scan, from the ramp with the largest statistic.
 
     Attributes
     ----------
     ramp, scans : int
-        Which, and its length.
+        Number of the ramp, and its length in scans.
     rise : (3,) float64
-        Of x, y and turn.
+        Rise of x, y and turn.
     change : (channels,) float64
-        What each reading rose, in steps.
+        Rise of each reading, in steps.
     statistic : float
     """
 
@@ -85,7 +85,7 @@ class ShearGrowth:
 
 
 class ShearEvidence:
-    """Whether shear grows at the newest scans.
+    """Test whether shear grows at the newest scans.
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ class ShearEvidence:
 
     @property
     def taxels(self) -> NDArray[np.bool_]:
-        """Taxels (taxels,) that make the response now."""
+        """Taxels (taxels,) included in the response now."""
         return self._stretches.taxels
 
     @property
     def weights(self) -> FloatArray:
-        """Readings to the response (7, channels)."""
+        """Weights (7, channels) from readings to the response."""
         return self._stretches.weights
 
     @property
@@ -133,7 +133,7 @@ class ShearEvidence:
 
     @property
     def threshold(self) -> float:
-        """Of the statistic."""
+        """Threshold of the statistic."""
         axes = int((motion(self.weights.T) != 0).any(axis=0).sum())
         return _threshold(self._chance, max(1, axes))
 
@@ -158,14 +158,14 @@ class ShearEvidence:
         )
 
     def growth(self, stretch: TaxelSetSegment, scan: int, since: int, least: float) -> ShearGrowth | None:
-        """Evidence at a scan of a stretch.
+        """Return the growth of shear at a scan of a segment, or None.
 
         Parameters
         ----------
         stretch : TaxelSetSegment
         scan : int
         since : int
-            Scans that may count: what was before is told already.
+            Number of newest scans that may count; earlier ones were reported.
         least : float
             Least rise, in steps.
         """
@@ -200,7 +200,7 @@ class ShearEvidence:
         return ShearGrowth(best, scans, rise, change, float(statistic[best]))
 
     def _noise_before(self, stretch: TaxelSetSegment, scan: int) -> FloatArray:
-        """Standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
+        """Return the standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
         newest = len(stretch.details) - len(stretch.fits) + scan
         before = newest - self._filters.lengths[:, np.newaxis] - np.arange(BEFORE_SCANS)
         details = stretch.details[before, :AXES]
@@ -209,7 +209,7 @@ class ShearEvidence:
         return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
 
     def without_skew(self, growth: ShearGrowth, delay: float, late: FloatArray) -> ShearGrowth:
-        """As if the channels of a taxel were sampled at once, and not each so late (channels,) in a scan.
+        """Correct a growth for the sampling times `late` (channels,), in scans, within each taxel.
 
         Of a slip that began one or two scans ago, the later of two pairs shows a tenth more. A slip counts as
         at least as old as the largest skew, or the correction would exceed the growth.
@@ -224,24 +224,24 @@ class ShearEvidence:
         return replace(growth, rise=growth.rise - weights @ less, change=growth.change - less)
 
     def newest(self, n: int) -> FloatArray:
-        """The last n readings (n, channels)."""
+        """Return the last n readings (n, channels)."""
         return self._stretches.newest(n)
 
     def shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
-        """What each taxel (taxels,) adds to a change of the readings (channels,), along a vector (3,)."""
+        """Return the taxels' shares (taxels,) of a change of the readings (channels,) along a vector (3,)."""
         weights = along @ motion(self.weights.T).T
         taxel = self._array.channel_taxel
         return np.asarray(np.bincount(taxel, weights=weights * change, minlength=self._array.n_taxels))
 
     def limit(self, start: FloatArray, late: FloatArray) -> FrictionLimitTest:
-        """Of a slip that began at readings (channels,), each read so late in a scan."""
+        """Make the friction limit test of a slip that began at readings (channels,) sampled at `late`."""
         numbers = np.flatnonzero(self.taxels & self._array.has_shear)
         taxels = np.eye(self._array.n_taxels)[numbers]
         each = taxels[:, self._array.channel_taxel]
         return FrictionLimitTest(self.weights, numbers, each, taxels @ self._normal_weights, start, late)
 
     def is_shared(self, rise: FloatArray, change: FloatArray, steps: FloatArray) -> bool:
-        """Whether the taxels agree, and not a few of many have it alone.
+        """Return True if the taxels agree on a rise and not only a few of many show it.
 
         Shares that are equal on n taxels and nothing elsewhere have ``sum^2 / sum of squares = n``.
         """
@@ -255,12 +255,12 @@ class ShearEvidence:
         return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
     def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> None:
-        """Noise of a scan of a stretch, and whether something happened."""
+        """Update the noise floor by a scan of a segment; `disturbed` while a slip is active."""
         if self._stretches.learn(stretch, row, disturbed=disturbed):
             self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
 
     def noise(self, along: FloatArray) -> float:
-        """Standard deviation of a scan's response along a unit vector (3,)."""
+        """Return the standard deviation of a scan's response along a unit vector (3,)."""
         part = along * self._stretches.axes_sd[0]
         return float(np.sqrt(part @ part))
 
@@ -271,5 +271,5 @@ def _threshold(chance: float, axes: int) -> float:
 
 
 def _size(axes: FloatArray) -> FloatArray:
-    """Length of vectors (n, 3, ramps)."""
+    """Return the length of vectors (n, 3, ramps)."""
     return np.asarray(np.sqrt((axes**2).sum(axis=1)))

@@ -34,7 +34,7 @@ _GROWTH = 1.5
 
 
 class RampFilters:
-    """Filters for a scan rate.
+    """Ramp and wavelet filters for one scan rate.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class RampFilters:
         self._octaves = _octaves(ramps)
 
     def apply(self, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Filters on responses.
+        """Apply all filters to responses.
 
         Parameters
         ----------
@@ -84,11 +84,11 @@ class RampFilters:
         return out[..., : self._n_ramps], out[..., self._n_ramps :]
 
     def rise(self, ramp: int, seen: FloatArray) -> FloatArray:
-        """What rose (columns,) along one of the ramps, of responses (window, columns)."""
+        """Return the rise (columns,) of responses (window, columns) along one ramp."""
         return np.asarray(self._matrix[:, ramp] @ seen * self.rise_scale[ramp])
 
     def later(self, ramp: int, delay: float) -> float:
-        """Part by which a ramp rises further, a scan, of a response that began `delay` > 0 scans ago."""
+        """Return the relative growth per scan of a ramp's output for an onset `delay` > 0 scans ago."""
         scans = int(self.lengths[ramp])
         risen = np.maximum(np.arange(1 - scans, 1) + delay, 0.0)
         weights = self._matrix[-scans:, ramp]
@@ -108,7 +108,7 @@ class RampFilters:
 
 
 def lasting(seen: FloatArray) -> FloatArray:
-    """Responses (n, columns) without what came and went within one scan; the newest may yet stay.
+    """Remove spikes of one scan from responses (n, columns); the newest scan is kept.
 
     The median of three leaves what only rises, or only falls, as it is (Tukey, Exploratory Data Analysis,
     1977, chapter 7).
@@ -132,7 +132,7 @@ def _ramp(m: int) -> FloatArray:
 
 
 def _octaves(ramps: list[FloatArray]) -> FloatArray:
-    """Share (levels + 1, ramps) of each ramp's energy in each octave, and below them all."""
+    """Return the share (levels + 1, ramps) of each ramp's energy in each octave, and below them all."""
     bank = [taps(j) for j in LEVELS]
     # Below 13 Hz the longest ramp is shorter than the bank.
     n = 1 << (max(map(len, [*ramps, *bank])) * 4).bit_length()

@@ -1,4 +1,4 @@
-"""The noise of the response and of every channel, octave by octave, while nothing happens.
+"""Noise floor of the response and of every channel, by octave, outside of slips.
 
 A floor is the median size of a level's details over groups of 16 scans, smoothed in its logarithm: a slip,
 a tap or a burst of interference in a group moves it by little, and a floor that changes 100-fold is
@@ -32,7 +32,7 @@ class NoiseFloor:
     ----------
     sd : (levels, columns) float64
     newest : (levels, columns) float64
-        Of the newest group alone.
+        Standard deviation from the newest group alone.
     """
 
     def __init__(self, levels: int, columns: int, rate_hz: float) -> None:
@@ -47,7 +47,7 @@ class NoiseFloor:
         self.newest = self.sd
 
     def take(self, details: FloatArray, disturbed: bool) -> bool:
-        """Take in one scan's details (columns, levels); True where a group is whole."""
+        """Add one scan's details (columns, levels); return True if a group is complete."""
         self._details[..., self._n_rows] = details
         self._n_rows += 1
         self._disturbed |= disturbed
@@ -67,7 +67,7 @@ class NoiseFloor:
         return True
 
     def scale(self, by: FloatArray, columns: slice = slice(None)) -> None:
-        """Something other than time changes floors: (levels, columns) times this."""
+        """Multiply the floors (levels, columns), as for a change of the taxel set."""
         self._log[:, columns] = np.maximum(self._log[:, columns] + np.log(by), np.log(_LEAST_STEPS))
         self._set()
 

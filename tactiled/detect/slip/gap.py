@@ -1,4 +1,4 @@
-"""A slip that lies wholly in a gap: readings before and after are all there is of it.
+"""Detection of a slip inside a gap, from the readings before and after it.
 
 While a contact holds, its shear stays what it was, or goes with the pressure where that changed. Shear that
 differs by more, after a gap in mid-contact, has come while nobody looked: by a slip, or by a load that did
@@ -24,16 +24,16 @@ _LONGEST_S = 2.0  # longer, and what is held is held anew
 
 
 class PreGapReadings(NamedTuple):
-    """What was before a gap.
+    """Readings and evidence before a gap.
 
     Attributes
     ----------
     time_s : float
-        Of the last scan.
+        Time of the last scan.
     steps : (LOOK_SCANS, channels) float64
         The last readings.
     evidence : ShearEvidence
-        As it was then.
+        Evidence at that time.
     """
 
     time_s: float
@@ -42,12 +42,12 @@ class PreGapReadings(NamedTuple):
 
     @property
     def readings(self) -> FloatArray:
-        """Their mean (channels,)."""
+        """Mean (channels,) of the last readings."""
         return np.asarray(self.steps.mean(axis=0))
 
 
 class GapShearChange(NamedTuple):
-    """What came in a gap.
+    """Change of shear over a gap.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class GapShearChange(NamedTuple):
 def moved_in_gap(
     before: PreGapReadings, steps: FloatArray, first_s: float, evidence: ShearEvidence, least: float
 ) -> GapShearChange | None:
-    """What a gap hid, if anything did.
+    """Return the change of shear over a gap, or None if there was no significant one.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def moved_in_gap(
     first_s : float
         Instant of the first of them.
     evidence : ShearEvidence
-        As it is now.
+        Evidence after the gap.
     least : float
         Shear over pressure of a change that counts.
     """

@@ -1,4 +1,4 @@
-"""When a response began to grow: the mean and width of its posterior, over instant and shape.
+"""Onset of growth of a response: mean and width of its posterior over instant and shape.
 
 A load that grows may do so evenly, or as any power of the time since: a pull swells, a slide gathers speed,
 a jerk does both. The skin answers what grows as x by Mindlin's curve, ``1 - (1 - x / X)^(3/2)`` (J. Appl.
@@ -43,7 +43,7 @@ _PARAMETERS = 5  # of a fit: level, size, instant, power, when all slips
 
 
 class KinkEstimate(NamedTuple):
-    """How far back from the newest scan, in scans."""
+    """Onset of growth, in scans before the newest, with its standard deviation."""
 
     delay_scans: float
     sd_scans: float
@@ -52,7 +52,7 @@ class KinkEstimate(NamedTuple):
 def find_kink(
     ago: FloatArray, course: FloatArray, noise: FloatArray, longest: float, least: float
 ) -> KinkEstimate:
-    """Where a response began to rise.
+    """Estimate the onset of growth of a response.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def find_kink(
 def _likelihood(
     ago: FloatArray, course: FloatArray, weights: FloatArray, delays: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Of each shape and delay, over the best; and the size of its first, straight rise, a delay long.
+    """Return the likelihood of each shape and delay over the best, and the size of its initial rise.
 
     Both (powers, all slips, delays). A fall explains nothing.
     """
@@ -112,7 +112,7 @@ def _likelihood(
 
 
 def _reached(part: FloatArray) -> FloatArray:
-    """When each shape has a part (powers, all slips, delays) of its straight rise; in delays, at most 1."""
+    """Return the time, in delays and at most 1, when each shape reaches a part of its straight rise."""
     power = _POWERS[:, np.newaxis, np.newaxis]
     limit = _ALL_SLIPS[:, np.newaxis] ** power
     grown = limit * (1 - np.maximum(1 - 1.5 * part / limit, 0.0) ** (2 / 3))

@@ -1,4 +1,4 @@
-"""Where a load's growth stops: has friction reached its limit, or does the load just stay?
+"""Test whether shear that stopped growing has reached the friction limit or is a steady load.
 
 Both stand still at once, and the size of the shear tells only on surfaces of known friction. The taxels tell:
 while the contact holds they move as one, and their shares of the shear stay; where it slips, the shares turn
@@ -33,7 +33,7 @@ from tactiled.detect.slip.response import COLUMNS, PRESSURE, motion, moved, risi
 
 
 class _BendPrior(NamedTuple):
-    """What y of taxels may be: a slope over their log loads, and strays."""
+    """Prior of the taxels' y: slope over log load, and standard deviations of the scatter."""
 
     slope: float
     slope_sd: float
@@ -66,7 +66,7 @@ _START_ROW = np.array([[0.0, 0.0, math.sqrt(START_SCANS)]])
 
 
 class FrictionLimitTest:
-    """Follows the taxels' shares of a growing shear.
+    """Compare the taxels' shares of a growing shear with those at the friction limit.
 
     Parameters
     ----------
@@ -101,18 +101,18 @@ class FrictionLimitTest:
 
     @classmethod
     def unobserved(cls, n_channels: int) -> Self:
-        """Where the rise was not seen: knows nothing."""
+        """Make a test without data, for a rise that was not observed."""
         numbers, none, start = np.zeros(0, dtype=np.int64), np.zeros((0, n_channels)), np.zeros(n_channels)
         return cls(np.zeros((COLUMNS, n_channels)), numbers, none, none, start, start)
 
     def keep(self, read: NDArray[np.bool_]) -> None:
-        """Which of all taxels (all,) are read from now on: one that was not tells nothing any more."""
+        """Keep only the taxels that are still read, by a mask (all,) of all taxels."""
         kept = read[self._numbers]
         self._numbers, self._taxels, self._load = self._numbers[kept], self._taxels[kept], self._load[kept]
         self._weights = self._weights * self._taxels.sum(axis=0)
 
     def take(self, scans: float, readings: FloatArray) -> None:
-        """Readings (channels,) of a scan, so long after the shear began to grow."""
+        """Add the readings (channels,) of a scan, `scans` after the onset of growth."""
         self._sum[0] += scans
         self._sum[1:] += readings
         self._n_summed += 1
@@ -126,9 +126,9 @@ class FrictionLimitTest:
             self._each *= 2
 
     def odds(self, rest: FloatArray) -> float | None:
-        """Logarithm of the odds that all slips, of readings (n, channels) since the rise stopped.
+        """Return the log odds of gross slip from the readings (n, channels) since the rise stopped.
 
-        None where nothing can be known of it.
+        None if the data do not decide.
         """
         if len(self._rows) < _LEAST_ROWS or len(self._load) < _LEAST_TAXELS:
             return None
@@ -166,7 +166,7 @@ class FrictionLimitTest:
         return self._taxels * (both if bears_both else 2 * rising)
 
     def _without_skew(self, at: FloatArray, risen: FloatArray, shear: FloatArray) -> FloatArray:
-        """Shear (rows, taxels) as if all had been read when a scan began: what grows has grown on since."""
+        """Correct the shear (rows, taxels) for the sampling times of the channels within a scan."""
         each = risen @ shear.T
         whole = each.sum(axis=1, keepdims=True)
         part = np.divide(each, whole, where=whole != 0, out=np.zeros_like(each))
@@ -205,7 +205,7 @@ def _fitted(s: FloatArray, shear: FloatArray, scans: FloatArray) -> tuple[FloatA
 
 
 def _log_density(fitted: tuple[FloatArray, FloatArray], log_load: FloatArray, bends: _BendPrior) -> float:
-    """Of all taxels' y, but for a constant; what they have in common is any."""
+    """Return the log density of all taxels' y up to a constant, with a free common offset."""
     y, variance = fitted
     common = 1.0 + bends.slope_sd**2 * np.outer(log_load, log_load)
     off = y - bends.slope * log_load

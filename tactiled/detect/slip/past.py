@@ -1,4 +1,4 @@
-"""When a growth began, of all that the contact showed: what grows slowly began before the filters' window."""
+"""History of the response, to find the onset of growth that began before the filters' window."""
 
 from collections import deque
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class _ResponseMean(NamedTuple):
 
 
 class ResponseHistory:
-    """The response since contact began: means over some scans each, for as long as anything grows.
+    """Response since the contact began, as means over some scans each.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class ResponseHistory:
         self.forget()
 
     def forget(self) -> None:
-        """What was is no part of what comes."""
+        """Clear the history."""
         self._means.clear()
         self._sum, self._n = np.zeros(COLUMNS), 0
 
     def shift(self, jump: FloatArray) -> None:
-        """Other taxels make the response from now on, which jumps by (7,); zeros where they stay."""
+        """Correct the history for a change of the taxel set, by which the response jumps by (7,)."""
         if not jump.any():
             return
         self._sum = self._sum + self._n * jump
@@ -56,7 +56,7 @@ class ResponseHistory:
             self._means[k] = mean._replace(row=mean.row + jump)
 
     def take(self, row: FloatArray) -> None:
-        """A scan's response (7,)."""
+        """Add a scan's response (7,)."""
         self._sum = self._sum + row
         self._n += 1
         self._n_taken += 1
@@ -65,14 +65,14 @@ class ResponseHistory:
             self._sum, self._n = np.zeros(COLUMNS), 0
 
     def at(self, seen: FloatArray, scans: float) -> FloatArray:
-        """Response (7,) so many scans ago, or the oldest that is kept."""
+        """Return the response (7,) `scans` ago, or the oldest that is kept."""
         ago = round(scans)
         if ago < len(seen) or not self._means:
             return np.asarray(seen[-1 - min(ago, len(seen) - 1)])
         return min(self._means, key=lambda mean: abs(self._n_taken - mean.newest - ago)).row
 
     def began(self, seen: FloatArray, ramp: int, known: int, along: FloatArray, noise: float) -> KinkEstimate:
-        """When a growth began.
+        """Estimate the onset of a growth.
 
         Parameters
         ----------

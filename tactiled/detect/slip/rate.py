@@ -1,4 +1,4 @@
-"""What a rate of false alarms means: how much growth of shear is said, and how much of it noise may raise.
+"""Relation of the false-alarm rate to the growth of shear that is reported.
 
 A hand that moves loads the skin, and friction is not known beforehand, so the first part of a load that
 would have held looks like the first part of a slip. How often that is said depends on how much growth is
@@ -23,10 +23,10 @@ NOISE_PART = 0.003
 
 
 def shear_at(per_hour: float) -> float:
-    """Growth of shear over pressure to wait for; a straight line in logarithms between what was measured."""
+    """Return the growth of shear over pressure to wait for, by log-linear interpolation."""
     return float(np.exp(np.interp(np.log(per_hour), np.log(PER_HOUR), np.log(SHEAR))))
 
 
 def rate_at(shear: float) -> float:
-    """False alarms an hour of a hand that moves unannounced, where growth of shear over pressure is said."""
+    """Return the false alarms per hour of an unannounced moving hand at a growth of shear over pressure."""
     return float(np.exp(np.interp(-np.log(shear), -np.log(SHEAR), np.log(PER_HOUR))))

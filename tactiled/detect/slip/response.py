@@ -1,4 +1,4 @@
-"""What a whole array says of tangential motion: a few whole numbers a scan.
+"""Response of the whole array to tangential motion: seven whole numbers per scan.
 
 Noise of single channels averages out where the taxels agree, so decisions are made on a few means:
 
@@ -64,15 +64,15 @@ class ResponseModel:
         self._two_way = kinds != "side"
 
     def whole_taxels(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Taxels (..., taxels) of which every channel is good, from (..., channels)."""
+        """Return the taxels (..., taxels) whose channels are all valid, from (..., channels)."""
         return np.asarray((~ok).astype(np.float64) @ self._needs.T == 0)
 
     def worst(self, of_channels: FloatArray) -> FloatArray:
-        """Largest (taxels,) of what is given of each channel that a taxel needs."""
+        """Return the largest value (taxels,) over each taxel's needed channels."""
         return np.asarray((self._needs * of_channels).max(axis=1))
 
     def weights(self, taxels: NDArray[np.bool_]) -> FloatArray:
-        """Weights (7, channels) of the means over some taxels (taxels,); zero where there are none.
+        """Return the weights (7, channels) of the means over some taxels (taxels,); zero without taxels.
 
         Multiples of 2^-20, so that sums over whole readings are exact in any order.
         """
@@ -94,7 +94,7 @@ class ResponseModel:
 
 
 def responses(weights: FloatArray, steps: FloatArray) -> FloatArray:
-    """Whole responses of readings (n, channels) on the grid.
+    """Return the whole responses of readings (n, channels) on the grid.
 
     Returns
     -------
@@ -105,23 +105,23 @@ def responses(weights: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 def motion(rows: FloatArray) -> FloatArray:
-    """Response (..., 3) along x, y and turn, of whole responses (..., 7)."""
+    """Return the response (..., 3) along x, y and turn, of whole responses (..., 7)."""
     return np.asarray(rows[..., RISING] - rows[..., FALLING])
 
 
 def rising_half(along: FloatArray) -> FloatArray:
-    """Weights (6,) of the halves of the axes that rise with motion along a unit vector (3,)."""
+    """Return the weights (6,) of the halves of the axes that rise with motion along a unit vector (3,)."""
     return np.concatenate([np.maximum(along, 0.0), np.maximum(-along, 0.0)])
 
 
 def unit(vector: FloatArray) -> FloatArray:
-    """Of length 1; zero stays zero."""
+    """Scale a vector to length 1; zero stays zero."""
     size = float(np.sqrt((vector**2).sum()))
     return vector / size if size > 0 else vector
 
 
 def moved(before: FloatArray, now: FloatArray) -> FloatArray:
-    """Change (3,) of the response between two scans (7,), where a half that bottomed out is left out."""
+    """Return the change (3,) of the response between two scans (7,), without fully relieved halves."""
     halves = np.stack([before[:PRESSURE], now[:PRESSURE]]).reshape(2, 2, AXES)  # (scan, half, axis)
     lowest = halves.min(axis=0)
     change = halves[1] - halves[0]

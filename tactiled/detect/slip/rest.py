@@ -1,4 +1,4 @@
-"""Where a load's growth stops: is it gross, does it only stay, or must more scans be waited for?"""
+"""Decision at a plateau of shear: gross slip, steady load, or wait for more scans."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ _DOUBTFUL = -2.0
 
 
 class PlateauTracker:
-    """Follows a shear that may have stopped.
+    """Follow a shear that may have stopped growing.
 
     Parameters
     ----------
@@ -35,22 +35,22 @@ class PlateauTracker:
         self.doubtful_at = math.inf  # shear of a rest that may be a slip
 
     def goes_on(self) -> None:
-        """The shear grows again."""
+        """Record that the shear grows again."""
         self._stays_at = -math.inf
 
     def shift(self, by: float) -> None:
-        """Other taxels make the shear from now on, which jumps."""
+        """Correct for a change of the taxel set, by which the shear jumps."""
         self._stays_at += by
         self.doubtful_at += by
 
     def is_gross(self, n_flat: int, shear: float, noise: float, odds: Callable[[], float]) -> bool:
-        """Whether all slips, after so many scans of standing still.
+        """Return True for gross slip, after `n_flat` scans of steady shear.
 
         Parameters
         ----------
         n_flat : int
         shear, noise : float
-            Of the newest scan, and its standard deviation.
+            Shear of the newest scan, and its standard deviation.
         odds : callable
             Gives the logarithm of the odds that all slips; asked for only where it is not known.
         """

@@ -1,9 +1,10 @@
-"""The slips of a contact, one after the other: what each scan brings, told as events.
+"""Tracker of the slips of one contact: scans to slip events.
 
-Idle, evidence of growing shear begins a slip. While it goes on its course is followed; a gross slip that
-fell back is followed until it has turned round or rests. What was told is not told again: evidence counts
-from the scan where the last slip ended, and shear that came and went of late must be outgrown (`slip_again`).
-Two slips in quick succession are two where the skin springs back in between; else nothing shows the stop.
+While no slip is active, evidence of growing shear begins one. An active slip is followed through its phases;
+a gross slip whose shear fell back is followed until shear reverses or rests. Each slip is reported once:
+evidence counts from the scan where the last slip ended, and shear must exceed that of recent swings
+(`slip.again`). Two slips in quick succession are separated only if the skin springs back in between;
+otherwise no signal shows the stop.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,7 @@ _SWING_S = 2.0  # a whole swing of 0.5 Hz
 
 
 class _TrackedSlip(NamedTuple):
-    """A slip: its newest onset event, its course, and the evidence that raised it."""
+    """Slip with its newest onset event, its phase tracker and the statistic that raised it."""
 
     event: SlipEvent
     course: SlipPhaseTracker
@@ -37,16 +38,16 @@ class _TrackedSlip(NamedTuple):
 
 
 class SlipTracker:
-    """Of a contact.
+    """Track the slips of one contact.
 
     Parameters
     ----------
     evidence : ShearEvidence
     rate_hz : float
     least_shear, gross_shear : float
-        Shear over pressure of what counts, and of gross slip.
+        Least shear over pressure that counts as slip, and that of gross slip.
     before : PreGapReadings or None
-        The contact goes on from before a gap.
+        Readings before a gap in which the contact continued.
     """
 
     def __init__(
@@ -62,33 +63,33 @@ class SlipTracker:
         self._least_shear, self._gross_shear = least_shear, gross_shear
         self._before = before
         self._slip: _TrackedSlip | None = None
-        self._recoil: _TrackedSlip | None = None  # one that has ended and may be turning back
-        self._reported_until = 0  # what was until this scan is told, or was no contact
+        self._recoil: _TrackedSlip | None = None  # an ended slip whose shear may be reversing
+        self._reported_until = 0  # scans up to this one were reported, or had no contact
         self._swings = SwingHistory(rate_hz)
-        self._shake: ShakeTracker | None = None  # what the slip goes on as
-        self._beneath: ShakeTracker | None = None  # swings that are no news
+        self._shake: ShakeTracker | None = None  # sustained shaking, reported as one slip
+        self._beneath: ShakeTracker | None = None  # swings that are not reported
         self._past = ResponseHistory(rate_hz, evidence.longest)
 
     @property
     def is_gross(self) -> bool:
-        """Whether all of the contact slips now."""
+        """True while the whole contact slips."""
         return self._slip is not None and self._slip.event.kind == "gross"
 
     def shift(self, jump: FloatArray) -> None:
-        """Other taxels make the response from now on, which jumps by (7,)."""
+        """Correct all kept responses for a change of the taxel set, by which the response jumps by (7,)."""
         for slip in (self._slip, self._recoil):
             if slip is not None:
                 slip.course.shift(jump, self._evidence.taxels)
         self._past.shift(jump)
 
     def cut_off(self, time_s: float) -> list[SlipEvent]:
-        """The end of a slip that nobody saw end."""
+        """Return the end of an active slip cut off by a gap, marked as not valid."""
         if self._slip is None:
             return []
         return [slip_words.ended(self._slip.event, time_s, time_s, valid=False)]
 
     def lift(self, now: ScanEvidence) -> list[SlipEvent]:
-        """A scan without contact."""
+        """Process a scan without contact; an active slip ends."""
         self._reported_until = now.index
         self._recoil = self._shake = self._beneath = None
         self._past.forget()
@@ -97,15 +98,15 @@ class SlipTracker:
     def look(
         self, now: ScanEvidence, stretch: TaxelSetSegment, row: int, *, is_sure: bool
     ) -> list[SlipEvent]:
-        """Take in a scan in contact; `is_sure` where the contact's beginning was seen.
+        """Process a scan in contact; `is_sure` is True if the beginning of the contact was observed.
 
-        A mean pressure that is not positive is no load: the scan is kept, and nothing is concluded from it.
+        With a mean pressure of zero or less there is no load: the scan is kept but not evaluated.
         """
         self._past.take(now.seen[-1])
         if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
             return self._look_back(self._before, now)
         if now.seen[-1, PRESSURE] <= 0:
-            return []  # no load, or no taxel to read it from: shear over pressure means nothing in this scan
+            return []  # no load, or no valid taxel: shear over pressure is undefined in this scan
         if self._shake is not None:
             return self._go_on(self._shake, now)
         if (slip := self._slip or self._recoil) is not None:
@@ -129,8 +130,8 @@ class SlipTracker:
         return [self._onset(growth, now, is_sure)]
 
     def _swinging(self, now: ScanEvidence, least: float) -> ShakeTracker:
-        """What goes on as swings that are no news: as large as shear was before the newest of them."""
-        # A swing goes from one end to the other: half of it about its middle.
+        """Make the tracker of swings that are not reported, as large as shear before the newest of them."""
+        # A swing is measured from end to end; its amplitude about the middle is half of that.
         before = now.seen[: len(now.seen) - (now.index - self._reported_until)]
         of_late = before[-round(_SWING_S * self._rate_hz) :]
         sizes = [extent(motion(row)) / max(float(row[PRESSURE]), 1.0) for row in of_late]
@@ -140,7 +141,7 @@ class SlipTracker:
         )
 
     def _is_outgrown(self, now: ScanEvidence) -> bool:
-        """Whether shear is beyond swings that are no news: what they are worth as noise would hide it."""
+        """Return True if shear exceeds the unreported swings; as noise they would hide it."""
         if self._beneath is None:
             return False
         noise = self._evidence.noise(unit(now.shear)) / float(now.seen[-1, PRESSURE])
@@ -150,7 +151,7 @@ class SlipTracker:
         return self._beneath.is_outgrown(now.index, now.shear)
 
     def _look_back(self, before: PreGapReadings, now: ScanEvidence) -> list[SlipEvent]:
-        """What a gap hid, known some scans after it."""
+        """Return the onset of a slip inside a gap, found `LOOK_SCANS` scans after the gap."""
         first_s = now.time_s - (LOOK_SCANS - 1) / self._rate_hz
         moved = moved_in_gap(before, now.steps[-LOOK_SCANS:], first_s, self._evidence, self._least_shear)
         if moved is None:
@@ -164,7 +165,7 @@ class SlipTracker:
 
     @property
     def happens(self) -> bool:
-        """Whether what is seen now is no noise."""
+        """True while a slip is active or recoiling, so that the noise floor is frozen."""
         return self._slip is not None or self._recoil is not None
 
     def _onset(self, growth: ShearGrowth, now: ScanEvidence, is_sure: bool) -> SlipEvent:
@@ -188,7 +189,7 @@ class SlipTracker:
         statistic: float,
         before: PreGapReadings | None = None,
     ) -> SlipEvent:
-        """Onset of a slip; `before` is what was before it where a gap hid it."""
+        """Begin a slip and return its onset; `before` is set if a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
         event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
         start = self._past.at(now.seen, kink.delay_scans)
@@ -217,7 +218,7 @@ class SlipTracker:
         return event
 
     def _conclude(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
-        """Events of what became of the slip."""
+        """Return the events of a decision on the active slip."""
         assert self._slip is not None
         along = self._slip.course.along
         since = now.index - verdict.at_index
@@ -243,7 +244,7 @@ class SlipTracker:
         return events
 
     def _go_on(self, shake: ShakeTracker, now: ScanEvidence) -> list[SlipEvent]:
-        """A scan of a slip that goes back and forth."""
+        """Process a scan during sustained shaking."""
         assert self._slip is not None
         shear, slip = now.shear, self._slip
         noise = self._evidence.noise(slip.course.along) / float(now.seen[-1, PRESSURE])
@@ -258,13 +259,13 @@ class SlipTracker:
         return events + self._outgrow(now, slip.statistic) if is_outgrown else events
 
     def _outgrow(self, now: ScanEvidence, statistic: float) -> list[SlipEvent]:
-        """Onset of a slip beyond swings that went on."""
+        """Return the onset of a slip that exceeds the swings before it."""
         since = OUTGROWS_S * self._rate_hz
         verdict = SlipDecision("again", now.index - since, since / 2)
         return self._resume(verdict, now, now.along(since), statistic)
 
     def _turn_back(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
-        """What became of a slip that fell back."""
+        """Return the events of a decision on a slip whose shear fell back."""
         assert self._recoil is not None
         recoil, self._recoil = self._recoil, None
         was_gross = recoil.event.kind == "gross"
@@ -278,7 +279,7 @@ class SlipTracker:
     def _resume(
         self, verdict: SlipDecision, now: ScanEvidence, along: FloatArray, statistic: float
     ) -> list[SlipEvent]:
-        """Onset of a slip that follows on another."""
+        """Return the onset of a slip that directly follows another."""
         since = now.index - verdict.at_index
         size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
         if not along.any() or size == 0:

@@ -1,4 +1,4 @@
-"""Scans cut where the set of taxels changes that the response is made of, and their filtered responses.
+"""Segments of scans with a constant set of taxels, and their filtered responses.
 
 A taxel counts while all its channels are good, and were for as long as the filters see: a reading that is
 missing or stuck (`slip_stuck`) takes its taxel along. So does noise: of white noise of their own the mean
@@ -42,24 +42,24 @@ _NO_NOISE = 2.0 ** (READING_BITS - 13)
 
 @dataclass(frozen=True, eq=False)
 class TaxelSetSegment:
-    """Scans between which no taxel comes or goes.
+    """Consecutive scans with the same set of taxels.
 
     Attributes
     ----------
     scans : slice
-        Of the block.
+        Scans of the block.
     jump : (7,) float64
         By which the response at one and the same scan differs from that of the stretch before.
     steps : (window - 1 + n, channels) float64
     seen : (window - 1 + n, 7) float64
-        Their responses.
+        Responses of these readings.
     ramps : (n, 3, ramps) float64
     rises : (n, 4, ramps) float64
-        What rose along each ramp; the last is the pressure.
+        Rise along each ramp; the last axis is the pressure.
     fits : (n, ramps) bool
-        What may count as evidence.
+        True where the ramp may count as evidence.
     details : (history + n, 4, levels) float64
-        Of the axes and of pressure, with those of the scans before.
+        Wavelet details of the axes and of pressure, with those of earlier scans.
     channels : (n, channels, levels) float64
         Details of each channel.
     """
@@ -76,7 +76,7 @@ class TaxelSetSegment:
 
 
 class ResponseSegmenter:
-    """The response of the newest scans, of the taxels that can be trusted.
+    """Split scans into segments and compute the response of the taxels that are valid and quiet.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class ResponseSegmenter:
     ----------
     filters : RampFilters
     taxels : (taxels,) bool
-        Those that make the response now.
+        Taxels included in the response now.
     weights : (7, channels) float64
     even : (7,) float64
         Response of an even pressure of 1.
@@ -113,6 +113,7 @@ class ResponseSegmenter:
 
     @property
     def axes_sd(self) -> FloatArray:
+        """Noise (levels, 3) of the response along each axis."""
         return np.asarray(self._floor.sd[:, :AXES])
 
     def _choose(self, taxels: NDArray[np.bool_]) -> None:
@@ -121,7 +122,7 @@ class ResponseSegmenter:
         self.even = self.weights @ self._response.pressed
 
     def cut(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
-        """Take in the scans of a block; noise must be learnt of each stretch before the next is asked for."""
+        """Yield the segments of a block; call `learn` for each scan of one before taking the next."""
         if not len(self._steps):
             self._steps = np.repeat(held.steps[:1], self.filters.window - 1, axis=0)
         first = self._n_seen
@@ -136,7 +137,7 @@ class ResponseSegmenter:
             yield self._stretch(slice(a, b), held.steps[a:b], clean[a] & ~self._noisy, channels[a:b])
 
     def _clean(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Taxels (n, taxels) whose channels are good, and were for as long as the filters see."""
+        """Return the taxels (n, taxels) whose channels are valid over the whole filter window."""
         whole = self._response.whole_taxels(ok)
         scans = np.arange(self._n_seen, self._n_seen + len(ok))[:, np.newaxis]
         self._n_seen += len(ok)
@@ -145,13 +146,13 @@ class ResponseSegmenter:
         return np.asarray(scans - newest_bad > self.filters.window)
 
     def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
-        """Taxels with far more noise than most that are read; they become quiet again when well below."""
+        """Find taxels with far more noise than the median, with hysteresis."""
         noise = self._response.worst(self._floor.sd[0, _COMMON:])
         usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
         self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
 
     def newest(self, n: int) -> FloatArray:
-        """The last n readings (n, channels)."""
+        """Return the last n readings (n, channels)."""
         return self._steps[-n:].copy()
 
     def _stretch(
@@ -180,12 +181,12 @@ class ResponseSegmenter:
         return TaxelSetSegment(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
 
     def _made_of(self, noise: FloatArray) -> FloatArray:
-        """Noise (levels, 4) of axes and pressure if channels (levels, 4 + channels) have each their own."""
+        """Return the noise (levels, 4) of axes and pressure if the noise of channels is independent."""
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
         return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
 
     def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
-        """Noise of a scan of a stretch, and whether something happened; True where that changed a floor."""
+        """Update the noise floor by a scan of a segment; return True if a group of scans is complete."""
         common = stretch.details[len(stretch.details) - len(stretch.channels) + row]
         if not self._floor.take(np.concatenate([common, stretch.channels[row]]), disturbed):
             return False

@@ -1,4 +1,4 @@
-"""Channels that are stuck: readings that are valid and say nothing.
+"""Detection of stuck channels, whose valid readings do not follow the load.
 
 A wire that came off, an input that is held by its neighbour, a multiplexer that does not switch: the reading
 stays where it is. Two things tell it from a quiet channel, whose converter lawfully repeats a code for as
@@ -29,7 +29,7 @@ _LEAST_SIDES = 3
 
 
 class StuckChannelDetector:
-    """Follows all channels.
+    """Detect stuck channels in a stream of readings.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class StuckChannelDetector:
         self._stayed = np.zeros(n, dtype=np.bool_)  # in a press since the code began
 
     def process(self, steps: FloatArray) -> NDArray[np.bool_]:
-        """Which of the readings (n, channels) are stuck; chunking does not matter."""
+        """Return which readings (n, channels) are stuck; the result does not depend on chunking."""
         n = len(steps)
         if self._last is None:
             self._last = steps[0]

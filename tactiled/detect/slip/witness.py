@@ -1,4 +1,4 @@
-"""What one scan can tell of a slip: which way, which taxels, how much they agree."""
+"""Direction, taxels and confidence of a slip, from one scan and those before it."""
 
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,7 @@ _TAKES_PART = 0.5  # of the mean of those that move along: what moves less may b
 
 @dataclass(frozen=True)
 class SlipDescription:
-    """Of a change of the response.
+    """Direction, confidence and taxels of a change of the response.
 
     Attributes
     ----------
@@ -33,12 +33,12 @@ class SlipDescription:
     taxels: tuple[int, ...]
 
     def with_half_confidence(self) -> "SlipDescription":
-        """Of a contact whose beginning, or a slip whose course nobody saw: half the confidence."""
+        """Return a copy with half the confidence, for a contact or slip whose beginning was not observed."""
         return replace(self, confidence=self.confidence / 2)
 
 
 class ScanEvidence:
-    """A scan with the scans before it.
+    """One scan in its window of earlier scans, with the measurements that slip events need.
 
     Parameters
     ----------
@@ -46,18 +46,18 @@ class ScanEvidence:
     evidence : ShearEvidence
     block : ScanBlock
     stretch : TaxelSetSegment
-        Of the block, with the scan in it.
+        Segment of the block that holds the scan.
     row : int
-        The scan's, in the stretch.
+        Row of the scan in the segment.
     index : int
-        The scan's, since the detector began.
+        Number of the scan since the detector started.
 
     Attributes
     ----------
     seen : (window, 7) float64
         Responses, newest last.
     steps : (window, channels) float64
-        The readings that they are of.
+        Readings of these responses.
     """
 
     def __init__(
@@ -77,56 +77,60 @@ class ScanEvidence:
 
     @property
     def time_s(self) -> float:
+        """Time of the scan."""
         return float(self._block.time_s[self.scan])
 
     @property
     def rate_hz(self) -> float:
+        """Scan rate."""
         return self._block.rate_hz
 
     @property
     def time_sd_s(self) -> float:
+        """Standard deviation of the time of the scan."""
         return float(self._block.time_sd_s[self.scan])
 
     @property
     def is_late(self) -> bool:
+        """True if the scan arrived late."""
         return bool(self._block.late[self.scan])
 
     @property
     def shear(self) -> FloatArray:
-        """Motion (3,) over pressure."""
+        """Shear response (3,) over pressure."""
         return motion(self.seen[-1]) / max(float(self.seen[-1, PRESSURE]), 1.0)
 
     def ago(self, scans: float) -> int:
-        """Row of `seen` that is so long before the newest, at most the oldest."""
+        """Return the row of `seen` that is `scans` before the newest, at most the oldest."""
         return -1 - int(min(max(round(scans), 0), len(self.seen) - 1))
 
     def without_skew(self, growth: ShearGrowth, delay: float) -> ShearGrowth:
-        """What grew since so many scans ago, as if the channels of a taxel were sampled at one instant."""
+        """Correct a growth that began `delay` scans ago for the sampling skew within each taxel."""
         return self._evidence.without_skew(growth, delay, self._block.channel_offset_s * self.rate_hz)
 
     def skew_s(self, along: FloatArray) -> float:
-        """How long after the scan began its channels were sampled, on the average of their weights."""
+        """Return the mean sampling time of the channels after the start of the scan, by weight."""
         weights = np.abs(along @ motion(self._evidence.weights.T).T)
         return float(np.average(self._block.channel_offset_s, weights=weights)) if weights.any() else 0.0
 
     def along(self, scans: float) -> FloatArray:
-        """Unit vector (3,) of the change since so long ago; zero where nothing changed."""
+        """Return the unit vector (3,) of the change over the last `scans`; zero if nothing changed."""
         change = moved(self.seen[self.ago(scans)], self.seen[-1])
         size = float(np.sqrt((change**2).sum()))
         return change / size if size > 0 else change
 
     def changed(self, scans: float) -> FloatArray:
-        """Change (channels,) of the readings since so long ago."""
+        """Return the change (channels,) of the readings over the last `scans`."""
         return np.asarray(self.steps[-1] - self.steps[self.ago(scans)])
 
     def limit(self, scans: float) -> FrictionLimitTest:
-        """Of a shear that began to grow so long ago."""
+        """Make the friction limit test of a shear that began to grow `scans` ago."""
         began = len(self.steps) + self.ago(scans)
         start = self.steps[max(0, began + 1 - START_SCANS) : began + 1].mean(axis=0)
         return self._evidence.limit(start, self._block.channel_offset_s * self._block.rate_hz)
 
     def describe_change(self, along: FloatArray, change: FloatArray) -> SlipDescription:
-        """About a change of the readings (channels,) that is one along a unit vector (3,)."""
+        """Describe a change of the readings (channels,) along a unit vector (3,)."""
         shares = self._evidence.shares(along, change)
         agreement = max(0.0, float(shares.sum())) / max(float(np.abs(shares).sum()), 1.0)
         response = self._evidence.weights @ change

@@ -1,4 +1,4 @@
-"""Events of a slip: its onset, its deepening, its end."""
+"""Slip events: onset, transition to gross slip, end."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ def onset(
     evidence: ShearEvidence,
     statistic: float,
 ) -> SlipEvent:
-    """A slip begins; `kink` tells how well its instant is known."""
+    """Make the onset event of a slip; `kink` holds the uncertainty of its instant."""
     return SlipEvent(
         time_s=onset_s,
         state="onset",
@@ -40,7 +40,7 @@ def onset(
 
 
 def gross(event: SlipEvent, now: ScanEvidence, gross_s: float, sd_scans: float) -> SlipEvent:
-    """All of it slips; the rest is as its onset had it."""
+    """Make the gross-slip event; all other fields are those of the onset."""
     return dataclasses.replace(
         event,
         kind="gross",
@@ -53,5 +53,5 @@ def gross(event: SlipEvent, now: ScanEvidence, gross_s: float, sd_scans: float) 
 
 
 def ended(event: SlipEvent, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
-    """It ends; the event repeats what the newest before said."""
+    """Make the end event; all other fields are those of the newest event of the slip."""
     return dataclasses.replace(event, state="end", time_s=ended_s, detected_s=detected_s, valid=valid)

@@ -1,4 +1,4 @@
-"""A few lost scans cost no event; a long gap is not papered over."""
+"""A few lost scans hide no event; long gaps reach the detector."""
 
 import numpy as np
 import pytest
@@ -61,13 +61,13 @@ def test_lost_scans_beside_the_onset_do_not_hide_the_slip(offset: int, n_lost: i
 
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 1000))
-def test_one_scan_in_a_hundred_lost_gives_the_same_story(seed: int) -> None:
+def test_one_scan_in_a_hundred_lost_gives_the_same_events(seed: int) -> None:
     lost = set(np.flatnonzero(np.random.default_rng(seed).random(len(BLOCK) - 20) < 0.01).tolist())
 
-    def story(items: list[ScanBlock | Gap]) -> list[tuple[str, str]]:
+    def states(items: list[ScanBlock | Gap]) -> list[tuple[str, str]]:
         return [(e.topic, e.state) for e in events(items) if isinstance(e, SlipEvent | ContactEvent)]
 
-    assert story(with_holes(lost)) == story([BLOCK])
+    assert states(with_holes(lost)) == states([BLOCK])
 
 
 def test_long_gaps_and_restarts_reach_the_detector() -> None:

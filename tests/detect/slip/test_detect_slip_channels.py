@@ -1,4 +1,4 @@
-"""Channels that are stuck, noisy or hum, and noise that changes: none is slip, and none hides one."""
+"""Stuck, noisy and humming channels and changing noise: no false slip, no missed slip."""
 
 import dataclasses
 
@@ -29,7 +29,7 @@ def told(events: list[Event]) -> list[tuple[str, str]]:
 
 
 def stuck_at(block: ScanBlock, channels: list[int], volts: float | None, first: int) -> ScanBlock:
-    """From a scan on; None: at what it read last."""
+    """Hold channels at a voltage (None: their last reading) from scan `first` on."""
     changed = block.volts.copy()
     changed[first:, channels] = changed[first, channels] if volts is None else volts
     return dataclasses.replace(block, volts=changed)
@@ -157,7 +157,7 @@ def test_a_spark_beside_noise_is_no_slip(seed: int) -> None:
     assert onsets(detect(regular_block(volts, 100.0), "fast")) == []
 
 
-def test_what_is_broken_leaves_a_slip_to_be_told() -> None:
+def test_broken_channels_do_not_hide_a_slip() -> None:
     first = next(e for e in slips(WHOLE_RUN) if e.detected_s > 104.9)
     assert first.onset_s == pytest.approx(105.0, abs=0.05)
     assert first.taxels == (1, 2, 3, 5, 6, 8)
@@ -179,7 +179,7 @@ def test_a_noisy_channel_takes_its_taxel_out_and_costs_no_time() -> None:
 def test_noise_that_grows_a_hundredfold_raises_one_alarm_at_most(
     setting: str, seed: int, before: float, after: float
 ) -> None:
-    """Then it is known."""
+    """The noise floor has followed after the first alarm."""
     touch = Touch(slide_s=20.0, stop_s=21.0, lift_s=30.0, end_s=14.0, noise=0.0).block(ARRAY)
     sd = np.where(np.arange(len(touch)) < 500, before, after)[:, np.newaxis]
     volts = touch.volts + sd * np.random.default_rng(seed).normal(size=touch.volts.shape)
@@ -189,7 +189,7 @@ def test_noise_that_grows_a_hundredfold_raises_one_alarm_at_most(
 
 @pytest.mark.parametrize("hum_hz", [9.0, 23.0, 41.0, 77.0])
 @pytest.mark.parametrize(("setting", "most"), [("fast", 1), ("quiet", 0)])
-def test_a_hum_is_said_once_at_most_and_then_hides_no_slip(hum_hz: float, setting: str, most: int) -> None:
+def test_a_hum_is_reported_at_most_once_and_hides_no_slip(hum_hz: float, setting: str, most: int) -> None:
     """Shear of a tenth of the pressure each way, which swells in half a second; then a slip in it."""
     block = Touch(slide_s=8.0, stop_s=9.0, noise=0.3e-3, seed=9).block(ARRAY)
     t = np.arange(len(block)) / 100
@@ -214,8 +214,8 @@ def test_a_press_at_a_slant_is_no_slip(slant: float, takes_s: float) -> None:
     assert onsets(detect(regular_block(volts, 100.0), "fast")) == []
 
 
-def test_the_stated_rate_is_what_acts() -> None:
-    """One knob: the more false alarms are put up with, the sooner a slow slip is said."""
+def test_a_higher_false_alarm_rate_gives_earlier_onsets() -> None:
+    """The more false alarms are permitted, the sooner a slow slip is reported."""
     block = Touch(shear_takes_s=1.0, seed=11).block(ARRAY)
     said = [
         onsets(CoherentSlip(ARRAY, CoherentParams(false_alarms_per_hour=rate)).process(block))[0].detected_s

@@ -1,4 +1,4 @@
-"""Which way a slip goes, and how well that is known."""
+"""Direction of a slip and its standard deviation."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ PRESSED = 1e6  # steps
 
 
 class AllTaxels(ShearEvidence):
-    """With every taxel, from the first scan on."""
+    """Evidence that includes every taxel from the first scan on."""
 
     taxels = np.ones(ARRAY.n_taxels, dtype=np.bool_)
     weights = ResponseModel(ARRAY).weights(taxels)
@@ -24,7 +24,7 @@ EVIDENCE = AllTaxels(ARRAY, 100.0, 1.0, 0.1)
 
 
 def sheared(x: float, y: float) -> FloatArray:
-    """Readings (channels,) of equal taxels under a shear over pressure; no side is less than nothing."""
+    """Return the readings (channels,) of equal taxels under a shear over pressure."""
     way = np.linalg.pinv(ARRAY.shear_weights().reshape(-1, ARRAY.n_channels))
     shear = way @ np.repeat([x, y], ARRAY.n_taxels)
     return np.asarray(PRESSED * np.maximum(1.0 + shear, 0.45))

@@ -1,4 +1,4 @@
-"""What a gap hid is told, and a gap that hid nothing tells nothing."""
+"""Slips inside a gap are reported; a gap without a change of shear is not."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def through_a_gap(block: ScanBlock, setting: str = "balanced", cause: GapCause =
 
 @pytest.mark.parametrize("setting", SETTINGS)
 @pytest.mark.parametrize("cause", ["missing", "corrupt"])
-def test_a_slip_that_lies_wholly_in_a_gap_is_told(setting: str, cause: GapCause) -> None:
+def test_a_slip_inside_a_gap_is_reported(setting: str, cause: GapCause) -> None:
     first, gross = slips(through_a_gap(SLIPPED, setting, cause))[:2]
     assert (first.state, first.kind, first.valid) == ("onset", "incipient", True)
     assert first.detected_s < 4.18 + 0.1
@@ -68,7 +68,7 @@ def test_the_contact_then_slides() -> None:
         (0.1 * (PRESSED + 0.4 * ramp(4.0, 0.1)), PRESSED + 0.4 * ramp(4.0, 0.1)),  # and a firmer grip
     ],
 )
-def test_a_gap_that_changed_nothing_tells_nothing(
+def test_a_gap_without_a_change_of_shear_is_not_reported(
     shear: FloatArray, pressure: FloatArray, setting: str
 ) -> None:
     said = slips(through_a_gap(held(shear, pressure), setting))

@@ -1,4 +1,4 @@
-"""When a response began to grow, and how well that is known."""
+"""Onset of growth of a response and its standard deviation."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tactiled.detect.slip.kink import KinkEstimate, find_kink
 
 
 def kink_of(course: FloatArray, longest: float, noise: float, least: float = 0.0) -> KinkEstimate:
-    """Of a reading a scan, each as noisy as every other."""
+    """Estimate the onset from one reading per scan with equal noise."""
     ago = np.arange(len(course) - 1.0, -1.0, -1.0)
     return find_kink(ago, course, np.full(len(course), noise), longest, least)
 
@@ -73,7 +73,7 @@ def test_a_kink_s_sigma_holds_under_noise_for_loads_that_swell(power: float, noi
     assert 0.6 < np.mean(np.abs(errors) < 1) < 0.9
 
 
-def test_the_instant_stated_is_when_the_load_was_one_that_all_would_call_one() -> None:
+def test_the_onset_is_where_growth_reaches_the_least_size() -> None:
     k = np.arange(100.0)
     delay, size, least = 40.0, 0.05, 5.0  # a parabola that has risen by 5 after 10 scans
     kink = kink_of(size * np.maximum(k - (99 - delay), 0) ** 2, 80, 1e-3, least)
@@ -81,7 +81,7 @@ def test_the_instant_stated_is_when_the_load_was_one_that_all_would_call_one() -
     assert kink.sd_scans < 2
 
 
-def test_means_of_scans_tell_of_a_beginning_long_ago() -> None:
+def test_means_of_scans_reveal_an_onset_long_ago() -> None:
     rng = np.random.default_rng(3)
     scans = np.arange(2000.0)
     errors = []

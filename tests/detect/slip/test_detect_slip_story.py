@@ -1,4 +1,4 @@
-"""What is said of one slip and of many: no chatter, no news where there is none, nothing lost."""
+"""Events of one slip and of several in a row: no chatter, no repetition, no loss."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ T = np.arange(1000) / 100.0
 
 @pytest.mark.parametrize("setting", SETTINGS)
 @pytest.mark.parametrize(("hz", "volts"), [(0.5, 0.3), (2.0, 0.15), (2.0, 0.3), (7.0, 0.3), (1.0, 0.6)])
-def test_a_shake_is_said_a_few_times_and_then_goes_on_until_it_rests(
+def test_sustained_shaking_is_reported_a_few_times_and_then_as_one_slip(
     hz: float, volts: float, setting: str
 ) -> None:
     t = np.arange(3000) / 100.0
@@ -54,7 +54,7 @@ def test_a_shake_is_said_a_few_times_and_then_goes_on_until_it_rests(
 
 @pytest.mark.parametrize("setting", SETTINGS)
 @pytest.mark.parametrize("hz", [0.2, 0.35, 0.5])
-def test_a_load_that_sways_below_friction_is_said_once_or_twice(hz: float, setting: str) -> None:
+def test_a_load_that_sways_below_friction_is_reported_at_most_twice(hz: float, setting: str) -> None:
     t = np.arange(3000) / 100.0
     sway = 0.15 * np.sin(2 * np.pi * hz * (t - 5)) * (t > 5)
     events = said(held(sway), setting)
@@ -68,7 +68,7 @@ def test_a_load_that_sways_below_friction_is_said_once_or_twice(hz: float, setti
 @pytest.mark.parametrize("hz", [2.5, 3.0, 3.5])
 @pytest.mark.parametrize("swing", [0.1, 0.15, 0.2])
 def test_a_shake_that_is_outgrown_has_not_hidden_the_slip(swing: float, hz: float) -> None:
-    """Whether each swing was said, or none was news after the first."""
+    """The slip is found both after reported and after unreported swings."""
     t = np.arange(1400) / 100.0
     shake = swing * np.sin(2 * np.pi * hz * t) * (t > 5)
     events = said(held(shake + 0.9 * ramp(t, 12, 0.3)))
