@@ -17,7 +17,7 @@ from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline, PipelineParams
-from tactiled.recording.contents import Header, load_source
+from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
 from tactiled.samples.assembler import SampleParams
 from tactiled.tomlfile import Params
@@ -69,7 +69,7 @@ class Setup:
         board = self.config.board
         canonical = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
         return Header(
-            source=load_source(board.protocol, board.array),
+            source=load_board(board.protocol, board.array),
             pipeline=self.config.pipeline,
             config_sha256=hashlib.sha256(canonical.encode()).hexdigest(),
         )

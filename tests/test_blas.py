@@ -10,7 +10,7 @@ import pytest
 
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
-from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 
 THREADS_OF = """
@@ -56,7 +56,7 @@ detect_file(Path(sys.argv[1]))
 
 def test_events_are_the_same_bit_by_bit_on_any_number_of_threads(tmp_path: Path) -> None:
     """The demo's slides over grooves, of which the fits take matrices that BLAS would share out."""
-    source = load_source("board-v1", "wang2019-3x3")
+    source = load_board("board-v1", "wang2019-3x3")
     with RecordingWriter(tmp_path / "slide.mcap", Header(source)) as writer:
         for now_s, data in Simulation(load_scene("demo"), source.layout, duration_s=20.5):
             writer.read(Read(now_s, 0.0, data))

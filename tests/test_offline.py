@@ -16,7 +16,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.offline import detect_file
 from tactiled.pipeline import Pipeline
-from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.export import export_csv
 from tactiled.recording.replay import replay
 from tactiled.recording.writer import RecordingWriter
@@ -121,7 +121,7 @@ y_mm = 1.0
 def test_a_recording_gives_the_events_that_were_live(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = load_source("board-v1", "wang2019-3x3")
+    source = load_board("board-v1", "wang2019-3x3")
     live = Pipeline(load_layout("board-v1"), load_array("wang2019-3x3"))
     slips: list[float] = []
     with RecordingWriter(tmp_path / "demo.mcap", Header(source)) as writer:
@@ -147,7 +147,7 @@ def slide_over_grooves_handed_over_late(path: Path) -> None:
     ]
     surface = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 20.0}
     scene = parse({"name": "short", "surface": surface, "phases": phases}, Scene, "test")
-    source = load_source("board-v1", "wang2019-3x3")
+    source = load_board("board-v1", "wang2019-3x3")
     with RecordingWriter(path, Header(source)) as writer:
         start_s = 0.0
         for arrival_s, data in Simulation(scene, source.layout, seed=3):
@@ -186,7 +186,7 @@ def test_lateness_of_a_recording_is_no_reason_to_refuse(
 def test_a_recording_goes_on_behind_a_wrong_board(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    source = load_source("board-v1", "wang2019-3x3")
+    source = load_board("board-v1", "wang2019-3x3")
     right = Simulation(load_scene("prescribed"), source.layout, duration_s=7.5)
     wrong = Simulation(
         load_scene("prescribed"),

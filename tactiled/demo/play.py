@@ -21,7 +21,7 @@ import click
 import numpy as np
 
 from tactiled.array import load_array
-from tactiled.demo.verdict import HEAD, Host, compare, finds_end_s, true_slides
+from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_slides
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
@@ -29,8 +29,7 @@ from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
 from tactiled.plain_table import table
-from tactiled.plots.log import KnownTruth as Shown
-from tactiled.plots.log import draw_log
+from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell
@@ -58,7 +57,7 @@ Lines = Queue[tuple[str, dict[str, Any] | None]]
 
 
 @dataclass
-class Seen:
+class DemoRecord:
     """What the subscriber received and the emulator reported, on the host's monotonic clock."""
 
     t0_s: float | None = None
@@ -84,7 +83,7 @@ def run_demo(picture: Path) -> bool:
     """
     if not picture.parent.is_dir() or picture.suffix not in (".png", ".pdf", ".svg"):
         raise ConfigError("--out", [f"{picture}: name a .png, .pdf or .svg in a folder that exists"])
-    seen, cut_short = Seen(), ""
+    seen, cut_short = DemoRecord(), ""
     unix_offset_s = time.time() - time.monotonic()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-")))
@@ -131,7 +130,7 @@ def run_demo(picture: Path) -> bool:
     return _judge(picture, seen, slides, t0_s, cut_short)
 
 
-def _judge(picture: Path, seen: Seen, slides: Sequence[TrueSlip], t0_s: float, cut_short: str) -> bool:
+def _judge(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: float, cut_short: str) -> bool:
     """Say what was found; estimates count only where the host kept up with the board."""
     verdict = compare(slides, seen.events, t0_s)
     _say("host:", str(seen.host))
@@ -153,12 +152,12 @@ def _judge(picture: Path, seen: Seen, slides: Sequence[TrueSlip], t0_s: float, c
     return not (too_slow or cut_short or verdict.wrong)
 
 
-def _is_over(seen: Seen, end_s: float) -> bool:
+def _is_over(seen: DemoRecord, end_s: float) -> bool:
     """Whether scans of the last instant at which something must be found have come."""
     return bool(seen.time_s) and seen.time_s[-1] >= end_s
 
 
-def _receive(message: dict[str, Any], unix_offset_s: float, seen: Seen) -> None:
+def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) -> None:
     """Keep a message of the subscriber; say what a person should know."""
     topic = message["topic"]
     time_s = message["timestamp"] - unix_offset_s
@@ -208,12 +207,12 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
     return None
 
 
-def _draw(picture: Path, seen: Seen, slides: Sequence[TrueSlip], t0_s: float) -> None:
-    shown = Shown(onsets_s=tuple(t0_s + slide.onset_s for slide in slides))
+def _draw(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: float) -> None:
+    shown = KnownTruth(onsets_s=tuple(t0_s + slide.onset_s for slide in slides))
     for slide in slides:
         if isinstance(grooves := slide.surface, GroovedPlate):
             turn = math.radians(grooves.angle_deg - (slide.direction_deg or 0.0))
-            shown = Shown(
+            shown = KnownTruth(
                 onsets_s=shown.onsets_s,
                 frequency_hz=SPEED_MM_S * abs(math.cos(turn)) / grooves.period_mm,
                 label=f"truth: D = {grooves.period_mm:.3f} mm, angle {grooves.angle_deg:.1f}°",

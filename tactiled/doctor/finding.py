@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-Verdict = Literal["ok", "warn", "fail"]
+Severity = Literal["ok", "warn", "fail"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Finding:
     """
 
     check: str
-    verdict: Verdict
+    verdict: Severity
     words: str
     remedy: str = ""
     values: dict[str, Any] = field(default_factory=dict)
@@ -51,7 +51,7 @@ def as_json(findings: Sequence[Finding]) -> str:
     return "\n".join(json.dumps(asdict(finding)) for finding in findings)
 
 
-def split(check: str, line: str, verdict: Verdict) -> Finding:
+def split(check: str, line: str, verdict: Severity) -> Finding:
     """Finding from a line of ours, ``what is wrong; what to do``."""
     words, _, remedy = line.partition("; ")
     return Finding(check, verdict, words, remedy)

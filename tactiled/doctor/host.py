@@ -16,7 +16,7 @@ from tactiled.daemon.serial import device
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
 from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
 from tactiled.daemon.zmq.security import KeyFolder
-from tactiled.doctor.finding import Finding, Verdict, split
+from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.recording.rotation import RecordParams
 
@@ -47,7 +47,7 @@ def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
         what = f"another one runs on these endpoints and does not read {url}: {words}"
         return Finding("daemon", "fail", what, "give this one endpoints of its own in [publish]"), False
     said = status["reason"] or status.get("warning", "")
-    verdict: Verdict = "warn" if said else "ok"
+    verdict: Severity = "warn" if said else "ok"
     return Finding("daemon", verdict if status["valid"] else "fail", f"runs here: {words}", said), True
 
 

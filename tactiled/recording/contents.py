@@ -34,7 +34,7 @@ Origin = Literal["pipeline", "daemon"]
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordedBoard:
     """What was at the other end of the line: the layout and the array, as files and compiled."""
 
     layout_file: LayoutFile
@@ -49,9 +49,9 @@ class Source:
         return build(self.array_file)
 
 
-def load_source(protocol: str, array: str) -> Source:
+def load_board(protocol: str, array: str) -> RecordedBoard:
     """Layout and array files by name or path."""
-    return Source(
+    return RecordedBoard(
         tomlfile.load(resources.find(protocol, "protocols"), LayoutFile),
         tomlfile.load(resources.find(array, "config/arrays"), ArrayFile),
     )
@@ -63,7 +63,7 @@ class Header:
 
     Attributes
     ----------
-    source : Source
+    source : RecordedBoard
     pipeline : PipelineParams
         With which the events in the file were made.
     config_sha256 : str
@@ -81,7 +81,7 @@ class Header:
         The file was synced to disk so often: what a power cut can cost.
     """
 
-    source: Source
+    source: RecordedBoard
     pipeline: PipelineParams = field(default_factory=PipelineParams)
     config_sha256: str = ""
     run: str = ""
@@ -114,7 +114,7 @@ class Header:
         if metadata.get(_CHECK, digest := _digest(metadata)) != digest:
             raise ValueError("the description is damaged")
         return cls(
-            source=Source(
+            source=RecordedBoard(
                 LayoutFile.model_validate_json(metadata["layout"]),
                 ArrayFile.model_validate_json(metadata["array"]),
             ),
@@ -168,7 +168,7 @@ def damage_mark(first_unix_s: float, n_bytes: int, duration_s: float) -> Input:
 
 
 @dataclass(frozen=True)
-class Said:
+class RecordedEvent:
     """An event as it was recorded."""
 
     event: Event
@@ -177,7 +177,7 @@ class Said:
     origin: Origin
 
 
-Item = Read | Input | Said
+Item = Read | Input | RecordedEvent
 
 RAW = Schema("RawBytes", fields_of(Read))
 INPUT = Schema("Input", fields_of(Input))
@@ -194,13 +194,13 @@ def schema_of(kind: type[Event]) -> Schema:
 SCHEMAS = {topic: schema_of(kind) for topic, kind in EVENT_TYPES.items()}
 
 
-def encode_said(said: Said) -> bytes:
+def encode_event(said: RecordedEvent) -> bytes:
     """CDR message of an event; equal bytes mean an equal event, bit by bit."""
     stamp = {"board": said.board, "unix_offset_s": said.unix_offset_s}
     return SCHEMAS[said.event.topic].encode(stamp | vars(said.event))
 
 
-def decode_said(topic: str, data: bytes, origin: Origin) -> Said:
+def decode_event(topic: str, data: bytes, origin: Origin) -> RecordedEvent:
     """Event of a recorded message.
 
     Raises
@@ -210,4 +210,4 @@ def decode_said(topic: str, data: bytes, origin: Origin) -> Said:
     """
     values = SCHEMAS[topic].decode(data)
     board, unix_offset_s = values.pop("board"), values.pop("unix_offset_s")
-    return Said(EVENT_TYPES[topic](**values), board, unix_offset_s, origin)
+    return RecordedEvent(EVENT_TYPES[topic](**values), board, unix_offset_s, origin)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 
-class Pace:
+class PlaybackPace:
     """Waits so that recorded instants pass at `speed` times their own pace; 0 never waits."""
 
     def __init__(

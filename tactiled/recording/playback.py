@@ -19,7 +19,7 @@ from pathlib import Path
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.recording.contents import Read
 from tactiled.recording.extent import Extent
-from tactiled.recording.pace import Pace
+from tactiled.recording.pace import PlaybackPace
 from tactiled.recording.reader import Reached, in_order, read_items
 
 _POLL_S = 0.02
@@ -29,14 +29,16 @@ _DRAIN_S = 5.0  # for the driver to take the last bytes before the port goes awa
 
 
 @dataclass(frozen=True)
-class Played:
+class PlaybackResult:
     """What was played: bytes, and the longest that one of them was late because the driver did not read."""
 
     n_bytes: int
     latest_s: float
 
 
-def play(paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached | None = None) -> Played:
+def play(
+    paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached | None = None
+) -> PlaybackResult:
     """Play recordings to whoever opens `link`; begins when someone does.
 
     Parameters
@@ -60,7 +62,7 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached
         The driver closed the port before the end.
     """
     paths = [path for path, _ in in_order(paths)]
-    pace = Pace(speed)
+    pace = PlaybackPace(speed)
     n_bytes, latest_s = 0, 0.0
     with _terminal(link) as (master, device):
         _wait_for_reader(master)
@@ -76,7 +78,7 @@ def play(paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached
                     latest_s = max(latest_s, time.monotonic() - began_s)
                     n_bytes += len(item.data)
         _drain(device)
-    return Played(n_bytes, latest_s)
+    return PlaybackResult(n_bytes, latest_s)
 
 
 @contextlib.contextmanager

@@ -64,7 +64,7 @@ class _Channels:
                 return Read(**schema.decode(data))
             if schema is contents.INPUT:
                 return Input(**schema.decode(data))
-            return contents.decode_said(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
+            return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
 

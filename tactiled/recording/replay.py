@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from tactiled.events.codec import to_map
-from tactiled.recording.pace import Pace
+from tactiled.recording.comparison import ReplayComparison, ReplayVerifier
+from tactiled.recording.pace import PlaybackPace
 from tactiled.recording.reader import Reached
 from tactiled.recording.steps import Replay, is_damage
-from tactiled.recording.verdict import Verdict, Verifier
 
 
 def replay(
@@ -20,7 +20,7 @@ def replay(
     speed: float = 0.0,
     sleep: Callable[[float], None] = time.sleep,
     reached: Reached | None = None,
-) -> Verdict:
+) -> ReplayComparison:
     """Run recordings again and say each event as the JSON line that `tactiled listen` printed live.
 
     Parameters
@@ -41,9 +41,9 @@ def replay(
         See `Replay`.
     """
     seqs: dict[str, int] = {}
-    pace = Pace(speed, sleep)
+    pace = PlaybackPace(speed, sleep)
     again = Replay(paths, reached)
-    verdict = Verifier(again)
+    verdict = ReplayVerifier(again)
     for step in again:
         if not is_damage(step.told):  # which has no instant of this clock
             pace.wait(step.time_s)

@@ -65,7 +65,7 @@ class RecordParams(Params):
 
 
 @dataclass(frozen=True)
-class Progress:
+class RecordingProgress:
     """Where a recording stands.
 
     Attributes
@@ -92,7 +92,7 @@ class Progress:
     free_mb: float
 
 
-OFF = Progress(state="off", reason="", file="", parts=0, bytes_written=0, free_mb=0.0)
+OFF = RecordingProgress(state="off", reason="", file="", parts=0, bytes_written=0, free_mb=0.0)
 
 
 class Rotation:
@@ -122,9 +122,9 @@ class Rotation:
         self._begin(header.hello, now_s)
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> RecordingProgress:
         writer = self._writer
-        return Progress(
+        return RecordingProgress(
             state=self._state,
             reason=self._reason,
             file="" if writer is None else str(writer.path),

@@ -13,19 +13,19 @@ from pathlib import Path
 from tactiled.errors import ContractError, DataError
 from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline
-from tactiled.recording.contents import Header, Input, Read, Said
+from tactiled.recording.contents import Header, Input, Read, RecordedEvent
 from tactiled.recording.extent import Extent
 from tactiled.recording.reader import Reached, in_order, read_items
 from tactiled.wire.frames import Hello
 
 
 @dataclass(frozen=True)
-class Step:
+class ReplayStep:
     """One thing that went into the pipeline, what came of it now, and what had come of it live."""
 
     told: Read | Input
-    now: tuple[Said, ...]
-    live: tuple[Said, ...]
+    now: tuple[RecordedEvent, ...]
+    live: tuple[RecordedEvent, ...]
     is_cut: bool
     """What had come of it live may be missing: the file ends behind it, or is damaged there."""
 
@@ -71,20 +71,20 @@ class Replay:
         self.extents = {path: Extent() for path, _ in parts}
         self.pipeline = Pipeline(self.header.source.layout, self.header.source.array, self.header.pipeline)
 
-    def __iter__(self) -> Iterator[Step]:
+    def __iter__(self) -> Iterator[ReplayStep]:
         pipeline = self.pipeline
         if self.header.hello:
             pipeline.receive_data(self.header.hello, 0.0)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
         for number, (path, extent) in enumerate(self.extents.items()):
             for told, live, is_cut in _steps(path, extent, self._share_of(number)):
-                now: list[Said] = []
+                now: list[RecordedEvent] = []
                 for output in _run(pipeline, told, path):
                     if isinstance(output, Hello):
                         board = output.board_serial
                     elif isinstance(output, Event):
-                        now.append(Said(output, board, told.unix_offset_s, "pipeline"))
-                yield Step(told, tuple(now), live, is_cut)
+                        now.append(RecordedEvent(output, board, told.unix_offset_s, "pipeline"))
+                yield ReplayStep(told, tuple(now), live, is_cut)
 
     def _share_of(self, number: int) -> Reached | None:
         """Progress in one part as progress in all of them; parts of a rotated recording are alike in size."""
@@ -110,12 +110,12 @@ def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]
 
 def _steps(
     path: Path, extent: Extent, reached: Reached | None
-) -> Iterator[tuple[Read | Input, tuple[Said, ...], bool]]:
+) -> Iterator[tuple[Read | Input, tuple[RecordedEvent, ...], bool]]:
     """What went in, each with the pipeline's events that are recorded behind it."""
     told: Read | Input | None = None
-    live: list[Said] = []
+    live: list[RecordedEvent] = []
     for item in read_items(path, extent, reached):
-        if not isinstance(item, Said):
+        if not isinstance(item, RecordedEvent):
             if told is not None:
                 yield told, tuple(live), is_damage(item)
             told, live = item, []

@@ -16,7 +16,7 @@ from tactiled.errors import DataError
 from tactiled.events.types import Event
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
-from tactiled.recording.contents import Header, Input, Origin, Read, Said
+from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEvent
 from tactiled.wire.frames import Hello, values_of
 
 ACTIVE = ".active"
@@ -76,7 +76,7 @@ class RecordingWriter:
         if key not in self._ids:
             topic = f"tactile/{event.topic}"
             self._ids[key] = self._channel(topic, contents.SCHEMAS[event.topic], origin)
-        data = contents.encode_said(Said(event, board, unix_offset_s, origin))
+        data = contents.encode_event(RecordedEvent(event, board, unix_offset_s, origin))
         self._add(self._ids[key], event.time_s + unix_offset_s, data)
 
     def board(self, hello: Hello) -> None:

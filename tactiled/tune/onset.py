@@ -27,7 +27,7 @@ _GOLDEN = 0.618
 
 
 @dataclass(frozen=True)
-class Onset:
+class InjectedOnset:
     """A slip's beginning.
 
     Attributes
@@ -76,7 +76,7 @@ def _squares(weights: FloatArray) -> FloatArray:
     return np.where(squares > 0, squares, 1.0)
 
 
-def latencies(recording: Recording, params: CoherentParams, onset: Onset) -> list[float]:
+def latencies(recording: Recording, params: CoherentParams, onset: InjectedOnset) -> list[float]:
     """Seconds from each injected onset to the end of the scan that told it; inf where none did.
 
     An onset that falls into an alarm that is already there is no test, and left out.
@@ -98,7 +98,7 @@ def latencies(recording: Recording, params: CoherentParams, onset: Onset) -> lis
     return found
 
 
-def _places(recording: Recording, onset: Onset) -> Iterator[tuple[ScanBlock, int]]:
+def _places(recording: Recording, onset: InjectedOnset) -> Iterator[tuple[ScanBlock, int]]:
     """Stretches in contact throughout and the scan of each at which an onset begins, spread evenly."""
     windows = [(block, *_windows(block, recording.array, onset)) for block in recording.blocks]
     total = sum(len(starts) for _, starts, _ in windows)
@@ -110,7 +110,7 @@ def _places(recording: Recording, onset: Onset) -> Iterator[tuple[ScanBlock, int
             k -= len(starts)
 
 
-def _windows(block: ScanBlock, array: Array, onset: Onset) -> tuple[NDArray[np.int64], int]:
+def _windows(block: ScanBlock, array: Array, onset: InjectedOnset) -> tuple[NDArray[np.int64], int]:
     """First scans of all stretches of a length that are in contact throughout, and that length."""
     length = round((_LEAD_S + onset.rise_s + _AFTER_S) * block.rate_hz)
     off = np.concatenate([[0], np.cumsum(~touching(block, array))])
@@ -118,7 +118,7 @@ def _windows(block: ScanBlock, array: Array, onset: Onset) -> tuple[NDArray[np.i
 
 
 def _with_onset(
-    array: Array, block: ScanBlock, begin_s: float, onset: Onset, direction_deg: float
+    array: Array, block: ScanBlock, begin_s: float, onset: InjectedOnset, direction_deg: float
 ) -> ScanBlock:
     """All channels at the beginning of their scan: at their own instants they would answer sooner."""
     travel = np.clip((block.time_s - begin_s) / onset.rise_s, 0.0, 1.0)

@@ -22,8 +22,8 @@ from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
-from tactiled.tune.onset import Onset, latencies
-from tactiled.tune.tail import Tail, fit_tail, median_interval, silent_from
+from tactiled.tune.onset import InjectedOnset, latencies
+from tactiled.tune.tail import AlarmTail, fit_tail, median_interval, silent_from
 
 # Seconds hold few alarms: only rates far above any that one wants are seen to fail.
 NOISE_PER_HOUR = (3600.0, 900.0, 225.0, 56.0, 14.0)
@@ -31,7 +31,10 @@ NOISE_PER_HOUR = (3600.0, 900.0, 225.0, 56.0, 14.0)
 SHEARS = tuple(float(s) for s in np.round(np.geomspace(0.02, 1.0, 18), 3))
 # All that a skin of friction 0.3 bears on the 2019 array: the weakest slip of a dry one.
 WEAK_SHEAR = 0.57
-ONSETS: Mapping[str, Onset] = {"sudden": Onset(WEAK_SHEAR, 0.1), "slow": Onset(WEAK_SHEAR, 1.0)}
+ONSETS: Mapping[str, InjectedOnset] = {
+    "sudden": InjectedOnset(WEAK_SHEAR, 0.1),
+    "slow": InjectedOnset(WEAK_SHEAR, 1.0),
+}
 # Two ladders, the shipped settings and the proposed one, and what is left while the last of them is judged.
 N_STAGES = 2 + len(SETTINGS) + 1 + 1
 
@@ -39,7 +42,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Alarms:
+class AlarmCount:
     """False alarms of a setting in a recording; `gross` of them went on to say that all slips."""
 
     count: int
@@ -75,8 +78,8 @@ class Setting:
     """
 
     params: CoherentParams
-    quiet: Alarms
-    motion: Alarms
+    quiet: AlarmCount
+    motion: AlarmCount
     latency: Mapping[tuple[str, str], Latency]
 
 
@@ -93,7 +96,7 @@ class Study:
     noise_sd_v : (channels,) float64
     noise_alarms, shear_alarms : tuple of int
         At `NOISE_PER_HOUR`, `SHEARS`.
-    noise_tail, shear_tail : Tail or None
+    noise_tail, shear_tail : AlarmTail or None
         None where nothing alarmed.
     restless : bool
         The hold alarms however strict the threshold: something moved.
@@ -114,10 +117,10 @@ class Study:
     motion_s: float
     noise_sd_v: FloatArray
     noise_alarms: tuple[int, ...]
-    noise_tail: Tail | None
+    noise_tail: AlarmTail | None
     restless: bool
     shear_alarms: tuple[int, ...]
-    shear_tail: Tail | None
+    shear_tail: AlarmTail | None
     least_shear: tuple[float, float, float]
     silent_shear: float | None
     out_of_reach: bool
@@ -207,7 +210,7 @@ def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int,
     return tuple(false_alarms(recording, params).count for params in rungs)
 
 
-def false_alarms(recording: Recording, params: CoherentParams) -> Alarms:
+def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:
     """Slips that are told in a recording without any, short gaps bridged as in a pipeline."""
     detector = GapBridge(CoherentSlip(recording.array, params))
     told = [
@@ -217,7 +220,7 @@ def false_alarms(recording: Recording, params: CoherentParams) -> Alarms:
         if isinstance(event, SlipEvent) and event.state == "onset" and event.valid
     ]
     gross = sum(event.kind == "gross" for event in told)
-    return Alarms(len(told) - gross, gross)
+    return AlarmCount(len(told) - gross, gross)
 
 
 def _judge(params: CoherentParams, quiet: Recording, motion: Recording) -> Setting:

@@ -32,15 +32,15 @@ def rate_interval(count: int, hours: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Tail:
-    """Alarms by how strict a knob is, and their exponential continuation.
+class AlarmTail:
+    """Counts of alarms by how strict a knob is, and their exponential continuation.
 
     Attributes
     ----------
     start : float
         u: the strictest rung with enough alarms above it.
     count : int
-        Alarms there.
+        AlarmCount there.
     scale : float
         Mean excess over `start`.
     hours : float
@@ -61,7 +61,7 @@ class Tail:
         return self.start + excess, self.start + float(low), self.start + float(high)
 
 
-def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> Tail | None:
+def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> AlarmTail | None:
     """Tail of counts (alarms at or above each growing rung); None where nothing alarmed at any."""
     level, count = np.asarray(rungs, dtype=np.float64), np.asarray(counts)
     if not count.any():
@@ -71,7 +71,7 @@ def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> Tai
     # The mean of (size - u) over sizes above u is the integral of their survival from u on.
     above = np.minimum.accumulate(count[first:])
     integral = float(np.trapezoid(above, level[first:]))
-    return Tail(float(level[first]), int(count[first]), integral / int(count[first]), hours)
+    return AlarmTail(float(level[first]), int(count[first]), integral / int(count[first]), hours)
 
 
 def silent_from(rungs: Sequence[float], counts: Sequence[int]) -> float | None:

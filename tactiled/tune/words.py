@@ -6,8 +6,17 @@ import numpy as np
 
 from tactiled.detect.slip.rate import rate_at
 from tactiled.tune.hold import Recording
-from tactiled.tune.study import NOISE_PER_HOUR, ONSETS, SHEARS, WEAK_SHEAR, Alarms, Latency, Setting, Study
-from tactiled.tune.tail import Tail, rate_interval
+from tactiled.tune.study import (
+    NOISE_PER_HOUR,
+    ONSETS,
+    SHEARS,
+    WEAK_SHEAR,
+    AlarmCount,
+    Latency,
+    Setting,
+    Study,
+)
+from tactiled.tune.tail import AlarmTail, rate_interval
 
 
 def in_words(found: Study) -> str:
@@ -178,7 +187,7 @@ def _is_extrapolated(found: Study) -> bool:
     return found.shear_tail is not None and found.wanted_per_hour < rate_interval(0, _motion_hours(found))[1]
 
 
-def _alarms(alarms: Alarms) -> str:
+def _alarms(alarms: AlarmCount) -> str:
     return f"{alarms.count}" + (f", {alarms.gross} gross" if alarms.gross else "")
 
 
@@ -241,7 +250,7 @@ def _setting_map(setting: Setting) -> dict[str, Any]:
     }
 
 
-def _tail_map(tail: Tail | None) -> dict[str, Any] | None:
+def _tail_map(tail: AlarmTail | None) -> dict[str, Any] | None:
     return None if tail is None else {"start": tail.start, "count": tail.count, "scale": tail.scale}
 
 

@@ -25,7 +25,7 @@ from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, ServiceParams, serve
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
-from tactiled.recording.contents import Header, load_source
+from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
 from tactiled.wire.frames import Command
 
@@ -114,7 +114,7 @@ def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_source("board-v1", "wang2019-3x3"))
+    header = Header(load_board("board-v1", "wang2019-3x3"))
 
     async def story(_: Service) -> None:
         with PtyBoard(daemon.link) as board:

@@ -6,12 +6,12 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline
-from tactiled.recording.contents import Header, Item, Read, load_source
+from tactiled.recording.contents import Header, Item, Read, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.frames import Hello
 
-SOURCE = load_source("board-v1", "wang2019-3x3")
+SOURCE = load_board("board-v1", "wang2019-3x3")
 HEADER = Header(SOURCE, sync_s=0.5)
 UNIX_OFFSET_S = 1.7e9
 

@@ -12,13 +12,13 @@ from recordings import HEADER, items, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
+from tactiled.recording.comparison import ReplayComparison
 from tactiled.recording.contents import Input, Item, Read
 from tactiled.recording.export import export_csv
 from tactiled.recording.extent import Extent
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
-from tactiled.recording.verdict import Verdict
 from tactiled.recording.writer import RecordingWriter
 
 CHUNKS = 6
@@ -121,7 +121,7 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     return path, (sizes[2] + sizes[3]) // 2
 
 
-def verify(path: Path) -> tuple[Verdict, list[str]]:
+def verify(path: Path) -> tuple[ReplayComparison, list[str]]:
     lines: list[str] = []
     return replay([path], lines.append, topics=("scan",)), lines
 

@@ -10,7 +10,7 @@ from recordings import HEADER, items, record, simulated_reads
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.offline import detect_file
-from tactiled.recording.contents import Said
+from tactiled.recording.contents import RecordedEvent
 from tactiled.recording.export import export_csv, export_npz
 from tactiled.recording.table import read_table
 from tactiled.recording.writer import RecordingWriter
@@ -24,7 +24,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def scans_of(recording: Path) -> list[ScanEvent]:
-    said = [item.event for item in items(recording) if isinstance(item, Said)]
+    said = [item.event for item in items(recording) if isinstance(item, RecordedEvent)]
     return [event for event in said if isinstance(event, ScanEvent)]
 
 

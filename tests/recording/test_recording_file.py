@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
-from tactiled.recording.contents import Input, Read, Said
+from tactiled.recording.contents import Input, Read, RecordedEvent
 from tactiled.recording.reader import read_header
 from tactiled.recording.writer import RecordingWriter
 
@@ -27,7 +27,7 @@ def test_bytes_arrivals_and_events_come_back_exactly(tmp_path: Path, reads: list
     path = tmp_path / "a.mcap"
     record(path, reads)
     assert [item for item in items(path) if isinstance(item, Read)] == reads
-    scans = [item.event for item in items(path) if isinstance(item, Said)]
+    scans = [item.event for item in items(path) if isinstance(item, RecordedEvent)]
     assert len(scans) > 100
     assert all(isinstance(scan, ScanEvent) for scan in scans)
     header = read_header(path)
@@ -58,7 +58,7 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
 ) -> None:
     path = tmp_path / "a.mcap"
     record(path, reads)
-    scans = iter([i.event for i in items(path) if isinstance(i, Said) and i.event.topic == "scan"])
+    scans = iter([i.event for i in items(path) if isinstance(i, RecordedEvent) and i.event.topic == "scan"])
     raws = iter(reads)
     with AnyReader([path]) as bag:
         for connection, stamp_ns, data in bag.messages():

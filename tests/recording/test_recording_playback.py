@@ -1,4 +1,4 @@
-"""Played on a pseudo-terminal, a recording is a board to any driver: same bytes, same timing."""
+"""Playback on a pseudo-terminal: to any driver, a recording behaves as a board: same bytes, same timing."""
 
 import os
 import threading
@@ -11,7 +11,7 @@ from recordings import record, simulated_reads
 
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.contents import Read
-from tactiled.recording.playback import Played, play
+from tactiled.recording.playback import PlaybackResult, play
 
 PATIENCE_S = 20.0
 
@@ -44,7 +44,7 @@ class Driver(threading.Thread):
         os.close(port)
 
 
-def played_to(driver: Driver, path: Path, speed: float) -> Played:
+def played_to(driver: Driver, path: Path, speed: float) -> PlaybackResult:
     driver.start()
     try:
         return play([path], driver.link, speed)

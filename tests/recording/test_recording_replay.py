@@ -15,11 +15,11 @@ from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
 from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.pace import Pace
+from tactiled.recording.pace import PlaybackPace
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
-from tactiled.recording.scribe import Handed, Scribe
+from tactiled.recording.session import RecordEntry, RecordingSession
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 
@@ -30,7 +30,7 @@ def reads() -> list[Read]:
     return simulated_reads(7.5)
 
 
-def hand_over(scribe: Scribe, told: list[Read | Input], pipeline: Pipeline) -> list[Event]:
+def hand_over(session: RecordingSession, told: list[Read | Input], pipeline: Pipeline) -> list[Event]:
     """As the service does it, with the clock of the recording; gives the events that were live."""
     live: list[Event] = []
     for item in told:
@@ -45,8 +45,8 @@ def hand_over(scribe: Scribe, told: list[Read | Input], pipeline: Pipeline) -> l
             assert not reason
             outputs, now_s = list(events), item.time_s
         live += [output for output in outputs if isinstance(output, Event)]
-        scribe.take(Handed(item, outputs, pipeline.hello, "", UNIX_OFFSET_S), now_s)
-        scribe.tick(now_s)
+        session.take(RecordEntry(item, outputs, pipeline.hello, "", UNIX_OFFSET_S), now_s)
+        session.tick(now_s)
     return live
 
 
@@ -75,9 +75,9 @@ def board_of(reads: list[Read]) -> str:
 
 
 def test_lines_are_those_of_a_live_subscriber(tmp_path: Path, reads: list[Read]) -> None:
-    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
-    live = hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
-    scribe.end(reads[-1].arrival_s)
+    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    live = hand_over(session, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+    session.end(reads[-1].arrival_s)
     assert {event.topic for event in live} >= {"scan", "contact", "slip"}
     lines: list[str] = []
     verdict = replay([tmp_path / "a.mcap"], lines.append)
@@ -93,11 +93,11 @@ def test_events_of_another_versions_form_are_left_out_and_said(
 ) -> None:
     older = {"board": str, "unix_offset_s": float} | fields_of(SlipEvent)
     del older["suppressed"]
-    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
     with monkeypatch.context() as then:
         then.setitem(contents.SCHEMAS, "slip", Schema("Slip", older))
-        live = hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
-        scribe.end(reads[-1].arrival_s)
+        live = hand_over(session, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+        session.end(reads[-1].arrival_s)
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
     assert verdict.is_good
     assert verdict.compared == len([event for event in live if event.topic != "slip"]) < len(live)
@@ -150,10 +150,10 @@ def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: lis
             told.append(Read(read.arrival_s + 1.0e-3, UNIX_OFFSET_S, hello_of(reads)))
     path = tmp_path / "a.mcap"
     params = RecordParams(max_file_s=1.0, sync_s=0.1, min_free_mb=0)
-    scribe = Scribe(params, HEADER, path, reads[0].arrival_s)
-    live = hand_over(scribe, told, Pipeline(SOURCE.layout, SOURCE.array))
-    scribe.end(reads[-1].arrival_s)
-    parts = [part_path(path, k) for k in range(1, scribe.progress.parts + 1)]
+    session = RecordingSession(params, HEADER, path, reads[0].arrival_s)
+    live = hand_over(session, told, Pipeline(SOURCE.layout, SOURCE.array))
+    session.end(reads[-1].arrival_s)
+    parts = [part_path(path, k) for k in range(1, session.progress.parts + 1)]
     assert len(parts) >= 6
     verdict = replay(parts, lambda _: None)
     assert verdict.words() == f"{len(live)} events came again bit for bit"
@@ -179,9 +179,9 @@ def hello_of(reads: list[Read]) -> bytes:
 
 def test_a_later_part_alone_still_has_its_scans(tmp_path: Path, reads: list[Read]) -> None:
     params = RecordParams(max_file_s=1.0, sync_s=0.1, min_free_mb=0)
-    scribe = Scribe(params, HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
-    hand_over(scribe, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
-    scribe.end(reads[-1].arrival_s)
+    session = RecordingSession(params, HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    hand_over(session, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
+    session.end(reads[-1].arrival_s)
     lines: list[str] = []
     replay([tmp_path / "a.003.mcap"], lines.append, topics=("scan",))
     assert len(lines) > 90
@@ -190,13 +190,13 @@ def test_a_later_part_alone_still_has_its_scans(tmp_path: Path, reads: list[Read
 def test_a_recording_begun_in_the_middle_of_a_run_says_so(tmp_path: Path, reads: list[Read]) -> None:
     params = RecordParams(directory=str(tmp_path), min_free_mb=0)
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
-    scribe = Scribe(params.model_copy(update={"directory": None}), HEADER, None, 0.0)
-    hand_over(scribe, list(reads[:300]), pipeline)
+    session = RecordingSession(params.model_copy(update={"directory": None}), HEADER, None, 0.0)
+    hand_over(session, list(reads[:300]), pipeline)
     assert not list(tmp_path.iterdir())
-    scribe = Scribe(params, HEADER, tmp_path / "first.mcap", 0.0)
-    scribe.begin(pipeline.hello, reads[300].arrival_s)
-    hand_over(scribe, list(reads[300:]), pipeline)
-    scribe.end(reads[-1].arrival_s)
+    session = RecordingSession(params, HEADER, tmp_path / "first.mcap", 0.0)
+    session.begin(pipeline.hello, reads[300].arrival_s)
+    hand_over(session, list(reads[300:]), pipeline)
+    session.end(reads[-1].arrival_s)
     (path,) = tmp_path.glob("tactile-*Z.mcap")
     lines: list[str] = []
     verdict = replay([path], lines.append, topics=("scan",))
@@ -223,15 +223,15 @@ def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: li
 def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
     """Written anew with one event changed in the last place: the check is not blind."""
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
-    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
+    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
     for k, read in enumerate(reads[:200]):
         outputs = pipeline.receive_data(read.data, read.arrival_s)
         if k == 150:
             changed = Read(read.arrival_s, read.unix_offset_s, read.data[:-9] + b"?" + read.data[-8:])
-            scribe.take(Handed(changed, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
+            session.take(RecordEntry(changed, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
         else:
-            scribe.take(Handed(read, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
-    scribe.end(1.0)
+            session.take(RecordEntry(read, outputs, pipeline.hello, "", UNIX_OFFSET_S), read.arrival_s)
+    session.end(1.0)
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
     assert not verdict.is_good
     assert verdict.compared < 200
@@ -240,14 +240,14 @@ def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
 
 def test_behind_dropped_reads_nothing_is_claimed(tmp_path: Path, reads: list[Read]) -> None:
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
-    scribe = Scribe(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
+    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
     for k, read in enumerate(reads[:300]):
         outputs = pipeline.receive_data(read.data, read.arrival_s)
         if 100 <= k < 105:
             continue
         dropped = (5, 5 * len(read.data)) if k == 105 else (0, 0)
-        scribe.take(Handed(read, outputs, pipeline.hello, "", UNIX_OFFSET_S, dropped), read.arrival_s)
-    scribe.end(1.0)
+        session.take(RecordEntry(read, outputs, pipeline.hello, "", UNIX_OFFSET_S, dropped), read.arrival_s)
+    session.end(1.0)
     (mark,) = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Input)]
     assert (mark.name, mark.values()["reads"]) == ("dropped", 5)
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
@@ -264,11 +264,11 @@ def test_speed_is_that_of_the_recording_times_a_factor() -> None:
         slept.append(duration_s)
         now_s += duration_s
 
-    pace = Pace(2.0, sleep, lambda: now_s)
+    pace = PlaybackPace(2.0, sleep, lambda: now_s)
     for time_s in (1000.0, 1001.0, 1001.0, 1004.0):
         pace.wait(time_s)
     assert sum(slept) == pytest.approx(2.0)
-    Pace(0.0, sleep, lambda: now_s).wait(1.0)
+    PlaybackPace(0.0, sleep, lambda: now_s).wait(1.0)
     assert sum(slept) == pytest.approx(2.0)
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.writer import RecordingWriter
 
-HEADER = Header(load_source("board-v1", "wang2019-3x3"))
+HEADER = Header(load_board("board-v1", "wang2019-3x3"))
 pytestmark = pytest.mark.system
 PATIENCE_S = 30.0
 

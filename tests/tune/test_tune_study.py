@@ -23,12 +23,12 @@ from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.pipeline import Pipeline
-from tactiled.recording.contents import Header, Read, load_source
+from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 from tactiled.samples.block import Gap, regular_block
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
-from tactiled.tune.onset import Onset, latencies, slide
+from tactiled.tune.onset import InjectedOnset, latencies, slide
 from tactiled.tune.run import tune_files
 from tactiled.tune.study import SHEARS, WEAK_SHEAR, Study, study
 from tactiled.tune.words import as_toml, in_words
@@ -118,7 +118,7 @@ def test_in_a_still_hold_an_onset_is_told_when_its_shear_is_there(name: str, ris
     No sooner but for 5 %, and 10 % near the curve's end: it sees a straight ramp where the curve is bent.
     """
     params = SETTINGS[name]
-    found = latencies(recording(held(10, 1e-4)), params, Onset(WEAK_SHEAR, rise_s))
+    found = latencies(recording(held(10, 1e-4)), params, InjectedOnset(WEAK_SHEAR, rise_s))
     there_s = rise_s * (1 - (1 - params.shear / WEAK_SHEAR) ** (2 / 3))
     assert len(found) == 20
     assert min(found) >= (0.95 if params.shear < WEAK_SHEAR / 2 else 0.9) * there_s
@@ -126,7 +126,7 @@ def test_in_a_still_hold_an_onset_is_told_when_its_shear_is_there(name: str, ris
 
 
 def test_an_onset_smaller_than_what_counts_is_never_told() -> None:
-    found = latencies(recording(held(10, 1e-4)), SETTINGS["quiet"], Onset(0.15, 0.1))
+    found = latencies(recording(held(10, 1e-4)), SETTINGS["quiet"], InjectedOnset(0.15, 0.1))
     assert found == [np.inf] * 20
 
 
@@ -135,7 +135,7 @@ def test_a_hand_that_sways_hides_no_slip(name: str) -> None:
     time_s = np.arange(30 * int(RATE_HZ)) / RATE_HZ
     sway = 0.083 * np.sin(2 * np.pi * 0.7 * time_s) * (time_s > 5)
     swaying = recording(slide(ARRAY, held(30.0, 1e-3, seed=3), sway, 40.0))
-    found = latencies(swaying, SETTINGS[name], Onset(WEAK_SHEAR, 0.1))
+    found = latencies(swaying, SETTINGS[name], InjectedOnset(WEAK_SHEAR, 0.1))
     assert len(found) >= 15  # others fall into a swing that is said already
     assert max(found) < 0.6
 
@@ -250,7 +250,7 @@ def test_lost_and_late_scans_are_counted() -> None:
 def test_a_recording_of_ours_gives_the_scans_that_were_live(tmp_path: Path) -> None:
     live = Pipeline(load_layout("board-v1"), ARRAY)
     scans: list[ScanEvent] = []
-    with RecordingWriter(tmp_path / "demo.mcap", Header(load_source("board-v1", ARRAY.name))) as writer:
+    with RecordingWriter(tmp_path / "demo.mcap", Header(load_board("board-v1", ARRAY.name))) as writer:
         for now_s, data in Simulation(load_scene("flat-simulation"), live.layout, duration_s=1.0):
             writer.read(Read(now_s, 1.7e9, data))
             scans += [out for out in live.receive_data(data, now_s) if isinstance(out, ScanEvent)]

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from tactiled.recording.directory import unfinished
-from tactiled.recording.rotation import Progress
+from tactiled.recording.rotation import RecordingProgress
 
 logger = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ class Leftovers:
         self._was_recording = False
         self._child: subprocess.Popen[bytes] | None = None
 
-    def look(self, progress: Progress) -> None:
+    def look(self, progress: RecordingProgress) -> None:
         """Start the process when recording in the directory has begun; never waits for it."""
         if self._child is not None and (code := self._child.poll()) is not None:
             if code != 0:

@@ -21,8 +21,8 @@ from tactiled.errors import DataError
 from tactiled.events.types import Event, RecordingEvent
 from tactiled.pipeline import Output
 from tactiled.recording.contents import Header, Input, Read
-from tactiled.recording.rotation import OFF, Progress, RecordParams
-from tactiled.recording.scribe import Handed, Scribe
+from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams
+from tactiled.recording.session import RecordEntry, RecordingSession
 from tactiled.recording.writer import ACTIVE
 from tactiled.wire.frames import Hello
 
@@ -63,10 +63,10 @@ class Recorder:
         self._params = params
         self._header = header
         self._path = path
-        self._scribe: Scribe | None = None
+        self._session: RecordingSession | None = None
         self._is_on = path is not None or params.directory is not None
-        self._instead: Progress | None = (
-            OFF  # used in place of `_scribe.progress` before it exists and after a fault
+        self._instead: RecordingProgress | None = (
+            OFF  # used in place of `_session.progress` before it exists and after a fault
         )
         if self._is_on:
             place = path or params.directory
@@ -75,7 +75,7 @@ class Recorder:
         self._queue_dropped = self._complained = 0
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
         self._fault = ""  # last fault that was logged
-        self._queue: queue.Queue[Handed | _Switch] = queue.Queue(_QUEUE_ITEMS)
+        self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
         self._thread.start()
@@ -90,14 +90,14 @@ class Recorder:
     @property
     def reads_dropped(self) -> int:
         """Number of reads that are in no file: the disk was too slow, full, or failed."""
-        return self._queue_dropped + (0 if self._scribe is None else self._scribe.dropped)
+        return self._queue_dropped + (0 if self._session is None else self._session.dropped)
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> RecordingProgress:
         """State of the recording."""
-        if self._instead is not None or self._scribe is None:
+        if self._instead is not None or self._session is None:
             return self._instead or OFF
-        return self._scribe.progress
+        return self._session.progress
 
     def check(self) -> None:
         """Raise `DataError` when nothing is recorded, for a program whose only purpose is recording."""
@@ -199,7 +199,7 @@ class Recorder:
     ) -> None:
         if not self._is_on:
             return
-        handed = Handed(told, outputs, hello, board, unix_offset_s, self._unplaced)
+        handed = RecordEntry(told, outputs, hello, board, unix_offset_s, self._unplaced)
         try:
             self._queue.put_nowait(handed)
         except queue.Full:
@@ -212,10 +212,12 @@ class Recorder:
     # ---- the thread --------------------------------------------------------------------------------
 
     def _live(self) -> None:
-        scribe: Scribe | None = None
+        session: RecordingSession | None = None
         leftovers: Leftovers | None = None
         try:
-            scribe = self._scribe = Scribe(self._params, self._header, self._path, time.monotonic())
+            session = self._session = RecordingSession(
+                self._params, self._header, self._path, time.monotonic()
+            )
             self._instead = None
             self._started.set()
             if self._params.directory is not None:
@@ -223,21 +225,21 @@ class Recorder:
             while not (self._ending.is_set() and self._queue.empty()):
                 with contextlib.suppress(queue.Empty):
                     item = self._queue.get(timeout=_WAKE_S)
-                    if isinstance(item, Handed):
-                        scribe.take(item, time.monotonic())
+                    if isinstance(item, RecordEntry):
+                        session.take(item, time.monotonic())
                     elif item.on:
-                        scribe.begin(item.hello, time.monotonic())
+                        session.begin(item.hello, time.monotonic())
                     else:
-                        scribe.end(time.monotonic())
-                scribe.tick(time.monotonic())
+                        session.end(time.monotonic())
+                session.tick(time.monotonic())
                 if leftovers is not None:
-                    leftovers.look(scribe.progress)
-            scribe.end(time.monotonic())
+                    leftovers.look(session.progress)
+            session.end(time.monotonic())
         except Exception:  # a bug: sensing continues without a recording, and `report` says so
             logger.exception("recording ended by a fault of tactiled")
             with contextlib.suppress(Exception):  # perhaps the same fault again; the file can be recovered
-                if scribe is not None:
-                    scribe.end(time.monotonic())
+                if session is not None:
+                    session.end(time.monotonic())
             self._instead = replace(OFF, state="failed", reason="a fault of tactiled itself, see the log")
             self._started.set()
         finally:

@@ -30,7 +30,7 @@ from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.shell import Emulator
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
-from tactiled.recording.contents import Header, Input, Read, Said, load_source
+from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams
@@ -256,7 +256,7 @@ def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recordi
 ) -> None:
     monkeypatch.setattr(device, "hasten", lambda _: 16)
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_source("board-v1", "wang2019-3x3"))
+    header = Header(load_board("board-v1", "wang2019-3x3"))
 
     async def main() -> None:
         with PtyBoard(daemon.link), Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
@@ -269,7 +269,7 @@ def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recordi
             await serving
 
     asyncio.run(main())
-    first = next(item for item in read_items(file) if not isinstance(item, Said))
+    first = next(item for item in read_items(file) if not isinstance(item, RecordedEvent))
     assert isinstance(first, Input)
     assert (first.name, first.values()) == ("adapter", {"handover_s": 0.016})
     verdict = replay([file], lambda _: None)
@@ -278,7 +278,7 @@ def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recordi
 
 def test_pings_are_answered_recorded_and_replayed_bit_for_bit(tmp_path: Path) -> None:
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_source("board-v1", "wang2019-3x3"))
+    header = Header(load_board("board-v1", "wang2019-3x3"))
 
     async def main() -> None:
         with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:

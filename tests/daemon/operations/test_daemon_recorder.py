@@ -16,13 +16,13 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.errors import DataError
 from tactiled.events.types import RecordingEvent
 from tactiled.recording import rotation
-from tactiled.recording.contents import Header, Input, Item, Read, Said, load_source
+from tactiled.recording.contents import Header, Input, Item, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.rotation import RecordParams
 from tactiled.recording.writer import RecordingWriter
 
-HEADER = Header(load_source("board-v1", "wang2019-3x3"))
+HEADER = Header(load_board("board-v1", "wang2019-3x3"))
 PARAMS = RecordParams(sync_s=0.05, min_free_mb=0)
 PATIENCE_S = 10.0
 LATER_S = itertools.count(1000.0, 1000.0)
@@ -76,7 +76,7 @@ def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
     assert got == reads
     assert isinstance(lost, Input)
     assert lost.name == "disconnected"
-    assert isinstance(said, Said)
+    assert isinstance(said, RecordedEvent)
     assert (said.board, said.event.topic, said.origin) == ("B1", "recording", "daemon")
     assert recorder.reads_dropped == 0
 
@@ -148,7 +148,7 @@ def test_a_disk_that_fails_later_is_said_and_survived(
 def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
     """/dev/full behind the name: every write fails as on a disk without room."""
     recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
-    stream = recorder._scribe._rotation._writer._stream  # type: ignore[union-attr]  # noqa: SLF001  a fault is put into the disk
+    stream = recorder._session._rotation._writer._stream  # type: ignore[union-attr]  # noqa: SLF001  a fault is put into the disk
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, stream.fileno())
     os.close(full)
@@ -273,7 +273,7 @@ def test_a_fault_of_ours_ends_the_recording_not_the_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
-        monkeypatch.setattr(recorder._scribe, "take", lambda *_: 1 / 0)  # noqa: SLF001  a fault is put into the disk
+        monkeypatch.setattr(recorder._session, "take", lambda *_: 1 / 0)  # noqa: SLF001  a fault is put into the disk
         with caplog.at_level(logging.ERROR):
             recorder.received(read(0), (), None)
             until(lambda: report(recorder).state == "failed")

@@ -71,7 +71,7 @@ class Host:
 
 
 @dataclass
-class Verdict:
+class DemoComparison:
     """Rows of truth against estimate, and in words what is wrong with them; right where there is nothing."""
 
     rows: list[list[str]] = field(default_factory=list)
@@ -116,7 +116,7 @@ def name_of(number: int, slide: TrueSlip) -> str:
     return f"slip {number}, {slide.surface.kind}"
 
 
-def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) -> Verdict:
+def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) -> DemoComparison:
     """Hold what was reported against what the scene plays.
 
     Parameters
@@ -128,7 +128,7 @@ def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) ->
     t0_s : float
         Scene time 0 on the host's clock.
     """
-    out = Verdict()
+    out = DemoComparison()
     onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
     textures = [e for e in events if isinstance(e, TextureEvent) and e.status == "ok"]
     n_gross = sum(e.kind == "gross" for e in onsets)
@@ -164,7 +164,7 @@ def _nearest(onsets: Sequence[SlipEvent], kind: str, true_s: float) -> SlipEvent
 
 
 def _compare_grooves(
-    out: Verdict,
+    out: DemoComparison,
     name: str,
     slide: TrueSlip,
     grooves: GroovedPlate,

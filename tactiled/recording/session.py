@@ -14,7 +14,7 @@ from tactiled.events.types import Event
 from tactiled.pipeline import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name, retain
-from tactiled.recording.rotation import OFF, Progress, RecordParams, Rotation
+from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams, Rotation
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Hello
@@ -28,7 +28,7 @@ RETAIN_S = 60.0  # between two looks for recordings to remove; a part of the usu
 
 
 @dataclass(frozen=True)
-class Handed:
+class RecordEntry:
     """Something that went into the pipeline, and what came of it.
 
     Attributes
@@ -57,7 +57,7 @@ class Handed:
         return (1, len(self.told.data) if isinstance(self.told, Read) else 0)
 
 
-class Scribe:
+class RecordingSession:
     """Writes what it is handed while there is a recording.
 
     Parameters
@@ -119,7 +119,7 @@ class Scribe:
             self._rotation.tick(self._hello_frame, now_s)
             self._look()
 
-    def take(self, handed: Handed, now_s: float) -> None:
+    def take(self, handed: RecordEntry, now_s: float) -> None:
         """Write one item, and before it what is missing there; or count it among the missing."""
         reads, n_bytes = self._missing[0] + handed.dropped[0], self._missing[1] + handed.dropped[1]
         if self._rotation is not None and self._rotation.write(
@@ -133,7 +133,7 @@ class Scribe:
         if handed.told is not None and handed.hello is not self._hello:
             self._know(handed.hello)
 
-    def _append(self, writer: RecordingWriter, handed: Handed, reads: int, n_bytes: int) -> None:
+    def _append(self, writer: RecordingWriter, handed: RecordEntry, reads: int, n_bytes: int) -> None:
         told, offset_s = handed.told, handed.unix_offset_s
         now_s = 0.0 if told is None else told.arrival_s if isinstance(told, Read) else told.time_s
         if told is not None and reads:
@@ -164,7 +164,7 @@ class Scribe:
         if self._rotation is not None:
             self._show(self._rotation.progress)
 
-    def _show(self, progress: Progress) -> None:
+    def _show(self, progress: RecordingProgress) -> None:
         """Keep what others may see, and log where it goes."""
         before, self.progress = self.progress, progress
         if progress.state == "recording" and progress.file != before.file:

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from tactiled.recording import contents
-from tactiled.recording.contents import Input, Said
-from tactiled.recording.steps import Replay, Step, is_damage
+from tactiled.recording.contents import Input, RecordedEvent
+from tactiled.recording.steps import Replay, ReplayStep, is_damage
 from tactiled.recording.writer import ACTIVE
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ReplayComparison:
     """Whether the events that were live came again.
 
     Attributes
@@ -68,7 +68,7 @@ class Verdict:
         return words
 
 
-class Verifier:
+class ReplayVerifier:
     """Compares the events of now with those of then, byte by byte.
 
     Parameters
@@ -81,7 +81,7 @@ class Verifier:
         self._compared = self._dropped = self._damaged_bytes = 0
         self._difference = ""
 
-    def compare(self, step: Step) -> None:
+    def compare(self, step: ReplayStep) -> None:
         """The next step; behind the first that cannot be compared none is."""
         if isinstance(step.told, Input) and step.told.name == "dropped":
             self._dropped += step.told.values()["reads"]
@@ -94,12 +94,12 @@ class Verifier:
         for now, live in zip_longest(said, step.live):
             if live is None and step.is_cut:
                 return
-            if now is None or live is None or contents.encode_said(now) != contents.encode_said(live):
+            if now is None or live is None or contents.encode_event(now) != contents.encode_event(live):
                 self._difference = f"at {step.time_s:.6f} s: live {_show(live)}, again {_show(now)}"
                 return
             self._compared += 1
 
-    def result(self) -> Verdict:
+    def result(self) -> ReplayComparison:
         """What to say of a replay that has come to its end."""
         unread: list[str] = []
         unfinished: list[str] = []
@@ -108,7 +108,7 @@ class Verifier:
             by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
             if not extent.is_whole:
                 (unfinished if by_right else unread).append(f"{path.name}: {extent.words()}")
-        return Verdict(
+        return ReplayComparison(
             self._compared,
             self._difference,
             self._dropped,
@@ -122,5 +122,5 @@ class Verifier:
         )
 
 
-def _show(said: Said | None) -> str:
+def _show(said: RecordedEvent | None) -> str:
     return "nothing" if said is None else f"{said.board} {said.event}"

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from tactiled.demo.verdict import REFINED_S, Host, compare, finds_end_s, true_slides
+from tactiled.demo.comparison import REFINED_S, Host, compare, finds_end_s, true_slides
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.truth import TrueSlip, Truth
