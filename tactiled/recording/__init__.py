@@ -1,1 +1,1 @@
-"""Raw bytes and arrival times to disk and back; other people's CSV and npz logs too."""
+"""Recordings: raw bytes, arrival times and events in MCAP files, and logs in CSV or npz format."""

@@ -1,8 +1,8 @@
-"""Dataclasses to CDR bytes and back, with the ros2msg text that lets any viewer read them.
+"""CDR encoding of dataclasses, with the ros2msg schema that lets any viewer decode them.
 
 CDR is what ROS 2 puts on the wire (OMG DDSI-RTPS 2.5, chapter 10; OMG DDS-XTypes 1.3, 7.4.1, "plain CDR"):
-four bytes that say little-endian, then the fields in order, each at a multiple of its own size counted from
-behind those four bytes. A string is its length with the closing NUL, then the characters; a sequence is its
+a header of four bytes (little-endian), then the fields in order, each aligned to its own size, counted from
+the end of the header. A string is its length with the closing NUL, then the characters; a sequence is its
 length, then its items. PlotJuggler, Foxglove and rerun decode it when the file carries the schema.
 """
 
@@ -17,11 +17,11 @@ _HEAD = b"\x00\x01\x00\x00"  # CDR_LE, no options (RTPS 2.5, table 10.3)
 _PACKAGE = "tactiled_msgs"
 # Python type: ros2msg type, struct code, size in bytes.
 _PRIMITIVES = {bool: ("bool", "?", 1), int: ("int64", "q", 8), float: ("float64", "d", 8)}
-_RULER = "=" * 80  # what parts the types of a concatenated ros2msg schema
+_RULER = "=" * 80  # separator of types in a concatenated ros2msg schema
 
 
 class Schema:
-    """One message type: its ros2msg text, and the bytes of its messages.
+    """Message type: its ros2msg text, and the encoding of its messages.
 
     Parameters
     ----------
@@ -36,26 +36,26 @@ class Schema:
         self._fields = {field: _plain(kind) for field, kind in fields.items()}
         nested: dict[str, type] = {}
         parts = [_definition(self._fields, nested)]
-        while len(parts) <= len(nested):  # a nested type may bring more of them
+        while len(parts) <= len(nested):  # a nested type may contain further nested types
             kind = list(nested.values())[len(parts) - 1]
             text = _definition(_fields_of(kind), nested)
             parts.append(f"{_RULER}\nMSG: {_PACKAGE}/{kind.__name__}\n{text}")
         self.text = "".join(parts)
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """Message of these fields."""
+        """Encode a message."""
         out = bytearray()
         for name, kind in self._fields.items():
             _write(out, values[name], kind)
         return _HEAD + bytes(out)
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """Fields of a message; tuples for sequences, dataclasses for nested types.
+        """Decode a message: tuples for sequences, dataclasses for nested types.
 
         Raises
         ------
         DataError
-            The bytes are no message of this type.
+            The bytes are not a message of this type.
         """
         if data[:4] != _HEAD:
             raise DataError(f"{self.name}: not little-endian CDR")
@@ -67,7 +67,7 @@ class Schema:
 
 
 def fields_of(kind: type) -> dict[str, Any]:
-    """Field names and types of a dataclass."""
+    """Return the field names and types of a dataclass."""
     hints = get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 

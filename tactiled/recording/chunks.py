@@ -1,10 +1,10 @@
-"""A recording as its chunks: whole, cut anywhere, or damaged; what is whole and proves its checksum counts.
+"""Chunks of a recording that may be cut or damaged: every chunk with a valid checksum is read.
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
-that ends early, or whose end is garbage after a power cut, is good up to its last whole chunk. Damage in the
-middle costs the chunks that it hits: the next one is where the length of the damaged one says, or else where
-the next bytes are that prove to be a chunk. Schemas and channels stand once more behind the data of a
-finished file, so none is lost with the chunk that it first stood in.
+that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. Damage in
+the middle costs only the chunks that it hits: reading resumes where the length field of the damaged chunk
+points or, if that is wrong too, at the next bytes that form a valid chunk. A finished file repeats its
+schemas and channels after the data, so they survive the loss of the chunk in which they first appeared.
 """
 
 import mmap
@@ -28,21 +28,22 @@ from tactiled.recording.extent import Damage, Extent
 _HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
 _DATA_END_BYTES = 4
-# What every chunk of ours has behind two instants, a size and a checksum: so one is found without its length.
+# Bytes that every tactiled chunk holds after two times, a size and a checksum: they locate a chunk whose
+# predecessor has a damaged length.
 _ANCHOR = struct.pack("<I", 4) + b"zstd"
 _ANCHOR_AT = _HEAD.size + 8 + 8 + 8 + 4
 _FAULTS = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
 
 
 def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord] | Damage]:
-    """Whole chunks, each as its records, and metadata, each alone; between them what is damaged.
+    """Yield the records of each whole chunk, each metadata record alone, and the damage between them.
 
     Parameters
     ----------
     stream : BinaryIO
         A file on disk.
     extent : Extent
-        Filled meanwhile.
+        Updated while the file is read.
     """
     size = extent.size_bytes = stream.seek(0, 2)
     known = _Known()
@@ -86,14 +87,14 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord] | Dama
 
 
 class _Known:
-    """Schemas and channels met so far: without them nobody can tell what a message is."""
+    """Schemas and channels read so far; messages of other channels cannot be decoded."""
 
     def __init__(self) -> None:
         self._schemas: set[int] = set()
         self._channels: set[int] = set()
 
     def take(self, records: Sequence[McapRecord]) -> list[McapRecord]:
-        """The records that can be understood."""
+        """Return the records that can be decoded."""
         taken: list[McapRecord] = []
         for record in records:
             if isinstance(record, Schema):
@@ -115,9 +116,9 @@ def _damage(extent: Extent, n_bytes: int, first_ns: int, last_ns: int) -> Damage
 
 
 def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapRecord] | None] | None:
-    """End of the record that begins at a place, and what is of use to us in it; None where none is whole.
+    """Read the record at an offset: its end and its content; None where no whole record begins there.
 
-    Nothing, instead of a list, is the end of the data. The magic counts as a record.
+    The content is None, not a list, at the end of the data. The magic counts as a record.
     """
     stream.seek(at)
     if at == 0:
@@ -142,18 +143,18 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
             records = []
         elif opcode == Opcode.HEADER and at == len(MCAP0_MAGIC):
             return end, []
-        else:  # we write no others: a chunk whose first byte is wrong
+        else:  # tactiled writes no others: the opcode of a chunk is damaged
             return None
     except _FAULTS:
         return None
-    return (end, records) if body.count == length else None  # else the length is what is damaged
+    return (end, records) if body.count == length else None  # otherwise the length is damaged
 
 
 def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
-    """Where to go on behind a damaged record; None where nothing whole follows.
+    """Offset at which to resume after a damaged record; None where nothing whole follows.
 
-    Old blocks that a power cut left behind the end may hold chunks too: those of before `newest_ns` are none
-    of this recording's future.
+    After a power cut, old disk blocks behind the end may hold chunks of other files: chunks that end before
+    `newest_ns` are therefore skipped.
     """
     chunk_at = _next_chunk(stream, at, size, newest_ns)
     end = len(MCAP0_MAGIC)
@@ -171,7 +172,7 @@ def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
 
 
 def _next_chunk(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
-    """Where the next whole chunk begins, whatever stands before it."""
+    """Offset of the next whole chunk after `at`."""
     if not size:
         return None
     with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
@@ -188,7 +189,7 @@ def _next_chunk(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | N
 
 @dataclass(frozen=True)
 class _Summary:
-    """What stands behind the data of a finished file: its place, schemas and channels, the last instant."""
+    """Summary section of a finished file: its offset, schemas, channels and time of the last message."""
 
     start: int
     records: list[McapRecord]
@@ -196,7 +197,7 @@ class _Summary:
 
 
 def _summary(stream: BinaryIO, size: int) -> _Summary | None:
-    """None where there is none, or it does not prove its checksum (MCAP specification, Footer)."""
+    """Read the summary; None where it is absent or its checksum is wrong (MCAP specification, Footer)."""
     footer_at = size - len(MCAP0_MAGIC) - _FOOTER.size
     if footer_at < 0:
         return None
@@ -225,7 +226,7 @@ def _summary(stream: BinaryIO, size: int) -> _Summary | None:
 
 
 def _span_s(stream: BinaryIO, at: int) -> tuple[float, float] | None:
-    """First and last log time, with which the body of a chunk begins."""
+    """First and last log time (s, epoch) from the start of a chunk's body."""
     stream.seek(at)
     head = stream.read(_HEAD.size + 16)
     if len(head) < _HEAD.size + 16 or head[0] != Opcode.CHUNK:

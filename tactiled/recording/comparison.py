@@ -1,4 +1,4 @@
-"""Whether a recording run again gave the events that were live, and what could not be compared."""
+"""Comparison of the events of a replay with the recorded live events."""
 
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -11,26 +11,26 @@ from tactiled.recording.writer import ACTIVE
 
 @dataclass(frozen=True)
 class ReplayComparison:
-    """Whether the events that were live came again.
+    """Outcome of the comparison of a replay with the live run.
 
     Attributes
     ----------
     compared : int
-        Events of the file that were compared.
+        Number of events compared.
     difference : str
-        The first difference, in words; empty where there is none.
+        Description of the first difference; empty where there is none.
     dropped_reads : int
-        Reads that the recorder had to drop. Behind the first of them nothing is compared.
+        Reads that the recorder had to drop. Nothing is compared after the first of them.
     fresh : bool
-        The pipeline was new where the recording begins; else detectors knew more live than now.
+        The pipeline was new where the recording begins; otherwise the live detectors had earlier data.
     damaged_bytes : int
-        That cannot be read. Behind the first of them nothing is compared.
+        Unreadable bytes. Nothing is compared after the first of them.
     unread : str
-        What of finished files cannot be read, in words; empty where that is nothing.
+        Description of what cannot be read in finished files; empty where everything can.
     unfinished : str
-        The same of files that a recorder has not finished.
+        The same for files that a recorder has not finished.
     other_form : str
-        Which events another version wrote, in words; these are not compared.
+        Description of events of another version; these are not compared.
     """
 
     compared: int
@@ -44,11 +44,11 @@ class ReplayComparison:
 
     @property
     def is_good(self) -> bool:
-        """All that should be there was there, and came again."""
+        """All data was read, and all events were reproduced."""
         return self.compared > 0 and not (self.difference or self.damaged_bytes or self.unread)
 
     def words(self) -> str:
-        """For the person who asked."""
+        """Describe the outcome for the user."""
         came = "came again bit for bit" if self.is_good else "were compared and came again"
         words = f"{self.compared} events {came}"
         if self.difference:
@@ -69,7 +69,7 @@ class ReplayComparison:
 
 
 class ReplayVerifier:
-    """Compares the events of now with those of then, byte by byte.
+    """Comparison of replayed with live events, byte by byte.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class ReplayVerifier:
         self._difference = ""
 
     def compare(self, step: ReplayStep) -> None:
-        """The next step; behind the first that cannot be compared none is."""
+        """Compare the next step; after the first that cannot be compared, none is."""
         if isinstance(step.told, Input) and step.told.name == "dropped":
             self._dropped += step.told.values()["reads"]
         if isinstance(step.told, Input) and is_damage(step.told):
@@ -100,11 +100,11 @@ class ReplayVerifier:
             self._compared += 1
 
     def result(self) -> ReplayComparison:
-        """What to say of a replay that has come to its end."""
+        """Return the outcome after the last step."""
         unread: list[str] = []
         unfinished: list[str] = []
         for path, extent in self._again.extents.items():
-            # A recorder that was killed, or still writes, leaves a torn end by right, and no torn middle.
+            # A recorder that was killed, or is still writing, leaves an incomplete end, which is expected.
             by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
             if not extent.is_whole:
                 (unfinished if by_right else unread).append(f"{path.name}: {extent.words()}")

@@ -1,16 +1,16 @@
-"""What a recording holds: the words of the file, shared by its writer and its reader.
+"""Content of a recording: metadata, channels and message types, shared by writer and reader.
 
 ::
 
-    metadata  tactiled        layout, array, parameters and versions: the file explains itself years later
-    metadata  tactiled/board  what the board said of itself: when that is new, at most every 10 s
-    channel   tactile/raw     every read of the port: bytes and arrival time
-    channel   tactile/input   what else the pipeline was told: a lost port, commands; where reads are missing
-    channel   tactile/scan, tactile/slip, ...   what the pipeline made of it: origin "pipeline"
-    channel   tactile/status, ...               what the daemon said beside it: origin "daemon"
+    metadata  tactiled        layout, array, parameters and versions: the file describes itself
+    metadata  tactiled/board  the board's hello: when it changes, at most every 10 s
+    channel   tactile/raw     every read from the port: bytes and arrival time
+    channel   tactile/input   other pipeline inputs: a lost port, commands; and where reads are missing
+    channel   tactile/scan, tactile/slip, ...   events of the pipeline: origin "pipeline"
+    channel   tactile/status, ...               events of the daemon itself: origin "daemon"
 
-Raw and input in file order are all that ever went into the pipeline, so running them again gives the
-pipeline's events bit by bit. A rotated recording is a chain of such files with one `run` and growing `part`.
+The raw and input channels, in file order, are the complete input of the pipeline, so a replay reproduces the
+pipeline's events bit for bit. A rotated recording is a chain of such files with one `run` and growing `part`.
 """
 
 import hashlib
@@ -35,22 +35,24 @@ Origin = Literal["pipeline", "daemon"]
 
 @dataclass(frozen=True)
 class RecordedBoard:
-    """What was at the other end of the line: the layout and the array, as files and compiled."""
+    """Layout and array of the recorded board, as files and compiled."""
 
     layout_file: LayoutFile
     array_file: ArrayFile
 
     @property
     def layout(self) -> Layout:
+        """Compiled frame layout."""
         return compile_layout(self.layout_file)
 
     @property
     def array(self) -> Array:
+        """Array built from its file."""
         return build(self.array_file)
 
 
 def load_board(protocol: str, array: str) -> RecordedBoard:
-    """Layout and array files by name or path."""
+    """Load layout and array files by name or path."""
     return RecordedBoard(
         tomlfile.load(resources.find(protocol, "protocols"), LayoutFile),
         tomlfile.load(resources.find(array, "config/arrays"), ArrayFile),
@@ -65,20 +67,20 @@ class Header:
     ----------
     source : RecordedBoard
     pipeline : PipelineParams
-        With which the events in the file were made.
+        Parameters with which the events in the file were computed.
     config_sha256 : str
-        Of the whole configuration as sorted JSON; says whether two recordings were made alike.
+        Hash of the whole configuration as sorted JSON, to compare the configurations of recordings.
     run : str
-        Same in all parts of a rotated recording.
+        Identifier shared by all parts of a rotated recording.
     part : int
-        Counts them from 1.
+        Number of the part, from 1.
     fresh : bool
-        The pipeline was new where this file begins; else only the parts before it, or nothing, can bring
-        back what it knew.
+        The pipeline was new where this file begins; otherwise its state can be reproduced only by replaying
+        the earlier parts, if they exist.
     hello : bytes
-        What the board had said of itself before this file began, as a frame; empty where it had not.
+        Last hello of the board before this file began, as a frame; empty where there was none.
     sync_s : float
-        The file was synced to disk so often: what a power cut can cost.
+        Interval of syncs to disk: the longest loss in a power cut.
     """
 
     source: RecordedBoard
@@ -91,7 +93,7 @@ class Header:
     sync_s: float = 0.0
 
     def to_metadata(self) -> dict[str, str]:
-        """As MCAP keeps it, with a checksum: MCAP has none for metadata."""
+        """MCAP metadata with a checksum, because MCAP has none for metadata."""
         metadata = {
             "version": __version__,
             "layout": self.source.layout_file.model_dump_json(),
@@ -110,7 +112,7 @@ class Header:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """Raises KeyError or ValueError where it does not fit."""
+        """Parse MCAP metadata; `KeyError` or `ValueError` where it is not a valid description."""
         if metadata.get(_CHECK, digest := _digest(metadata)) != digest:
             raise ValueError("the description is damaged")
         return cls(
@@ -135,7 +137,7 @@ def _digest(metadata: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True)
 class Read:
-    """One read of the port; seconds of the host's monotonic clock, `+ unix_offset_s` is epoch time."""
+    """One read from the port; `arrival_s` is host monotonic time, `arrival_s + unix_offset_s` epoch time."""
 
     arrival_s: float
     unix_offset_s: float
@@ -144,11 +146,11 @@ class Read:
 
 @dataclass(frozen=True)
 class Input:
-    """Something else that the pipeline was told, or should have been.
+    """Input of the pipeline other than a read, or a mark where input is missing.
 
-    `name` is "disconnected" (the port was lost), "dropped" (reads that the disk was too slow for: what
-    comes behind cannot be computed again bit by bit), "damaged" (the file cannot be read there: neither can
-    it), or a command of `Pipeline.command`. `arguments` is a JSON object.
+    `name` is "disconnected" (the port was lost), "dropped" (reads that the disk was too slow to take),
+    "damaged" (the file cannot be read there), or a command of `Pipeline.command`. `arguments` is a JSON
+    object. After "dropped" or "damaged", events cannot be reproduced bit for bit.
     """
 
     time_s: float
@@ -157,19 +159,19 @@ class Input:
     arguments: str = "{}"
 
     def values(self) -> dict[str, Any]:
-        """The arguments by name."""
+        """Arguments by name."""
         loaded: dict[str, Any] = json.loads(self.arguments)
         return loaded
 
 
 def damage_mark(first_unix_s: float, n_bytes: int, duration_s: float) -> Input:
-    """What stands where a file cannot be read; its instant is epoch time, for what else it was is lost."""
+    """Mark an unreadable stretch of a file; its time is epoch time, as the monotonic time is lost."""
     return Input(first_unix_s, 0.0, "damaged", json.dumps({"bytes": n_bytes, "duration_s": duration_s}))
 
 
 @dataclass(frozen=True)
 class RecordedEvent:
-    """An event as it was recorded."""
+    """Event as it was recorded."""
 
     event: Event
     board: str
@@ -186,7 +188,7 @@ INPUT_TOPIC = "tactile/input"
 
 
 def schema_of(kind: type[Event]) -> Schema:
-    """Schema of an event in a recording: the event's fields, whose event it is, and its epoch."""
+    """Schema of an event in a recording: the event's fields, its board and its epoch offset."""
     stamp = {"board": str, "unix_offset_s": float}
     return Schema(kind.__name__.removesuffix("Event"), stamp | fields_of(kind))
 
@@ -195,18 +197,18 @@ SCHEMAS = {topic: schema_of(kind) for topic, kind in EVENT_TYPES.items()}
 
 
 def encode_event(said: RecordedEvent) -> bytes:
-    """CDR message of an event; equal bytes mean an equal event, bit by bit."""
+    """Encode an event as CDR; equal bytes mean bit-identical events."""
     stamp = {"board": said.board, "unix_offset_s": said.unix_offset_s}
     return SCHEMAS[said.event.topic].encode(stamp | vars(said.event))
 
 
 def decode_event(topic: str, data: bytes, origin: Origin) -> RecordedEvent:
-    """Event of a recorded message.
+    """Decode a recorded message into its event.
 
     Raises
     ------
     DataError
-        The bytes are no such event.
+        The bytes are not a valid event of this topic.
     """
     values = SCHEMAS[topic].decode(data)
     board, unix_offset_s = values.pop("board"), values.pop("unix_offset_s")

@@ -1,6 +1,6 @@
-"""The record directory: names of the recordings in it, which are finished, and which must go.
+"""Record directory: names of recordings, finished and unfinished files, and removal of old ones.
 
-Only names that `new_name` makes are looked at: other files in the directory belong to somebody else.
+Only files named by `new_name` are considered; all other files in the directory are left alone.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished recording.
+    """Finished recording.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Finished:
     size_mb : float
         10^6 bytes.
     ended_unix_s : float
-        When it was last written to.
+        Time of the last write.
     """
 
     path: Path
@@ -41,18 +41,18 @@ def new_name(instant: datetime) -> str:
 
 
 def finished(directory: Path) -> list[Finished]:
-    """Finished recordings in a directory; `OSError` when it cannot be read."""
+    """List the finished recordings in a directory; `OSError` when it cannot be read."""
     found = []
     for path in directory.iterdir():
         if _FINISHED.fullmatch(path.name):
-            with contextlib.suppress(FileNotFoundError):  # somebody has just removed it
+            with contextlib.suppress(FileNotFoundError):  # removed by another process meanwhile
                 status = path.stat()
                 found.append(Finished(path, status.st_size / _MB, status.st_mtime))
     return found
 
 
 def unfinished(directory: Path) -> list[Path]:
-    """``.active`` files in a directory that no recorder is writing; `OSError` when it cannot be read."""
+    """List ``.active`` files that no recorder is writing; `OSError` when it cannot be read."""
     names = (path for path in directory.iterdir() if path.name.endswith(ACTIVE))
     return sorted(
         path
@@ -64,7 +64,7 @@ def unfinished(directory: Path) -> list[Path]:
 def surplus(
     files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, now_unix_s: float
 ) -> list[Finished]:
-    """Files to remove, oldest first, so that the rest is within both limits; never the newest file.
+    """Select the files to remove, oldest first, to meet both limits; the newest file is always kept.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def surplus(
 def retain(
     directory: Path, keep_mb: float | None, keep_days: float | None, now_unix_s: float
 ) -> list[Finished]:
-    """Remove the `surplus` of a directory; gives what was removed.
+    """Remove the `surplus` of a directory and return the removed files.
 
     Raises
     ------

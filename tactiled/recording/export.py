@@ -1,7 +1,7 @@
-"""Recordings as plain tables, for whatever reads CSV or numpy; `tactiled detect` reads both back.
+"""Export of recordings to CSV or npz; `tactiled detect` reads both formats.
 
-Scans are decoded anew from the recorded bytes. Instants are those of the recording (host monotonic seconds);
-a missing scan is a missing row.
+Scans are decoded from the recorded bytes. Times are those of the recording (host monotonic seconds); a
+missing scan is a missing row.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from tactiled.recording.steps import Replay
 
 
 def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None) -> int:
-    """Table with ``time_s`` and one column a channel, volts, written so that each number reads back exactly.
+    """Write a CSV table of ``time_s`` and one column of volts per channel; every number reads back exactly.
 
     A reading that is not valid (saturated, reference fault) is an empty cell.
 
@@ -28,7 +28,7 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
         One recording, or consecutive parts.
     out : Path
     reached : callable, optional
-        Takes the share that is done, from 0 to 1.
+        Called with the completed fraction, 0 to 1.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
     Raises
     ------
     DataError
-        A file is no recording or holds no scan, or `out` exists or cannot be written.
+        A file is not a recording or holds no scans, or `out` exists or cannot be written.
     """
     replay = Replay(paths, reached)
     n_scans = 0
@@ -53,10 +53,11 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
 
 
 def export_npz(paths: Sequence[Path], out: Path, reached: Reached | None = None) -> int:
-    """Arrays: ``time_s``, ``time_sd_s``, ``unix_offset_s``, ``index``, ``late`` (n,), ``volts`` and ``valid``
-    (n, channels), ``channel_name`` (channels,). ``time_s + unix_offset_s`` is epoch time.
+    """Write the scans as numpy arrays; parameters, result and errors as for `export_csv`.
 
-    As `export_csv`; readings that are not valid keep their value here.
+    Arrays: ``time_s``, ``time_sd_s``, ``unix_offset_s``, ``index``, ``late`` (n,), ``volts`` and ``valid``
+    (n, channels), ``channel_name`` (channels,). ``time_s + unix_offset_s`` is epoch time. Invalid readings
+    keep their value.
     """
     replay = Replay(paths, reached)
     names = np.array(replay.header.source.array.channel_name)
@@ -76,7 +77,7 @@ def export_npz(paths: Sequence[Path], out: Path, reached: Reached | None = None)
 
 
 def _scans(replay: Replay) -> Iterator[tuple[ScanEvent, float]]:
-    """Scans with their epoch offset; `DataError` when there is none."""
+    """Yield scans with their epoch offsets; `DataError` when there are none."""
     is_empty = True
     for step in replay:
         for said in step.now:
@@ -89,7 +90,7 @@ def _scans(replay: Replay) -> Iterator[tuple[ScanEvent, float]]:
 
 @contextlib.contextmanager
 def _new_file(out: Path) -> Iterator[None]:
-    """Faults of a file to be made, in words; half of one is removed."""
+    """Refuse an existing file, report write errors as `DataError`, and remove a partly written file."""
     if out.exists():
         raise DataError(f"{out}: exists already; choose another name or move it away")
     try:

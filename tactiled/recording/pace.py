@@ -1,11 +1,11 @@
-"""Recorded instants at their own pace, or another."""
+"""Timing of a playback: recorded times at their own speed, or scaled."""
 
 import time
 from collections.abc import Callable
 
 
 class PlaybackPace:
-    """Waits so that recorded instants pass at `speed` times their own pace; 0 never waits."""
+    """Wait so that recorded times pass at `speed` times real time; 0 never waits."""
 
     def __init__(
         self,
@@ -17,7 +17,7 @@ class PlaybackPace:
         self._origin_s: float | None = None
 
     def wait(self, time_s: float) -> None:
-        """Return when it is time for what happened at `time_s`."""
+        """Sleep until the recorded time `time_s` is due."""
         if not self._speed:
             return
         now_s = self._monotonic()

@@ -1,7 +1,7 @@
-"""A recording on a pseudo-terminal, with its own timing: input for somebody else's driver.
+"""Playback of a recording on a pseudo-terminal, with its original timing, as input for any driver.
 
-What the driver writes is read and thrown away: a recording does not answer. Bytes it does not take wait, and
-none are lost; a port that was lost while recording is just a pause here.
+Bytes that the driver writes are read and discarded. Bytes that the driver does not read yet are held back;
+none are lost. A loss of the port during the recording appears as a pause.
 """
 
 import contextlib
@@ -23,14 +23,14 @@ from tactiled.recording.pace import PlaybackPace
 from tactiled.recording.reader import Reached, in_order, read_items
 
 _POLL_S = 0.02
-_SETTLE_S = 0.2  # drivers throw away what they find in the first moments after opening
-_EMPTY_LOOKS = 10  # in a row: bytes on their way through the kernel are in no queue that can be asked
-_DRAIN_S = 5.0  # for the driver to take the last bytes before the port goes away under it
+_SETTLE_S = 0.2  # drivers discard what they find just after opening
+_EMPTY_LOOKS = 10  # in a row: bytes in transit through the kernel are in no queue that can be queried
+_DRAIN_S = 5.0  # time for the driver to read the last bytes before the port disappears
 
 
 @dataclass(frozen=True)
 class PlaybackResult:
-    """What was played: bytes, and the longest that one of them was late because the driver did not read."""
+    """Number of bytes played, and the largest delay because the driver did not read (s)."""
 
     n_bytes: int
     latest_s: float
@@ -39,25 +39,25 @@ class PlaybackResult:
 def play(
     paths: Sequence[Path], link: Path, speed: float = 1.0, reached: Reached | None = None
 ) -> PlaybackResult:
-    """Play recordings to whoever opens `link`; begins when someone does.
+    """Play recordings on the pseudo-terminal `link`; playback begins when a driver opens it.
 
     Parameters
     ----------
     paths : sequence of Path
         Parts of a recording in any order.
     link : Path
-        Name under which the pseudo-terminal appears meanwhile.
+        Name of the pseudo-terminal during the playback.
     speed : float
         1 is real time, 0 as fast as the driver reads.
     reached : callable, optional
-        Takes the share that is done, from 0 to 1.
+        Called with the completed fraction, 0 to 1.
 
     Raises
     ------
     ConfigError
         The link cannot be made.
     DataError
-        A file is no recording.
+        A file is not a recording.
     OperatorError
         The driver closed the port before the end.
     """
@@ -83,13 +83,13 @@ def play(
 
 @contextlib.contextmanager
 def _terminal(link: Path) -> Iterator[tuple[int, str]]:
-    """A new raw pseudo-terminal: our end, and the name of the other, to which `link` points."""
+    """Open a raw pseudo-terminal: its master descriptor, and the device name to which `link` points."""
     master, slave = os.openpty()
     try:
         tty.setraw(slave)
         os.set_blocking(master, False)
         device = os.ttyname(slave)
-        os.close(slave)  # while we hold it open too, nobody could tell whether the driver has
+        os.close(slave)  # while it is open here too, it is unknown whether the driver has opened it
         try:
             link.symlink_to(device)
         except OSError as error:
@@ -104,7 +104,7 @@ def _terminal(link: Path) -> Iterator[tuple[int, str]]:
 
 
 def _wait_for_reader(master: int) -> None:
-    """Until the other end is open: before that, a pseudo-terminal reports a hang-up."""
+    """Wait until the other end is open: until then, a pseudo-terminal reports a hang-up."""
     poll = select.poll()
     poll.register(master, select.POLLIN)
     while any(happened & select.POLLHUP for _, happened in poll.poll(0)):
@@ -132,7 +132,7 @@ def _discard(master: int) -> None:
 
 
 def _drain(device: str) -> None:
-    """Wait until the driver has taken everything: what it has not read dies with the terminal."""
+    """Wait until the driver has read everything: unread bytes are lost when the terminal closes."""
     slave = os.open(device, os.O_RDWR | os.O_NOCTTY)
     try:
         until_s = time.monotonic() + _DRAIN_S

@@ -1,6 +1,6 @@
-"""Recordings read back, item by item; what cannot be read is said here, whoever reads.
+"""Reader of recordings, item by item; logs what cannot be read.
 
-`chunks` has the bytes: what is whole, what is damaged, and where to go on behind it.
+`chunks` parses the bytes: it finds whole chunks, damage, and where to resume after it.
 """
 
 import logging
@@ -21,19 +21,19 @@ from tactiled.recording.extent import Damage, Extent
 logger = logging.getLogger(__name__)
 
 Reached = Callable[[float], None]
-"""Takes the share of the work that is done, from 0 to 1."""
+"""Called with the completed fraction of the work, 0 to 1."""
 
 
 @dataclass
 class _Channels:
-    """Schemas and channels met so far, by number."""
+    """Schemas and channels read so far, by number."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     other_forms: set[str] = field(default_factory=set)
 
     def item(self, record: McapRecord, path: Path) -> Item | None:
-        """Item of a message; None for what is none of ours."""
+        """Decode a message; None for other records and unknown channels."""
         if isinstance(record, Schema):
             self.schemas[record.id] = record.data.decode(errors="replace")
         elif isinstance(record, Channel):
@@ -54,7 +54,7 @@ class _Channels:
             return None
         if channel.message_encoding != "cdr" or self.schemas.get(channel.schema_id) != schema.text:
             if schema not in (contents.RAW, contents.INPUT):
-                self.other_forms.add(topic)  # raw bytes are enough to make it anew
+                self.other_forms.add(topic)  # a replay of the raw bytes reproduces it
                 return None
             raise DataError(
                 f"{path}: {channel.topic} has another form here; use the tactiled it was made with"
@@ -70,12 +70,12 @@ class _Channels:
 
 
 def read_header(path: Path) -> Header:
-    """Description of a recording.
+    """Read the description of a recording.
 
     Raises
     ------
     DataError
-        It cannot be read, or is no recording of ours.
+        It cannot be read, or is not a tactiled recording.
     """
     fault = ""
     with open_recording(path) as stream:
@@ -84,7 +84,7 @@ def read_header(path: Path) -> Header:
                 if isinstance(record, Metadata) and record.name == contents.METADATA:
                     try:
                         return Header.from_metadata(record.metadata)
-                    except (KeyError, ValueError) as error:  # a damaged one: a finished file has another
+                    except (KeyError, ValueError) as error:  # damaged: a finished file has a copy
                         fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
     if fault:
         raise DataError(f"{path}: a recording of another tactiled, which this one cannot read ({fault})")
@@ -92,12 +92,12 @@ def read_header(path: Path) -> Header:
 
 
 def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
-    """Recordings and their headers; parts of one run by their number, however a shell has sorted their names.
+    """Recordings with their headers; parts of one run sorted by part number, independent of file names.
 
     Raises
     ------
     DataError
-        One cannot be read, or is no recording of ours.
+        One cannot be read, or is not a tactiled recording.
     """
     headers = [(path, read_header(path)) for path in paths]
     runs = [header.run for _, header in headers]
@@ -105,18 +105,18 @@ def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
 
 
 def read_items(path: Path, extent: Extent | None = None, reached: Reached | None = None) -> Iterator[Item]:
-    """Everything in a recording, in the order of the file; an unfinished file ends at its last whole chunk.
+    """Yield everything in a recording in file order; an unfinished file ends at its last whole chunk.
 
-    A stretch in the middle that cannot be read is an `Input` "damaged". At the end the log is told what could
-    not be read.
+    An unreadable stretch in the middle becomes an `Input` "damaged". At the end, what could not be read is
+    logged.
 
     Parameters
     ----------
     path : Path
     extent : Extent, optional
-        Filled meanwhile.
+        Updated while the file is read.
     reached : callable, optional
-        Takes the share of the file that has been read, from 0 to 1.
+        Called with the fraction of the file that has been read, 0 to 1.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
 
 
 def open_recording(path: Path) -> BinaryIO:
-    """The file, to be read only; `DataError` when it cannot be."""
+    """Open a file read-only; `DataError` when it cannot be opened."""
     try:
         return path.open("rb")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""``tactiled recover``: a recording that was cut or damaged, made of all its chunks that are whole."""
+"""``tactiled recover``: copy the whole chunks of a cut or damaged recording into a new file."""
 
 import contextlib
 import fcntl
@@ -25,7 +25,7 @@ from tactiled.recording.writer import ACTIVE, sync_directory
 
 @dataclass(frozen=True)
 class RecoveryResult:
-    """What `recover` saved, and what it could not.
+    """Outcome of `recover`: what was saved, and what is missing.
 
     Attributes
     ----------
@@ -33,17 +33,17 @@ class RecoveryResult:
         The finished file.
     messages : int
     first_unix_s, last_unix_s : float
-        Of the messages saved; 0.0 where there are none.
+        Epoch times of the saved messages; 0.0 where there are none.
     lost_bytes : int
-        Of the file, behind its last whole chunk.
+        Bytes of the file after its last whole chunk.
     lost_s : float
-        Time covered by the torn chunk; -1.0 where nobody can say.
+        Time covered by the incomplete chunk at the end; -1.0 where unknown.
     is_complete : bool
-        The data had been finished: nothing is missing at the end.
+        The end of the data was there: nothing is missing at the end.
     damaged : str
-        What is missing before the end, in words; empty where that is nothing.
+        Description of what is missing before the end; empty where nothing is.
     sync_s : float
-        What the recorder had not yet handed to the disk is at most this long.
+        Longest time of data that the recorder had not yet synced to disk.
     """
 
     path: Path
@@ -57,7 +57,7 @@ class RecoveryResult:
     sync_s: float
 
     def words(self) -> str:
-        """For the person who asked."""
+        """Describe the outcome for the user."""
         span = f"{self.messages} messages over {self.last_unix_s - self.first_unix_s:.2f} s"
         if self.damaged:
             span += f"; of the original {self.damaged}; replay says where"
@@ -76,7 +76,7 @@ class RecoveryResult:
 def recover(
     path: Path, out: Path | None = None, reached: Reached | None = None, *, replace_original: bool = False
 ) -> RecoveryResult:
-    """Copy what is whole into a finished file; the original is only read, and locked meanwhile.
+    """Copy all whole chunks into a finished file; the original is locked and only read.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def recover(
     out : Path, optional
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
     reached : callable, optional
-        Takes the share that is done, from 0 to 1.
+        Called with the completed fraction, 0 to 1.
     replace_original : bool
-        Remove the original once the finished file is on the disk, and give that file its time.
+        Remove the original once the new file is on disk, and copy its modification time to the new file.
 
     Raises
     ------
     DataError
-        It is being written, nothing can be saved, or the new file cannot be written.
+        The original is being written, nothing can be saved, or the new file cannot be written.
     """
     out = out or default_name(path)
     extent = Extent()
@@ -130,20 +130,20 @@ def recover(
 
 
 def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tuple[bool, str]]:
-    """Recover, one by one, the recordings that earlier runs left unfinished, in place of the originals.
+    """Recover the unfinished recordings of earlier runs one by one, replacing the originals.
 
     Parameters
     ----------
     directory : Path
-        A record directory: files that the daemon did not name are left alone.
+        Record directory; files with other names than the daemon's are left alone.
     min_free_mb : float
-        A file is left for later where its copy would leave less room than this on the disk (10^6 bytes).
+        A file is skipped where its copy would leave less free space than this on the disk (10^6 bytes).
 
     Yields
     ------
     is_recovered : bool
     words : str
-        What was recovered, or why not.
+        Description of what was recovered, or why it was not.
 
     Raises
     ------
@@ -168,14 +168,14 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
 
 
 def default_name(path: Path) -> Path:
-    """Where `recover` writes when nobody says."""
+    """Default output path of `recover`."""
     if path.name.endswith(ACTIVE):
         return path.with_name(path.name.removesuffix(ACTIVE))
     return path.with_name(f"{path.stem}.recovered.mcap")
 
 
 def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
-    """Lock a file for as long as it is open, or refuse it: a recorder holds the lock while it writes."""
+    """Lock a file while it is open; `DataError` where a recorder that writes it holds the lock."""
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -191,7 +191,7 @@ def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
 
 
 class _Copy:
-    """Records into a new file, chunk by chunk."""
+    """Copy of records into a new file, chunk by chunk."""
 
     def __init__(self, stream: BinaryIO, header: Header) -> None:
         self._header = header
@@ -228,7 +228,7 @@ class _Copy:
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _mark(self, damage: Damage) -> None:
-        """Say in the new file where something is missing, so that nobody takes its ends for neighbours."""
+        """Mark in the new file where data is missing."""
         schema = contents.INPUT
         number = self._writer.register_schema(schema.name, "ros2msg", schema.text.encode())
         channel = self._writer.register_channel(contents.INPUT_TOPIC, "cdr", number, {"origin": "pipeline"})
@@ -250,7 +250,7 @@ class _Copy:
 
 @contextlib.contextmanager
 def _finished_file(out: Path) -> Iterator[BinaryIO]:
-    """A new file that has its name only once it is whole and on the disk."""
+    """Open a new file that gets its name only once it is complete and on disk."""
     if out.exists():
         raise DataError(f"{out}: exists already; say another name with --out")
     part = out.with_name(f"{out.name}.part")

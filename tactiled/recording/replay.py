@@ -1,4 +1,4 @@
-"""`tactiled replay`: recordings run again, their events said as they were live, and compared."""
+"""`tactiled replay`: run recordings through the pipeline, print the events and compare them."""
 
 import json
 import time
@@ -21,19 +21,19 @@ def replay(
     sleep: Callable[[float], None] = time.sleep,
     reached: Reached | None = None,
 ) -> ReplayComparison:
-    """Run recordings again and say each event as the JSON line that `tactiled listen` printed live.
+    """Run recordings through the pipeline and print each event as JSON, as `tactiled listen` did live.
 
     Parameters
     ----------
     paths : sequence of Path
     say : callable
-        Takes a line.
+        Called with each line.
     topics : collection of str
-        Only these; empty for all.
+        Topics to print; empty for all.
     speed : float
-        1 is real time, 2 twice as fast, 0 as fast as can be.
+        1 is real time, 2 twice as fast, 0 as fast as possible.
     reached : callable, optional
-        Takes the share that is done, from 0 to 1.
+        Called with the completed fraction, 0 to 1.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def replay(
     again = Replay(paths, reached)
     verdict = ReplayVerifier(again)
     for step in again:
-        if not is_damage(step.told):  # which has no instant of this clock
+        if not is_damage(step.told):  # a damage mark has no time on this clock
             pace.wait(step.time_s)
         verdict.compare(step)
         for said in step.now:

@@ -1,7 +1,7 @@
-"""A recording of any length: parts by size and time, a guard for the disk, and failures that are survived.
+"""Rotation of a recording: parts limited by size and age, a check of free disk space, retries after failures.
 
-Synchronous and single-threaded; `daemon.recorder` gives it a thread of its own, because every call here may
-wait for the disk. Time is an argument.
+Synchronous and single-threaded; `daemon.operations.recorder` calls it in a thread of its own, because every
+call may wait for the disk. Time is an argument.
 """
 
 import os
@@ -19,8 +19,8 @@ from tactiled.recording.writer import RecordingWriter
 from tactiled.tomlfile import Params
 
 _MB = 1e6
-_ROOM_FACTOR = 1.1  # room must have grown by a tenth before it is used again, so that files do not stutter
-RETRY_S = 10.0  # after a failed write: a disk that is full or gone is not pestered
+_ROOM_FACTOR = 1.1  # free space must exceed the limit by a tenth before recording resumes: hysteresis
+RETRY_S = 10.0  # pause after a failed write
 
 RecordingState = Literal["off", "recording", "no-room", "failed"]
 
@@ -66,22 +66,22 @@ class RecordParams(Params):
 
 @dataclass(frozen=True)
 class RecordingProgress:
-    """Where a recording stands.
+    """State of a recording.
 
     Attributes
     ----------
     state : str
-        ``"no-room"`` and ``"failed"``: nothing is recorded now, and it is tried again.
+        In ``"no-room"`` and ``"failed"`` nothing is recorded; the recorder retries.
     reason : str
-        Why, in words; empty while recording.
+        Reason of the state; empty while recording.
     file : str
-        The part being written, by its finished name; empty where there is none.
+        Finished name of the part being written; empty where there is none.
     parts : int
-        Begun so far.
+        Number of parts begun so far.
     bytes_written : int
-        In all parts, without what waits for the next sync.
+        Total over all parts, without data that waits for the next sync.
     free_mb : float
-        On the disk, when last looked at.
+        Free space on the disk at the last check.
     """
 
     state: RecordingState
@@ -96,7 +96,7 @@ OFF = RecordingProgress(state="off", reason="", file="", parts=0, bytes_written=
 
 
 class Rotation:
-    """Parts of one recording; the first is open when this is made, or is opened when the disk allows it.
+    """Parts of one recording; the first is opened at once, or as soon as the disk allows it.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Rotation:
         Name of the first part, see `part_path`.
     params : RecordParams
     header : Header
-        Of the first part.
+        Header of the first part.
     now_s : float
     """
 
@@ -123,6 +123,7 @@ class Rotation:
 
     @property
     def progress(self) -> RecordingProgress:
+        """Current state of the recording."""
         writer = self._writer
         return RecordingProgress(
             state=self._state,
@@ -134,9 +135,9 @@ class Rotation:
         )
 
     def write(self, append: Callable[[RecordingWriter], None], now_s: float) -> bool:
-        """Append to the open part; False while there is none: what it was is lost."""
+        """Append to the open part; return False, and lose the data, while there is none."""
         if self._writer is None:
-            self._is_fresh = False  # the pipeline has met what no part will hold
+            self._is_fresh = False  # the pipeline has processed data that no part holds
             return False
         try:
             append(self._writer)
@@ -149,12 +150,12 @@ class Rotation:
         return True
 
     def tick(self, hello: bytes, now_s: float) -> None:
-        """Sync, rotate, look at the disk: whatever is due at `due_s`.
+        """Do what is due at `due_s`: sync, rotate, check the free space.
 
         Parameters
         ----------
         hello : bytes
-            What is known of the board, as a frame, should a new part begin.
+            Last hello of the board as a frame, for the header of a new part.
         now_s : float
         """
         if now_s < self.due_s:
@@ -172,11 +173,11 @@ class Rotation:
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Time of the next work for `tick`."""
         return self._due_s
 
     def _look(self, hello: bytes, now_s: float) -> None:
-        """After a sync: is the part long enough, is the disk too full?"""
+        """Check the size and age of the part and the free space after a sync."""
         assert self._writer is not None
         try:
             self._free_mb = free_mb(self._path.parent)
@@ -194,7 +195,7 @@ class Rotation:
             self._begin(hello, now_s)
 
     def _begin(self, hello: bytes, now_s: float) -> None:
-        """Open a part, if there is room for it."""
+        """Open a part if there is enough free space."""
         try:
             self._free_mb = free_mb(self._path.parent)
             if self._state == "no-room":
@@ -219,7 +220,7 @@ class Rotation:
         self._due_s = now_s + self._params.sync_s
 
     def _leave(self, now_s: float) -> bool:
-        """Finish the open part; False where the disk did not take it."""
+        """Finish the open part; False where the write failed."""
         writer = self._writer
         if writer is None or not self.write(RecordingWriter.close, now_s):
             return False
@@ -235,7 +236,7 @@ class Rotation:
         )
 
     def _fail(self, reason: str, now_s: float) -> None:
-        """The disk takes no more: leave the part as it is, and try a new one later."""
+        """Abandon the open part after a failed write, and schedule a new part."""
         if self._writer is not None:
             self._writer.abandon()
             self._bytes_before += self._writer.size_bytes
@@ -244,12 +245,12 @@ class Rotation:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """``NAME.mcap``, then ``NAME.002.mcap``, ``NAME.003.mcap``, ..."""
+    """File name of a part: ``NAME.mcap``, then ``NAME.002.mcap``, ``NAME.003.mcap``, ..."""
     return path if part == 1 else path.with_name(f"{path.stem}.{part:03d}{path.suffix}")
 
 
 def free_mb(directory: Path) -> float:
-    """Room on the disk for this user, 10^6 bytes.
+    """Free disk space for this user, 10^6 bytes.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""What a service hands to its recorder, put into files: nothing is lost without a mark at its place.
+"""Recording session: writes pipeline inputs and events to files, and marks where data is missing.
 
-Synchronous, like `rotation`: `daemon.recorder` calls it in a thread of its own.
+Synchronous, like `rotation`: `daemon.operations.recorder` calls it in a thread of its own.
 """
 
 import json
@@ -21,25 +21,25 @@ from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
-# Between two notes of the board in a recording. Notes are metadata, of which every one stays in memory until
-# the file is finished; a board that reboots twice a second must not fill it. The bytes have every hello.
+# Least interval of board metadata in a recording. Every metadata record stays in memory until the file is
+# finished; a board that reboots twice a second must not exhaust the memory. The raw bytes hold every hello.
 BOARD_NOTE_S = 10.0
-RETAIN_S = 60.0  # between two looks for recordings to remove; a part of the usual size takes longer to fill
+RETAIN_S = 60.0  # interval of checks for old recordings; filling a part of the default size takes longer
 
 
 @dataclass(frozen=True)
 class RecordEntry:
-    """Something that went into the pipeline, and what came of it.
+    """One input of the pipeline and the outputs that it caused.
 
     Attributes
     ----------
     told : Read or Input, optional
-        None for what the daemon says beside the pipeline, about `board`.
+        The input; None for events of the daemon itself, about `board`.
     outputs : sequence of Output
     hello : Hello, optional
-        What the pipeline knows of the board afterwards.
+        Hello of the board as the pipeline knows it afterwards.
     dropped : tuple of int
-        Reads and bytes that were dropped just before this.
+        Reads and bytes that were dropped just before this entry.
     """
 
     told: Read | Input | None
@@ -51,27 +51,27 @@ class RecordEntry:
 
     @property
     def weight(self) -> tuple[int, int]:
-        """Reads and bytes that are lost with it; a lost port or a command counts as a read of nothing."""
+        """Reads and bytes lost with this entry; a lost port or a command counts as a read of 0 bytes."""
         if self.told is None:
             return (0, 0)
         return (1, len(self.told.data) if isinstance(self.told, Read) else 0)
 
 
 class RecordingSession:
-    """Writes what it is handed while there is a recording.
+    """Writer of record entries while a recording is active.
 
     Parameters
     ----------
     params : RecordParams
     header : Header
     path : Path, optional
-        Record into this file from the start; left out: into `params.directory`, if there is one.
+        File to record into from the start; by default a new file in `params.directory`, if that is set.
     now_s : float
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:
         self.dropped = 0
-        """Reads that the disk did not take."""
+        """Number of reads that could not be written."""
         self.progress = OFF
         self._params = params
         self._header = header
@@ -94,7 +94,7 @@ class RecordingSession:
             self._look()
 
     def begin(self, hello: Hello | None, now_s: float) -> None:
-        """A new recording in the middle of a run, of a pipeline that knows `hello` of its board."""
+        """Start a new recording during a run; `hello` is what the pipeline knows of its board."""
         self.end(now_s)
         self._know(hello)
         if hello is not None:
@@ -113,14 +113,14 @@ class RecordingSession:
             self._rotation = None
 
     def tick(self, now_s: float) -> None:
-        """Remove old recordings, sync, rotate, look at the disk: whatever is due."""
+        """Do what is due: remove old recordings, sync, rotate, check the free space."""
         if self._rotation is not None:
             self._retain(now_s)
             self._rotation.tick(self._hello_frame, now_s)
             self._look()
 
     def take(self, handed: RecordEntry, now_s: float) -> None:
-        """Write one item, and before it what is missing there; or count it among the missing."""
+        """Write one entry after a mark for missing reads; count it as missing if that fails."""
         reads, n_bytes = self._missing[0] + handed.dropped[0], self._missing[1] + handed.dropped[1]
         if self._rotation is not None and self._rotation.write(
             lambda writer: self._append(writer, handed, reads, n_bytes), now_s
@@ -155,9 +155,11 @@ class RecordingSession:
             self._noted, self._unnoted, self._next_note_s = self._unnoted, None, now_s + BOARD_NOTE_S
 
     def _know(self, hello: Hello | None) -> None:
-        """Keep what the pipeline knows of the board, for the header of a file that begins later."""
+        """Store the hello of the board for the header of a later file."""
         self._hello = hello
-        has_hello = self._encoder.layout.has("hello")  # else one is assumed, and known to every replay
+        has_hello = self._encoder.layout.has(
+            "hello"
+        )  # otherwise the layout file has an assumed hello, which every replay reads
         self._hello_frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
 
     def _look(self) -> None:
@@ -165,17 +167,17 @@ class RecordingSession:
             self._show(self._rotation.progress)
 
     def _show(self, progress: RecordingProgress) -> None:
-        """Keep what others may see, and log where it goes."""
+        """Publish the progress, and log the file name when it changes."""
         before, self.progress = self.progress, progress
         if progress.state == "recording" and progress.file != before.file:
             logger.info("recording into %s", progress.file)
 
     def _new_path(self) -> Path:
-        """Name of a recording that begins now."""
+        """Path of a recording that begins now."""
         return Path(self._params.directory or ".") / new_name(datetime.now(UTC))
 
     def _retain(self, now_s: float) -> None:
-        """Keep the directory within `record.keep_mb` and `record.keep_days`."""
+        """Remove old recordings to keep the directory within `record.keep_mb` and `record.keep_days`."""
         keep_mb, keep_days = self._params.keep_mb, self._params.keep_days
         if not self._retains or now_s < self._next_retain_s or (keep_mb is None and keep_days is None):
             return
@@ -197,5 +199,5 @@ class RecordingSession:
 
 
 def _description(hello: Hello | None) -> Hello | None:
-    """What a hello says of the board, without what changes from one hello to the next."""
+    """Hello without the fields that change from one hello to the next."""
     return None if hello is None else replace(hello, streaming=False, ticks=None)

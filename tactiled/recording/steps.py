@@ -1,8 +1,8 @@
-"""Recordings run again: the same bytes at the same instants through the same pipeline, so the same events.
+"""Replay of recordings: the same bytes at the same times through the same pipeline give the same events.
 
-A file begins where the pipeline was new, or it is a later part of a rotated recording: then its header tells
-what was known of the board, and detectors begin anew, as they do after a restart. Bit by bit the events of a
-later part come again only behind the parts before it.
+A file begins with a new pipeline, or it is a later part of a rotated recording: then its header holds the
+hello of the board, and the detectors start from their initial state, as after a restart. The events of a
+later part are reproduced bit for bit only if the parts before it are replayed first.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,41 +21,42 @@ from tactiled.wire.frames import Hello
 
 @dataclass(frozen=True)
 class ReplayStep:
-    """One thing that went into the pipeline, what came of it now, and what had come of it live."""
+    """One input of the pipeline with its events in this replay (`now`) and in the live run (`live`)."""
 
     told: Read | Input
     now: tuple[RecordedEvent, ...]
     live: tuple[RecordedEvent, ...]
     is_cut: bool
-    """What had come of it live may be missing: the file ends behind it, or is damaged there."""
+    """Live events may be missing: the file ends after this input, or is damaged there."""
 
     @property
     def time_s(self) -> float:
+        """Time of the input, host monotonic seconds of the recording."""
         return self.told.arrival_s if isinstance(self.told, Read) else self.told.time_s
 
 
 class Replay:
-    """The steps of a recording, to be iterated once.
+    """Replay of a recording as an iterable of steps; iterate once.
 
     Parameters
     ----------
     paths : sequence of Path
         One file, or consecutive parts of one recording, in any order.
     reached : callable, optional
-        Takes the share of all files that has been read, from 0 to 1.
+        Called with the fraction of all files that has been read, 0 to 1.
 
     Attributes
     ----------
     header : Header
-        Of the first part.
+        Header of the first part.
     pipeline : Pipeline
     extents : mapping of Path to Extent
-        How far each file is good, once it has been read.
+        Readable extent of each file, once it has been read.
 
     Raises
     ------
     DataError
-        A file is no recording, or the parts do not follow each other.
+        A file is not a recording, or the parts are not consecutive.
     """
 
     def __init__(self, paths: Sequence[Path], reached: Reached | None = None) -> None:
@@ -87,13 +88,13 @@ class Replay:
                 yield ReplayStep(told, tuple(now), live, is_cut)
 
     def _share_of(self, number: int) -> Reached | None:
-        """Progress in one part as progress in all of them; parts of a rotated recording are alike in size."""
+        """Convert the progress in one part to the progress in all parts, which are about equal in size."""
         reached = self._reached
         return reached and (lambda share: reached((number + share) / len(self.extents)))
 
 
 def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]:
-    """Tell the pipeline what it was told then."""
+    """Feed one recorded input to the pipeline."""
     if isinstance(told, Read):
         return pipeline.receive_data(told.data, told.arrival_s)
     if told.name == "disconnected":
@@ -111,7 +112,7 @@ def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]
 def _steps(
     path: Path, extent: Extent, reached: Reached | None
 ) -> Iterator[tuple[Read | Input, tuple[RecordedEvent, ...], bool]]:
-    """What went in, each with the pipeline's events that are recorded behind it."""
+    """Yield each input with the pipeline events recorded after it, and whether these may be incomplete."""
     told: Read | Input | None = None
     live: list[RecordedEvent] = []
     for item in read_items(path, extent, reached):
@@ -126,5 +127,5 @@ def _steps(
 
 
 def is_damage(told: Read | Input) -> bool:
-    """Whether this stands for bytes of the file that cannot be read; it has no instant."""
+    """Return True for the mark of an unreadable stretch, which has no monotonic time."""
     return isinstance(told, Input) and told.name == "damaged"

@@ -1,4 +1,4 @@
-"""Plain logs that somebody else recorded: CSV with a header, or npz."""
+"""Logs from other sources: CSV with a header, or npz."""
 
 import csv
 import zipfile
@@ -15,22 +15,22 @@ from tactiled.samples.block import Gap, ScanBlock
 
 FloatArray = NDArray[np.float64]
 
-# Slower than this, a log more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or numbers
-# its rows than that a hand was sensed so slowly.
+# A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
+# numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
 
 
 def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:
-    """Times and readings of a log.
+    """Read the times and readings of a log.
 
     Parameters
     ----------
     path : Path
-        ``.csv``: a header, a column ``time_s``, then one column a channel in channel order; an empty
+        ``.csv``: a header, a column ``time_s``, then one column per channel in channel order; an empty
         cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
-        ``valid`` of the same shape may say which readings count.
+        optional ``valid`` of the shape of ``volts`` is True for valid readings.
     rate_hz : float, optional
-        Rate that the user states. Without it, a log slower than 10 Hz is refused: its times may not be in
+        Rate that the user gives. Without it, a log slower than 10 Hz is refused: its times may not be in
         seconds.
 
     Returns
@@ -41,7 +41,7 @@ def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, Fl
     Raises
     ------
     DataError
-        With the line or the array that is wrong.
+        The file is not a valid log; the message names the line or the array.
     """
     time_s, volts = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
     if len(time_s) < 2:
@@ -58,7 +58,7 @@ def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, Fl
 
 
 def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
-    """What is wrong with times that lie so far apart, and what to do; empty where they are likely seconds."""
+    """Describe an implausible time spacing and its remedy; empty where the times are probably seconds."""
     slowest, fastest = RATES_HZ
     rate_hz = 1 / spacing_s
     rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
@@ -76,15 +76,15 @@ def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
 def to_blocks(
     time_s: FloatArray, volts: FloatArray, rate_hz: float | None, full_scale_volts: float
 ) -> list[ScanBlock | Gap]:
-    """Blocks between the holes of a log.
+    """Split a log into blocks at missing scans.
 
     Parameters
     ----------
     time_s : (n,) float64
-        Growing.
+        Strictly increasing.
     volts : (n, channels) float64
     rate_hz : float or None
-        None: the median interval tells.
+        Scan rate; None to use the median interval.
     full_scale_volts : float
         Readings beyond it are marked invalid.
     """
@@ -128,7 +128,7 @@ def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
                 raise DataError(f"{path}: is no whole npz file; write one with numpy.savez")
             stream.seek(0)
             return _from_archive(path, stream)
-    except ValueError:  # numpy's words speak of unpickling, which nobody should be led to
+    except ValueError:  # numpy's message suggests unpickling, which is unsafe
         raise DataError(f"{path}: time_s and volts must be arrays of numbers") from None
     except (OSError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
@@ -145,7 +145,7 @@ def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]
             raise DataError(
                 f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
             )
-        if "valid" in archive:  # an export of ours: what is not valid is no reading
+        if "valid" in archive:  # written by tactiled export: invalid readings become NaN
             if archive["valid"].shape != volts.shape:
                 raise DataError(f"{path}: valid {archive['valid'].shape} is not as volts {volts.shape}")
             volts = np.where(archive["valid"], volts, np.nan)

@@ -1,4 +1,4 @@
-"""One recording file being written: `FILE.active` until it is finished, synced on a stated cadence."""
+"""Writer of one recording file, named `FILE.active` until it is finished."""
 
 import contextlib
 import fcntl
@@ -20,11 +20,13 @@ from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEve
 from tactiled.wire.frames import Hello, values_of
 
 ACTIVE = ".active"
-_CHUNK_BYTES = 256 * 1024  # a reader unpacks a chunk at a time; the sync closes them sooner at usual rates
+_CHUNK_BYTES = (
+    256 * 1024
+)  # readers decompress one chunk at a time; at usual rates the sync closes chunks sooner
 
 
 class RecordingWriter:
-    """Writes one file; a context that finishes it.
+    """Writer of one recording file; a context manager that finishes it.
 
     Parameters
     ----------
@@ -35,9 +37,9 @@ class RecordingWriter:
     Raises
     ------
     DataError
-        It cannot be written there, or another recording is or was.
+        The file cannot be written, or a file of that name exists or is being written.
     OSError
-        From every method: the disk is full or fails. What was synced before can be recovered.
+        From every method: the disk is full or fails. Data synced before can be recovered.
     """
 
     def __init__(self, path: Path, header: Header) -> None:
@@ -59,15 +61,15 @@ class RecordingWriter:
 
     @property
     def size_bytes(self) -> int:
-        """Of the file so far, without the open chunk."""
+        """Size of the file so far, without the open chunk."""
         return self._size_bytes if self._stream.closed else self._stream.tell()
 
     def read(self, read: Read) -> None:
-        """Append one read of the port."""
+        """Append one read from the port."""
         self._add(self._raw, read.arrival_s + read.unix_offset_s, contents.RAW.encode(vars(read)))
 
     def input(self, told: Input) -> None:
-        """Append something else that the pipeline was told."""
+        """Append another input of the pipeline."""
         self._add(self._input, told.time_s + told.unix_offset_s, contents.INPUT.encode(vars(told)))
 
     def event(self, event: Event, board: str, unix_offset_s: float, origin: Origin) -> None:
@@ -80,19 +82,19 @@ class RecordingWriter:
         self._add(self._ids[key], event.time_s + unix_offset_s, data)
 
     def board(self, hello: Hello) -> None:
-        """Note what the board said of itself."""
+        """Write the hello of the board as metadata."""
         values = {name: str(value) for name, value in values_of(hello).items()}
         self._writer.add_metadata(contents.BOARD_METADATA, values)
 
     def sync(self) -> None:
-        """Close the open chunk and put all of the file on the disk."""
+        """Close the open chunk and sync the file to disk."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         os.fsync(self._stream.fileno())
 
     def close(self) -> None:
-        """Finish the file, sync it and give it its name."""
+        """Finish and sync the file, and rename it to its final name."""
         try:
-            # Once more: without its description, where that is damaged, a file could not be read at all.
+            # A second copy: without its description, a file could not be read at all.
             self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
@@ -103,7 +105,7 @@ class RecordingWriter:
             self.abandon()
 
     def abandon(self) -> None:
-        """Let go of the file as it is, `.active`: for a disk that takes no more."""
+        """Close the file as it is, under its `.active` name, after a write error."""
         with contextlib.suppress(OSError):
             if not self._stream.closed:
                 self._size_bytes = os.fstat(self._stream.fileno()).st_size
@@ -119,7 +121,7 @@ class RecordingWriter:
         self.close()
 
     def _begin(self) -> None:
-        """What makes the file readable, on the disk before anything else."""
+        """Write and sync the description and channels before any data."""
         self._writer.start(profile="ros2", library=f"tactiled {__version__}")
         self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
         self._raw = self._channel(contents.RAW_TOPIC, contents.RAW, "pipeline")
@@ -139,7 +141,7 @@ class RecordingWriter:
 
 
 def _create(path: Path, active: Path) -> BinaryIO:
-    """The new ``.active``, ours alone."""
+    """Create and lock the new ``.active`` file."""
     try:
         if path.exists():
             raise DataError(f"{path}: exists already; choose another name or move it away")
@@ -154,7 +156,7 @@ def _create(path: Path, active: Path) -> BinaryIO:
         raise _refused(active, error) from None
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:  # somebody looks at the new file this very moment, or there are no locks here
+    except OSError as error:  # another process tests the lock at this moment, or the file system has no locks
         stream.close()
         active.unlink()
         raise _refused(active, error) from None
@@ -169,22 +171,22 @@ def _refused(active: Path, error: OSError) -> DataError:
 
 
 def is_being_written(active: Path) -> bool:
-    """Whether a recorder that lives holds this file."""
+    """Return True while a running recorder holds the lock of this file."""
     try:
         with active.open("rb") as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:  # not ours to read: whoever wants to will be told so
+    except OSError:  # unreadable for this user: reported when it is opened
         return False
     return False
 
 
 def sync_directory(directory: Path) -> None:
-    """Make new names in a directory survive a power cut, where the file system can."""
+    """Sync a directory so that new names survive a power cut, where the file system supports it."""
     descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        with contextlib.suppress(OSError):  # some network and FUSE file systems refuse; nothing to be done
+        with contextlib.suppress(OSError):  # some network and FUSE file systems refuse
             os.fsync(descriptor)
     finally:
         os.close(descriptor)
