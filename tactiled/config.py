@@ -1,4 +1,4 @@
-"""``tactiled.toml``: the rooms' parameters put together. Config knows the rooms; no room knows config."""
+"""``tactiled.toml``: the parameters of all packages in one schema; no package imports this module."""
 
 import hashlib
 import json
@@ -46,26 +46,29 @@ class Config(Params):
 
     @property
     def service(self) -> ServiceParams:
+        """Parameters of the service."""
         return ServiceParams(port=self.port, session=self.session, publish=self.publish, metrics=self.metrics)
 
     @property
     def pipeline(self) -> PipelineParams:
+        """Parameters of the pipeline."""
         return PipelineParams(samples=self.samples, detect=self.detect, baud=self.port.baud)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A checked configuration with what its files describe."""
+    """Checked configuration with the layout and array that it names."""
 
     config: Config
     layout: Layout
     array: Array
 
     def make_pipeline(self) -> Pipeline:
+        """Make a pipeline with this configuration."""
         return Pipeline(self.layout, self.array, self.config.pipeline)
 
     def recording_header(self) -> Header:
-        """Description for recordings that are made with this configuration."""
+        """Header of recordings made with this configuration."""
         board = self.config.board
         canonical = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
         return Header(
@@ -76,13 +79,13 @@ class Setup:
 
 
 def load_config(path: Path, port_url: str | None = None) -> Setup:
-    """Configuration with the layout and the array that it names; faults of all files at once.
+    """Load a configuration with its layout and array; report the faults of all files at once.
 
     Parameters
     ----------
     path : Path
     port_url : str, optional
-        Takes the place of ``port.url``.
+        Overrides ``port.url``.
 
     Raises
     ------
@@ -95,7 +98,7 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
 
 
 def default_config(port_url: str, **tables: Params) -> Setup:
-    """Configuration for a port when there is no file."""
+    """Make a default configuration for a port."""
     config = tomlfile.parse({"port": {"url": port_url}, **tables}, Config, "command line")
     return _set_up(config, "command line")
 

@@ -1,4 +1,4 @@
-"""``tactiled detect FILE``: the science without the daemon, on recordings and on other people's logs."""
+"""``tactiled detect FILE``: run the detectors on a recording or a log, without the daemon."""
 
 import json
 import logging
@@ -28,12 +28,12 @@ logger = logging.getLogger(__name__)
 FloatArray = NDArray[np.float64]
 PICTURES = (".png", ".pdf", ".svg")
 _PART_SCANS = 1000  # ten seconds of the published board
-_NO_VOLTS_PART = 2.0  # of full scale: a saturated reading is below, millivolts and counts are far above
+_NO_VOLTS_PART = 2.0  # times full scale: saturated readings are below it, millivolts and counts far above
 
 
 @dataclass
 class Log:
-    """A file while it is run through the detectors: what was measured, what was found.
+    """Readings and events of a file, collected while it is processed.
 
     Attributes
     ----------
@@ -56,14 +56,14 @@ def detect_file(
     plot: Path | None = None,
     reached: Reached | None = None,
 ) -> int:
-    """Print every event of a file as a JSON line; returns how many there were.
+    """Print every event of a file as a JSON line and return their number.
 
-    `reached` takes the share of the file that has been read, from 0 to 1.
+    `reached` is called with the fraction of the file that has been read, 0 to 1.
 
     Raises
     ------
     DataError, ConfigError
-        The file, the array or a parameter is not what it should be.
+        The file, the array or a parameter is invalid.
     """
     params = _params(speed_mm_s, setting)
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
@@ -98,12 +98,12 @@ def detect_file(
 
 
 def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached | None) -> Iterator[Event]:
-    """Run bytes through the pipeline that runs live, but without its limit on lateness."""
+    """Run recorded bytes through the pipeline, without its limit on lateness."""
     header = read_header(path)
     layout = header.source.layout
     pipeline = Pipeline(layout, log.array, header.pipeline.model_copy(update={"detect": params}), live=False)
     foreign = ""
-    pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording says no hello of its own
+    pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
     for item in read_items(path, reached=reached):
         if isinstance(item, Input) and item.name == "disconnected":
             pipeline.disconnected()
@@ -120,7 +120,7 @@ def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached 
             elif isinstance(output, Event):
                 yield output
             elif isinstance(output, Hello) and (fault := check_hello(output, layout, log.array)):
-                # As live: the pipeline takes no scan of this board, and goes on with the next.
+                # As in the live run, the pipeline ignores the scans of this board until the next hello.
                 foreign = f"{path}: {fault}"
                 logger.warning("%s; its scans are left out", foreign)
     if not log.time_s and foreign:
@@ -132,7 +132,7 @@ def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached 
 def _run_table(
     path: Path, log: Log, rate_hz: float | None, params: DetectParams, reached: Reached | None
 ) -> Iterator[Event]:
-    """Rows of a log as one block between any two holes."""
+    """Run the rows of a log through the detectors."""
     time_s, volts = read_table(path, rate_hz)
     if volts.shape[1] != log.array.n_channels:
         raise DataError(
@@ -158,7 +158,7 @@ def _run_table(
 
 
 def _parts(item: ScanBlock | Gap) -> Iterator[ScanBlock | Gap]:
-    """A long block in parts, between which progress is shown; events are the same for any parts."""
+    """Split a long block, to show progress in between; the split does not change the events."""
     if isinstance(item, Gap):
         yield item
         return

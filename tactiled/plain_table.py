@@ -1,10 +1,10 @@
-"""Tables as people read them: the same text on the terminal and in README."""
+"""Text tables, in the same form for terminal and Markdown."""
 
 from collections.abc import Sequence
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Markdown table, padded so that it reads well in a terminal too."""
+    """Format a Markdown table with columns padded to equal width."""
     widths = [max(len(row[column]) for row in [head, *rows]) for column in range(len(head))]
 
     def line(cells: Sequence[str]) -> str:

@@ -1,9 +1,9 @@
-"""The command line. Machine output goes to stdout as JSON lines, everything for people to stderr.
+"""The command line. JSON lines go to stdout, text for people goes to stderr.
 
-Exit codes: 0 good, 1 the operation failed, 2 usage or configuration. Heavy rooms are imported by the
+Exit codes: 0 success, 1 the operation failed, 2 usage or configuration error. Slow imports happen inside the
 command that needs them, so that ``--help`` and ``listen`` start at once.
 
-`entry` is the group and `main`. The verbs lie by what one does with them:
+`entry` holds the group and `main`; the commands are in these modules:
 
 - `live`: run, listen, command
 - `recordings`: record, replay, recover, export

@@ -1,4 +1,4 @@
-"""Verbs on data of one's own: what is in it, and which slip parameters suit it."""
+"""Commands on the user's own data: detect events in a file, and tune slip parameters."""
 
 from pathlib import Path
 
@@ -10,13 +10,13 @@ from tactiled.progress import ProgressBar
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--array", help="Array of the log: shipped name or TOML file. A recording knows its own.")
+@click.option("--array", help="Array of the log: shipped name or TOML file. A recording contains its array.")
 @click.option(
-    "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans a second; needed below 10."
+    "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans per second; required below 10."
 )
 @click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
-@click.option("--plot", type=FILE, help="Write a picture of the log and what was found in it.")
+@click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
 def detect(
     file: Path,
     array: str | None,
@@ -27,9 +27,9 @@ def detect(
 ) -> None:
     """Find slip, contact and texture in a recording, a CSV or an npz file.
 
-    CSV: a header with `time_s` in seconds, then one column a channel in channel order, volts. Every event is
-    one JSON line on stdout, with times in the file's own clock. A recording's scans count as in time, however
-    late they came; `tactiled replay` gives the events that were live.
+    CSV: a header with `time_s` in seconds, then one column of volts per channel in channel order. Every event
+    is one JSON line on stdout, with times in the file's own clock. Late scans of a recording are used like
+    others; `tactiled replay` reproduces the live events.
 
     Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
     """
@@ -46,17 +46,23 @@ def detect(
 
 @click.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
-@click.option("--quiet", type=FILE, help="Recording, CSV or npz of an object held still, instead.")
-@click.option("--motion", type=FILE, help="The same, moved as in work.")
+@click.option(
+    "--quiet", type=FILE, help="File (recording, CSV, npz) of an object held still, instead of a live hold."
+)
+@click.option("--motion", type=FILE, help="File of the object moved as in normal work, without slip.")
 @click.option(
     "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
-    type=click.FloatRange(0, 3600, min_open=True), help="How many you put up with.",
+    type=click.FloatRange(0, 3600, min_open=True), help="Acceptable rate of false alarms.",
 )  # fmt: skip
 @click.option(
-    "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Of the hold."
+    "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Duration of the hold."
 )
 @click.option(
-    "--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 14_400), help="Of the motion."
+    "--motion-s",
+    default=30.0,
+    show_default=True,
+    type=click.FloatRange(5, 14_400),
+    help="Duration of the motion.",
 )
 @click.option(
     "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
@@ -75,7 +81,7 @@ def tune(
     """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
 
     Listens to a running daemon while you hold an object still, then move it without slip; or takes two files.
-    Words and TOML on stderr, all numbers as one JSON line on stdout.
+    Prints a report and TOML to stderr, and all numbers as one JSON line to stdout.
 
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """

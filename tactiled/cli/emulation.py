@@ -1,4 +1,4 @@
-"""Verbs that need no hardware: the emulated board alone, and the whole path on it."""
+"""Commands that need no hardware: the emulated board, and the demo that runs on it."""
 
 import json
 import sys
@@ -13,9 +13,9 @@ from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 @click.command()
 @click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture to write.")
 def demo(out: Path) -> None:
-    """Run the whole path on an emulated board: three processes, half a minute, a table and a picture.
+    """Run board emulator, daemon and subscriber for half a minute; print a table and write a picture.
 
-    Ends with 1 if an estimate is wrong or missing, and if this host is too slow to tell.
+    The exit code is 1 if an estimate is wrong or missing, or if this host is too slow for the test.
 
     Example: tactiled demo --out /tmp/demo.png
     """
@@ -31,14 +31,16 @@ def demo(out: Path) -> None:
     help="Shipped scene, TOML file, plate of the paper, or FAMILY-SEED.",
 )  # fmt: skip
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
-@click.option("--tcp", help="Listen here instead (host:port), for socket://host:port.")
+@click.option("--tcp", help="Listen on host:port instead; the daemon connects to socket://host:port.")
 @click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
-@click.option("--board", type=FILE, help="TOML of the board: serial number, rate, crystal, ...")
-@click.option("--faults", type=FILE, help="TOML of what goes wrong on the line.")
-@click.option("--seed", default=0, show_default=True, help="Of the faults.")
+@click.option("--board", type=FILE, help="TOML file of the board: serial number, rate, crystal, ...")
+@click.option("--faults", type=FILE, help="TOML file of the faults on the serial line.")
+@click.option("--seed", default=0, show_default=True, help="Random seed of the faults.")
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
-@click.option("--control", help="Where a controller moves the grip: unix:///PATH or tcp://HOST:PORT.")
-@click.option("--explain", "explains", is_flag=True, help="Only say which contact model plays it, and why.")
+@click.option("--control", help="Accept grip commands of a controller at unix:///PATH or tcp://HOST:PORT.")
+@click.option(
+    "--explain", "explains", is_flag=True, help="Only print which contact model the scene uses, and why."
+)
 def emulate(
     scene: str,
     link: Path | None,
@@ -51,14 +53,14 @@ def emulate(
     control: str | None,
     explains: bool,
 ) -> None:
-    """Be a board: play a scene on a pty or a TCP port, and tell the truth about it on stdout.
+    """Emulate a board: play a scene on a pty or TCP port, and print its ground truth to stdout.
 
-    A name that is not there is answered with all that are. stick-slip-7 is the family stick-slip, seed 7.
+    An unknown scene name prints all known names. stick-slip-7 is seed 7 of the family stick-slip.
 
     Example: tactiled emulate --scene demo --link /tmp/board
     """
     if not explains and (link is None) == (tcp is None):
-        raise click.UsageError("say either --link NAME or --tcp HOST:PORT")
+        raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     need_named(protocol, "protocols")
     need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile

@@ -1,4 +1,4 @@
-"""The group of all verbs, and the entry point: every fault ends in one clear line and an exit code."""
+"""Group of all commands, and the entry point: every error ends in one line and an exit code."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 def cli() -> None:
     """Tactile-sensing daemon: serial taxel arrays in, slip and texture events out.
 
-    Begin with `tactiled demo`: it needs no hardware.
+    Start with `tactiled demo`: it needs no hardware.
     """
 
 
@@ -48,6 +48,6 @@ def run_command(command: click.Command) -> None:
     except TactiledError as error:
         click.echo(f"tactiled: {error}", err=True)
         sys.exit(error.exit_code)
-    except BrokenPipeError:  # the reader of our lines went away: that is how it says "enough"
+    except BrokenPipeError:  # the reader of stdout has closed the pipe: a regular end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)

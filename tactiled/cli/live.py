@@ -1,4 +1,4 @@
-"""Verbs on a board that is there: read it, hear what is said of it, ask for something."""
+"""Commands on a live board: run the daemon, print its messages, send it a request."""
 
 import json
 import logging
@@ -14,7 +14,7 @@ from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, need_toml
 @CONFIG
 @PORT
 @click.option("--record", "recording", type=FILE, help="Also record into this file (.mcap).")
-@click.option("-v", "--verbose", is_flag=True, help="Log what usually does not matter.")
+@click.option("-v", "--verbose", is_flag=True, help="Log debug messages too.")
 def run(config: Path | None, port: str | None, recording: Path | None, verbose: bool) -> None:
     """Read the board and publish events until stopped.
 
@@ -56,13 +56,16 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 @click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, ...")
 @click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many messages.")
 @click.option(
-    "--timeout", "timeout_s", type=click.FloatRange(0), help="Stop after so many seconds; 1 if nothing came."
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0),
+    help="Stop after so many seconds; exit code 1 if no message came.",
 )
 @KEYS
 def listen(
     endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None, keys: Path | None
 ) -> None:
-    """Print what a daemon publishes, one JSON line a message.
+    """Print the messages of a daemon, one JSON line per message.
 
     Example: tactiled listen --topic slip --topic texture
     """
@@ -77,14 +80,18 @@ def listen(
 @click.command()
 @click.argument("name")
 @click.argument("fields", nargs=-1, metavar="[FIELD=VALUE]...")
-@click.option("--endpoint", help="Where it publishes. [default: ipc of the one daemon of this host]")
-@click.option("--who", default="command line", show_default=True, help="Our name, for the record.")
+@click.option(
+    "--endpoint", help="Endpoint where the daemon publishes. [default: ipc of the only daemon on this host]"
+)
+@click.option(
+    "--who", default="command line", show_default=True, help="Name of the requester, for log and recording."
+)
 @KEYS
 def command(name: str, fields: tuple[str, ...], endpoint: str | None, who: str, keys: Path | None) -> None:
-    """Ask a running daemon for something, and print its reply as JSON; 1 when it refused.
+    """Send a request to a running daemon and print its reply as JSON; exit code 1 if it is refused.
 
-    NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; fields:
-    protocols/control.md.
+    NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; for
+    the fields see protocols/control.md.
 
     Example: tactiled command thresholds slip.false_alarms_per_hour=0.5
     """

@@ -1,6 +1,6 @@
-"""Options and checks that several verbs share.
+"""Options and checks shared by several commands.
 
-The checks find mistakes in a call before its verb imports numpy, which takes most of a second.
+The checks find usage errors before the command imports numpy, which takes most of a second.
 """
 
 import errno
@@ -18,8 +18,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 SPEED = click.FloatRange(0, 1000)  # mm/s, as in the configuration; never negative: directions are found
 
 CONFIG = click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
-PORT = click.option("-p", "--port", help="Serial port or pyserial URL; takes the place of port.url.")
-KEYS = click.option("--keys", type=FILE, help="Our file of `tactiled keys make`.")
+PORT = click.option("-p", "--port", help="Serial port or pyserial URL; overrides port.url.")
+KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `tactiled keys make`.")
 
 
 def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
@@ -29,7 +29,7 @@ def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
 
 
 def need_toml(*paths: Path | None) -> None:
-    """Refuse a file that cannot be read, or is no TOML."""
+    """Refuse a file that cannot be read or is not TOML."""
     for path in paths:
         if path is not None:
             tomltext.read(path)
@@ -43,7 +43,7 @@ def need_readable(*paths: Path | None) -> None:
 
 
 def _fault_of(path: Path) -> int:
-    """Number of the error that opening a file would end in; 0 for none."""
+    """Error number that opening a file would give; 0 for none."""
     if not path.exists():
         return errno.ENOENT
     if path.is_dir():
@@ -52,7 +52,7 @@ def _fault_of(path: Path) -> int:
 
 
 def need_extra(module: str, extra: str, what: str) -> None:
-    """Refuse what needs a library that is not installed, with the command that installs it.
+    """Refuse a command whose optional library is not installed, and name the command that installs it.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def need_extra(module: str, extra: str, what: str) -> None:
     extra : str
         Extra of the distribution that installs it.
     what : str
-        What needs it.
+        Feature that needs it.
     """
     if importlib.util.find_spec(module) is None:
         raise OperatorError(f"{what} needs {module}: pip install 'tactiled[{extra}]'")
 
 
 def need_named(name_or_path: str | None, kind: str) -> None:
-    """Refuse an array (kind ``config/arrays``) or a layout (``protocols``) that is not there or no TOML."""
+    """Refuse an array (kind ``config/arrays``) or a layout (``protocols``) that is missing or not TOML."""
     if name_or_path is not None:
         tomltext.read(tomltext.locate(name_or_path, kind))

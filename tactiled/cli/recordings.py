@@ -1,4 +1,4 @@
-"""Verbs on recordings: make one, run it again, save what is whole of it, turn it into a table."""
+"""Commands on recordings: record, replay, recover, export."""
 
 import sys
 from pathlib import Path
@@ -15,11 +15,13 @@ RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 @click.argument("file", type=FILE)
 @CONFIG
 @PORT
-@click.option("--seconds", "duration_s", type=click.FloatRange(0, min_open=True), help="Stop after so many.")
+@click.option(
+    "--seconds", "duration_s", type=click.FloatRange(0, min_open=True), help="Stop after so many seconds."
+)
 def record(file: Path, config: Path | None, port: str | None, duration_s: float | None) -> None:
     """Record a board into FILE (.mcap) without publishing, until stopped.
 
-    Beside a running daemon use its own `[record]` table or `tactiled run --record`: a port has one reader.
+    If a daemon already runs, use its `[record]` table or `tactiled run --record`: a port has one reader.
 
     Example: tactiled record slide.mcap --port /dev/ttyUSB0 --seconds 60
     """
@@ -49,18 +51,18 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     "--speed",
     default=0.0,
     type=click.FloatRange(0),
-    help="1 is real time; 0, the default, as fast as can be.",
+    help="1 is real time; 0, the default, as fast as possible.",
 )
-@click.option("--verify", is_flag=True, help="Print nothing; compare with the events that were live.")
+@click.option("--verify", is_flag=True, help="Print no events; compare them with the recorded live events.")
 @click.option(
-    "--link", type=FILE, help="Play the bytes on a serial port of this name instead, for any driver."
+    "--link", type=FILE, help="Play the bytes on a pseudo-terminal of this name instead, for any driver."
 )
 def replay(
     files: tuple[Path, ...], topics: tuple[str, ...], speed: float, verify: bool, link: Path | None
 ) -> None:
-    """Run recordings through the pipeline again and print the events, bit for bit those that were live.
+    """Run recordings through the pipeline and print the events, bit for bit as they were live.
 
-    Parts of a rotated recording belong together: give all of them. With --link the bytes appear on a
+    Give all parts of a rotated recording. With --link the bytes appear on a
     pseudo-terminal instead, with their own timing (or --speed), as soon as a driver opens it.
 
     Example: tactiled replay slide.mcap --topic slip
@@ -88,17 +90,16 @@ def replay(
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE|DIRECTORY")
-@click.option("--out", type=FILE, help="The finished file; default: the name without .active.")
+@click.option("--out", type=FILE, help="Output file; default: the name without .active.")
 @click.option(
     "--min-free-mb", default=0.0, type=click.FloatRange(0), show_default=True,
     help="DIRECTORY: leave a file for later where its copy would leave less room than this (10^6 bytes).",
 )  # fmt: skip
 def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
-    """Make a recording of all that is whole in one that was cut or damaged; the original is only read.
+    """Copy all whole chunks of a cut or damaged recording into a new file; the original is only read.
 
-    Of a record DIRECTORY, recover every recording that no recorder is writing any more, and put the finished
-    files in place of the originals: the daemon does this by itself when it begins to record. 1 if one could
-    not be recovered.
+    For a record DIRECTORY, recover every unfinished recording that no recorder is writing, and replace the
+    originals; the daemon does the same when it begins to record. Exit code 1 if one could not be recovered.
 
     Example: tactiled recover slide.mcap.active
     """

@@ -1,4 +1,4 @@
-"""Verbs that set up a board and its array: configuration, health, keys, material."""
+"""Commands that set up a board and its array: configuration, diagnosis, keys, material."""
 
 import json
 import sys
@@ -17,7 +17,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
 def check_config(file: Path | None, schema: bool) -> None:
-    """Check a configuration and all files that it names, without touching the port; or an array file.
+    """Check a configuration and the files it names without opening the port, or check an array file.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
@@ -50,7 +50,7 @@ def check_config(file: Path | None, schema: bool) -> None:
 
 
 def _describes_array(document: dict[str, Any]) -> bool:
-    """Whether a TOML file is an array; in a layout, `channels` is a number."""
+    """Return True for an array file; in a layout file, `channels` is a number."""
     return bool({"grids", "taxels", "taxel_channels"} & document.keys()) or isinstance(
         document.get("channels"), list
     )
@@ -60,11 +60,15 @@ def _describes_array(document: dict[str, Any]) -> bool:
 @CONFIG
 @PORT
 @click.option(
-    "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for what is resolved."
+    "--speed",
+    "speed_mm_s",
+    type=SPEED,
+    default=0.0,
+    help="Sliding speed (mm/s), for the range of groove periods.",
 )
-@click.option("--json", "json_lines", is_flag=True, help="One JSON line a check.")
+@click.option("--json", "json_lines", is_flag=True, help="Print one JSON line per check.")
 def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines: bool) -> None:
-    """Check port, board, array, endpoints, disk and installation, and say what to do. 1 if a check fails.
+    """Check port, board, array, endpoints, disk and installation, with remedies. Exit code 1 on failure.
 
     Example: tactiled doctor --config /etc/tactiled/left.toml
     """
@@ -78,7 +82,7 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
 
 @click.group()
 def keys() -> None:
-    """Keys of those who may connect from other hosts: one folder a daemon, named in publish.keys.
+    """Manage keys of clients on other hosts: one folder per daemon, named in publish.keys.
 
     Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
     """
@@ -87,9 +91,9 @@ def keys() -> None:
 @keys.command("make")
 @click.argument("name")
 @FOLDER
-@click.option("--out", type=FILE, help="What the client carries; default: NAME.toml here.")
+@click.option("--out", type=FILE, help="Key file for the client; default: NAME.toml in this directory.")
 def keys_make(name: str, folder: Path, out: Path | None) -> None:
-    """Make the keys of a client, and the daemon's if there are none. Move the file to the client's host.
+    """Make the keys of a client, and of the daemon if it has none. Move the file to the client's host.
 
     Example: tactiled keys make left-gripper --folder /etc/tactiled/keys
     """
@@ -103,7 +107,7 @@ def keys_make(name: str, folder: Path, out: Path | None) -> None:
 @keys.command("list")
 @FOLDER
 def keys_list(folder: Path) -> None:
-    """Print who may connect, one JSON line a client.
+    """Print the clients that may connect, one JSON line per client.
 
     Example: tactiled keys list --folder /etc/tactiled/keys
     """
@@ -119,10 +123,10 @@ def keys_list(folder: Path) -> None:
 @click.argument("file", type=FILE)
 @click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
 def fit_material(file: Path, level: float) -> None:
-    """Fit Yeoh's three constants to a stress-strain curve, and say where the material stays stable.
+    """Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability.
 
-    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). JSON on stdout,
-    words on stderr.
+    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). Prints JSON to
+    stdout and a summary to stderr.
 
     Example: tactiled fit-material rubber.csv
     """

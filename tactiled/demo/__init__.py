@@ -1,4 +1,4 @@
-"""``tactiled demo``: the whole path as real processes, and a verdict."""
+"""``tactiled demo``: run emulator, daemon and subscriber as processes and compare with the truth."""
 
 from tactiled.demo.play import DemoError, run_demo
 

@@ -1,7 +1,6 @@
-"""Whether the demo is right: truth beside estimate, each with what is allowed, and whether the host kept up.
+"""Comparison of the demo's estimates with the ground truth, and the load of the host.
 
-What must be found is the ground truth of the scene, known before anything is reported. What was not played or
-not reported is therefore missing, and never merely absent from the table.
+The expected slips come from the ground truth of the scene; a slip that was not reported appears as missing.
 """
 
 import math
@@ -30,7 +29,7 @@ HEAD = ["quantity", "truth", "estimate", "error", "allowed", ""]
 
 @dataclass
 class Host:
-    """How well this host kept up with the board.
+    """Measures of how well this host kept up with the board.
 
     Attributes
     ----------
@@ -58,7 +57,7 @@ class Host:
         )
 
     def too_slow(self) -> str:
-        """What shows that this host is too slow, with numbers; empty when it kept up."""
+        """Describe why this host is too slow; empty when it kept up."""
         shown = []
         if self.missed:
             held = f" and its scene stood still for {self.held_s:.2f} s" if self.held_s else ""
@@ -72,7 +71,7 @@ class Host:
 
 @dataclass
 class DemoComparison:
-    """Rows of truth against estimate, and in words what is wrong with them; right where there is nothing."""
+    """Table of truth and estimate, and the list of errors; empty if all is right."""
 
     rows: list[list[str]] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -80,7 +79,7 @@ class DemoComparison:
     def add(
         self, what: str, truth: float, estimate: float, allowed: float, unit: str, error: float | None = None
     ) -> None:
-        """Compare one quantity; an infinite estimate is none."""
+        """Compare one quantity; an infinite estimate means none."""
         error = estimate - truth if error is None else error
         good = abs(error) <= allowed
         shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
@@ -101,30 +100,30 @@ class DemoComparison:
 
 
 def true_slides(truth: Truth) -> list[TrueSlip]:
-    """Slips in which the skin moved on; a lift slips too, but goes nowhere, and is nothing to find."""
+    """Slips with a direction of motion; slips during a lift have none and are not expected events."""
     return [slip for slip in truth.slips if slip.direction_deg is not None]
 
 
 def finds_end_s(slides: Sequence[TrueSlip], duration_s: float) -> float:
-    """Scene time at which everything must have been reported."""
+    """Scene time by which every estimate must have been reported."""
     last_s = max((slide.gross_s or slide.onset_s for slide in slides), default=duration_s)
     return min(last_s + MAX_ANSWER_S + REFINED_S, duration_s)
 
 
 def name_of(number: int, slide: TrueSlip) -> str:
-    """What the table calls a slide; numbers begin at 1."""
+    """Name of a slide in the table; numbers begin at 1."""
     return f"slip {number}, {slide.surface.kind}"
 
 
 def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) -> DemoComparison:
-    """Hold what was reported against what the scene plays.
+    """Compare the reported events with the ground truth of the scene.
 
     Parameters
     ----------
     slides : sequence of TrueSlip
-        Everything that must be found, in scene time.
+        Expected slips, in scene time.
     events : sequence of Event
-        What was reported, on the host's clock.
+        Reported events, on the host's clock.
     t0_s : float
         Scene time 0 on the host's clock.
     """

@@ -1,4 +1,4 @@
-"""``tactiled demo``: emulated board, daemon, subscriber as three real processes; truth against estimate."""
+"""``tactiled demo``: board emulator, daemon and subscriber as processes; estimates against truth."""
 
 import contextlib
 import json
@@ -50,7 +50,7 @@ speed_mm_s = {speed}
 
 
 class DemoError(TactiledError):
-    """One of the three processes did not do its part."""
+    """Failure of one of the three processes."""
 
 
 Lines = Queue[tuple[str, dict[str, Any] | None]]
@@ -58,7 +58,7 @@ Lines = Queue[tuple[str, dict[str, Any] | None]]
 
 @dataclass
 class DemoRecord:
-    """What the subscriber received and the emulator reported, on the host's monotonic clock."""
+    """Data of the subscriber and the emulator, on the host's monotonic clock."""
 
     t0_s: float | None = None
     """Instant of scene time 0; None until the board is started."""
@@ -68,7 +68,7 @@ class DemoRecord:
     channel_offset_s: list[float] | None = None
     host: Host = field(default_factory=Host)
     next_index: int | None = None
-    """Of the scan that should come next."""
+    """Index of the next expected scan."""
 
 
 def run_demo(picture: Path) -> bool:
@@ -131,7 +131,7 @@ def run_demo(picture: Path) -> bool:
 
 
 def _judge(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: float, cut_short: str) -> bool:
-    """Say what was found; estimates count only where the host kept up with the board."""
+    """Print the results; estimates are judged only if the host kept up with the board."""
     verdict = compare(slides, seen.events, t0_s)
     _say("host:", str(seen.host))
     if too_slow := seen.host.too_slow():
@@ -153,12 +153,12 @@ def _judge(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: fl
 
 
 def _is_over(seen: DemoRecord, end_s: float) -> bool:
-    """Whether scans of the last instant at which something must be found have come."""
+    """Return True once scans have arrived up to the end of the comparison."""
     return bool(seen.time_s) and seen.time_s[-1] >= end_s
 
 
 def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) -> None:
-    """Keep a message of the subscriber; say what a person should know."""
+    """Store a message of the subscriber and print events."""
     topic = message["topic"]
     time_s = message["timestamp"] - unix_offset_s
     if topic == "scan":
@@ -193,7 +193,7 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
 
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
-    """The event that a message was made of, its instants back on the monotonic clock."""
+    """Convert a message back to its event on the monotonic clock."""
     head = ("topic", "recovered", "v", "timestamp", "seq", "board", "run")
     fields = {name: value for name, value in message.items() if name not in head}
     fields["time_s"] = message["timestamp"] - unix_offset_s
@@ -232,7 +232,7 @@ def _draw(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: flo
 
 @contextlib.contextmanager
 def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) -> Iterator[None]:
-    """A process of ours whose JSON lines go to `lines`; its words are shown if it fails."""
+    """Run a tactiled command; its JSON lines go to `lines`, and its stderr is printed if it fails."""
     log = folder / f"{name}.log"
     with log.open("w+") as words:
         process = subprocess.Popen(
@@ -264,7 +264,7 @@ def _read(name: str, stream: IO[str], lines: Lines) -> None:
 
 
 def _take(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
-    """What is there, waiting a moment for the first."""
+    """Yield queued lines, waiting up to 0.1 s for the first."""
     try:
         yield lines.get(timeout=0.1)
         while True:
@@ -274,7 +274,7 @@ def _take(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
 
 
 def _await(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[str, Any]:
-    """The first line of a process, or the first that says `kind`."""
+    """Wait for the first line of a process, or the first of a given `kind`."""
     until_s = time.monotonic() + START_WITHIN_S
     while time.monotonic() < until_s:
         for who, message in _take(lines):
@@ -290,7 +290,7 @@ def _await(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[
 
 
 def _free_port() -> int:
-    """A port that is free, and the next one too: the daemon takes requests there."""
+    """Find a free port whose successor is free too, for the daemon's requests."""
     while True:
         with socket.socket() as probe, socket.socket() as beside:
             probe.bind(("127.0.0.1", 0))

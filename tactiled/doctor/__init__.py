@@ -1,5 +1,5 @@
-"""``tactiled doctor``: what is right and what is wrong with a set-up, and what to do, a line for each.
+"""``tactiled doctor``: check a set-up and print one line per finding, with its remedy.
 
-`finding` is what a check says, `port`, `board`, `resolving` and `host` are the checks, `examine` puts them
-together. Nothing is changed but for the seconds that the board is listened to: it is left as it was found.
+`finding` is the result type; `port`, `board`, `resolving` and `host` are the checks; `examine` runs them. The
+board streams during its check for 2 s, and its state is restored afterwards.
 """

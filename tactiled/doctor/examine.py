@@ -1,4 +1,4 @@
-"""All checks in their order."""
+"""Sequence of all checks of `tactiled doctor`."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ from tactiled.errors import ConfigError
 def run_doctor(
     config: Path | None, port: str | None, *, json_lines: bool, speed_mm_s: float = 0.0
 ) -> tuple[str, int]:
-    """Report of all checks, and the exit code: 1 when something fails."""
+    """Run all checks; return the report and the exit code: 1 when something fails."""
     findings = examine(config, port, speed_mm_s)
     report = as_json(findings) if json_lines else as_text(findings)
     return report, int(any(finding.verdict == "fail" for finding in findings))
 
 
 def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> list[Finding]:
-    """Every finding; a broken configuration is one of them, and the port is looked at all the same."""
+    """Run all checks; with an invalid configuration, check only port and installation."""
     try:
         setup = default_config(port or "") if config is None else load_config(config, port)
     except ConfigError as error:
@@ -63,7 +63,7 @@ def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
 
 
 def _named_port(config: Path | None) -> str:
-    """The port that a configuration names, however broken the rest of it is; "" when it names none."""
+    """Port named by a configuration that may be invalid otherwise; "" when it names none."""
     try:
         table = tomlfile.read(config)["port"] if config is not None else {}
     except (ConfigError, KeyError):

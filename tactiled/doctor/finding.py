@@ -1,4 +1,4 @@
-"""What a check found."""
+"""Result of a check."""
 
 import json
 from collections.abc import Sequence
@@ -15,15 +15,15 @@ class Finding:
     Attributes
     ----------
     check : str
-        What was looked at.
+        Name of the check.
     verdict : {"ok", "warn", "fail"}
         "warn": it works, and could be better; "fail": it does not work.
     words : str
-        What was found.
+        Description of the result.
     remedy : str
-        What to do; empty where nothing need be done.
+        Remedy; empty where none is needed.
     values : dict
-        The numbers in `words`, for programs; what JSON can hold.
+        Numbers in `words`, for programs; JSON-compatible.
     """
 
     check: str
@@ -34,7 +34,7 @@ class Finding:
 
 
 def as_text(findings: Sequence[Finding]) -> str:
-    """Lines for people, and the sum of them."""
+    """Format findings as text, with a summary line."""
     width = max(len(finding.check) for finding in findings)
     lines = []
     for finding in findings:
@@ -47,11 +47,11 @@ def as_text(findings: Sequence[Finding]) -> str:
 
 
 def as_json(findings: Sequence[Finding]) -> str:
-    """One JSON line a finding."""
+    """Format findings as JSON lines."""
     return "\n".join(json.dumps(asdict(finding)) for finding in findings)
 
 
 def split(check: str, line: str, verdict: Severity) -> Finding:
-    """Finding from a line of ours, ``what is wrong; what to do``."""
+    """Make a finding from a message of the form ``fault; remedy``."""
     words, _, remedy = line.partition("; ")
     return Finding(check, verdict, words, remedy)

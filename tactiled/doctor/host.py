@@ -1,4 +1,4 @@
-"""The host around the daemon: endpoints, keys, disk, systemd."""
+"""Checks of the host: running daemon, endpoints, keys, disk, systemd."""
 
 import contextlib
 import os
@@ -20,7 +20,7 @@ from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.recording.rotation import RecordParams
 
-_STATUS_S = 0.5  # a living daemon sends five in that time
+_STATUS_S = 0.5  # a running daemon sends five in that time
 _SYSTEMD = "run/systemd/system"  # sd_booted(3)
 _UNITS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
 _USERS = ("etc/sysusers.d", "usr/lib/sysusers.d", "lib/sysusers.d")
@@ -28,7 +28,7 @@ _RULES = ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 
 
 def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
-    """Status of the daemon on these endpoints; None where none speaks."""
+    """Status of the daemon on these endpoints; None where there is none."""
     for endpoint in publish.endpoints:
         if is_guarded(publish, endpoint):
             continue
@@ -41,7 +41,7 @@ def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
 
 
 def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
-    """What a daemon that runs says of itself, and whether it is the one that reads this port."""
+    """Check a running daemon; the flag is True if it reads this port."""
     words = f"board {status['board'] or 'unknown'} is {status['state']}"
     if status["state"] != "no-device" and device.is_free(url):
         what = f"another one runs on these endpoints and does not read {url}: {words}"
@@ -52,7 +52,7 @@ def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
 
 
 def check_keys(publish: PublishParams) -> list[Finding]:
-    """Whether the keys can be used, and who may connect with them; nothing to say where there are none."""
+    """Check the keys and list the clients that may connect; no finding without keys."""
     if publish.keys is None:
         return []
     folder = KeyFolder(Path(publish.keys))
@@ -70,7 +70,7 @@ def check_keys(publish: PublishParams) -> list[Finding]:
 
 
 def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
-    """Whether every endpoint can be bound, or is bound by the daemon that runs."""
+    """Check that every endpoint can be bound or is bound by the running daemon."""
     if daemon_runs:
         bound = ", ".join(map(_filled, publish.endpoints))
         return [Finding("endpoints", "ok", f"bound by the daemon that runs: {bound}")]
@@ -88,7 +88,7 @@ def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
 
 
 def check_disk(record: RecordParams) -> list[Finding]:
-    """Room and permission where recordings go."""
+    """Check free space and permissions of the record directory."""
     if record.directory is None:
         return [Finding("disk", "ok", "not looked at: record.directory is not set, nothing is recorded")]
     directory = Path(record.directory)
@@ -108,7 +108,7 @@ def check_disk(record: RecordParams) -> list[Finding]:
 
 
 def check_installation(root: Path = Path("/")) -> list[Finding]:
-    """Whether unit, its user and udev rule are where systemd and udev look."""
+    """Check that unit, user and udev rule are installed."""
     names = ("tactiled@.service", "tactiled.sysusers", "99-tactiled.rules")
     unit, users, rule = (resources.shipped("systemd", name) for name in names)
     if not (root / _SYSTEMD).is_dir():

@@ -1,4 +1,4 @@
-"""The port before it is opened: is it there, may we, who has it, does its name stay, is it prompt."""
+"""Checks of the closed port: existence, permission, other users, stable name, latency timer."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from tactiled.errors import ConfigError
 
 
 def check_port(url: str) -> list[Finding]:
-    """Findings on a port that stays closed."""
+    """Check a port without opening it."""
     try:
         check_url(url)
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Pictures: what was measured and what was found in it, truth beside estimate where truth is known."""
+"""Picture of a log: readings, detector signals and events, with the ground truth where known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ CHANNELS = ("#1f4e79", "#e07b00", "#6aa4d8", "#5b3a8c", "#b38f00", "#2b8a8a")
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """What really was: onsets of slip, and the ripple frequency of the grooves slid over, if any."""
+    """Ground truth: slip onsets, and the ripple frequency of the grooves, if any."""
 
     onsets_s: tuple[float, ...] = ()
     frequency_hz: float | None = None
@@ -46,7 +46,7 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: KnownTruth | None = None,
 ) -> None:
-    """Voltages of a taxel, its wavelet coefficients, grooves as they were answered, and how well they fit.
+    """Draw voltages and wavelet coefficients of a taxel, groove estimates, and their fit.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def draw_log(
     time_s : (n,) float64
     volts : (n, channels) float64
     events : sequence of Event
-        Found in this log, with times on the same clock.
+        Events of this log, on the same clock.
     channel_offset_s : (channels,) float64, optional
-        How long after the scan began each channel was sampled.
+        Delay of each channel's sample after the start of the scan.
     truth : KnownTruth, optional
     """
     truth = truth or KnownTruth()
@@ -94,7 +94,7 @@ def draw_log(
 
 
 def _liveliest(array: Array, volts: FloatArray) -> int:
-    """Taxel whose channels move most: the one worth looking at."""
+    """Select the taxel with the largest variation."""
     spread = np.nan_to_num(np.nanstd(np.where(np.isfinite(volts), volts, 0.0), axis=0))
     return int(np.argmax(np.bincount(array.channel_taxel, spread, array.n_taxels)))
 
@@ -157,7 +157,7 @@ def _draw_onset(
     onsets: Sequence[SlipEvent],
     truth: KnownTruth,
 ) -> None:
-    """The first onset from near: milliseconds and millivolts since just before it."""
+    """Draw the first onset enlarged, in milliseconds and millivolts relative to it."""
     onset_s = truth.onsets_s[0] if truth.onsets_s else onsets[0].onset_s
     near = (time_s > onset_s - 0.1) & (time_s < onset_s + 0.25)
     for color, channel in zip(CHANNELS, channels, strict=False):

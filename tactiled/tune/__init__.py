@@ -1,5 +1,5 @@
-"""`tactiled tune`: the user's own noise and motion, and the slip parameters that follow from them.
+"""`tactiled tune`: derive slip parameters from the user's own noise and motion.
 
-`tail`, `onset`, `hold` and `study` are numerics, `files` and `live` fetch recordings, `words` says what came
-of them.
+`tail`, `onset`, `hold` and `study` are numerics, `files` and `live` read recordings, `words` formats the
+result.
 """

@@ -1,4 +1,4 @@
-"""Recordings for `tactiled tune` from files: ours, or tables as `tactiled detect` takes them."""
+"""Recordings for `tactiled tune` from files: MCAP, or CSV and npz as for `tactiled detect`."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ _DEFAULT_ARRAY = "wang2019-3x3"
 
 
 def read_recording(path: Path, array: str | None = None) -> Recording:
-    """Scans of a file.
+    """Read the scans of a file.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def read_recording(path: Path, array: str | None = None) -> Recording:
 
 
 def _from_mcap(path: Path) -> Recording:
-    """Bytes through the pipeline that runs live, for the scans alone."""
+    """Replay a recording through the pipeline and keep its scans."""
     replay = Replay([path])
     scans = Collector(replay.header.source.array)
     hello = None

@@ -1,4 +1,4 @@
-"""Recordings of a held object: what was lost of them, when there was contact, how noisy each channel is."""
+"""Recordings of a held object: lost scans, times of contact, noise of each channel."""
 
 from array import array as buffer
 from collections.abc import Iterable, Sequence
@@ -14,9 +14,9 @@ from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock
 
-# Shorter, and there is no room for an onset behind the detector's settling (`onset`).
+# A shorter contact has no room for an onset after the detector has settled (`onset`).
 LEAST_S = 4.0
-LOADING_S = 1.0  # after the touch: the skin still settles, and the press itself is no hold
+LOADING_S = 1.0  # after first contact, excluded from the hold: the press itself, and creep of the skin
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Recording:
     Attributes
     ----------
     name : str
-        What to call it: a file, "quiet hold".
+        Name in the report: a file name, or "quiet hold".
     array : Array
     items : tuple of ScanBlock or Gap
     """
@@ -37,29 +37,31 @@ class Recording:
 
     @property
     def blocks(self) -> list[ScanBlock]:
+        """Blocks without the gaps."""
         return [item for item in self.items if isinstance(item, ScanBlock)]
 
     @property
     def seconds(self) -> float:
+        """Duration of all blocks."""
         return sum(len(block) / block.rate_hz for block in self.blocks)
 
     @property
     def lost(self) -> int:
-        """Scans that are missing."""
+        """Number of missing scans."""
         return sum(item.n_missing for item in self.items if isinstance(item, Gap))
 
     @property
     def late(self) -> int:
-        """Scans that came too late to be acted on."""
+        """Number of late scans."""
         return sum(int(block.late.sum()) for block in self.blocks)
 
     def touching_s(self) -> float:
-        """Seconds in which some taxel was in contact."""
+        """Total time in which some taxel was in contact (s)."""
         return sum(float(touching(b, self.array).sum()) / b.rate_hz for b in self.blocks)
 
 
 class Collector:
-    """Scans as they are published, in order, to a recording: hours of them fit into memory.
+    """Compact collector of published scans, in order; hours of scans fit into memory.
 
     Parameters
     ----------
@@ -76,13 +78,13 @@ class Collector:
         return len(self._index)
 
     def add(self, scan: ScanEvent) -> None:
-        """The next scan."""
+        """Append the next scan."""
         self._index.append(scan.index)
         self._numbers.extend((scan.time_s, scan.time_sd_s, *scan.volts))
         self._flags.extend((scan.late, *scan.valid))
 
     def recording(self, name: str, rate_hz: float, channel_offset_s: Sequence[float]) -> Recording:
-        """All of them; where numbers leap there is a gap."""
+        """Return all scans as a recording, with a gap where scan numbers jump."""
         n = len(self)
         numbers = np.frombuffer(self._numbers.tobytes()).reshape(n, 2 + self._array.n_channels)
         flags = np.frombuffer(bytes(self._flags), dtype=np.bool_).reshape(n, 1 + self._array.n_channels)
@@ -110,13 +112,13 @@ class Collector:
 
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
-    """Scans (n,) in which some taxel is pressed above the threshold of contact."""
+    """Flags (n,) of scans in which some taxel is above the contact threshold."""
     tracker = ContactTracker(array, ContactParams(), block.rate_hz)
     return tracker.measure(block, Quantiser(array).process(block)).touches
 
 
 def quiet_part(recording: Recording) -> Recording:
-    """The longest contact of a recording without its press: what is a hold of it.
+    """Cut out the longest contact of a recording, without its first second.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def quiet_part(recording: Recording) -> Recording:
 
 
 def check_motion(recording: Recording) -> None:
-    """`DataError` where the motion has too little contact to say anything."""
+    """Raise `DataError` where the motion has too little contact."""
     held_s = recording.touching_s()
     if held_s < LEAST_S:
         raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
@@ -157,10 +159,10 @@ def _too_short(recording: Recording, held_s: float) -> str:
 
 
 def noise_sd_v(quiet: Recording) -> FloatArray:
-    """Noise (channels,) of each reading: volts rms, NaN where a channel is never valid.
+    """Noise (channels,) of the readings in volts rms; NaN where a channel is never valid.
 
-    Standard deviation of differences from scan to scan over root two, which creep and drift do not reach;
-    the median over seconds, which a knock does not. An ADC's rounding is part of it.
+    Standard deviation of scan-to-scan differences over root two, insensitive to creep and drift; then the
+    median over windows of one second, insensitive to single knocks. ADC quantisation is included.
     """
     seconds: list[FloatArray] = []
     for block in quiet.blocks:

@@ -1,4 +1,4 @@
-"""Recordings for `tactiled tune` from a running daemon: a person is told what to do, scans are collected."""
+"""Recordings for `tactiled tune` from a running daemon: prompt the user and collect scans."""
 
 import time
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
 from tactiled.tune.hold import LOADING_S, Collector, Recording
 
-_BOARD_S = 5.0  # a daemon says once a second which board it reads
-_GRIP_S = 60.0  # to fetch an object
-_READY_S = 3.0  # from the words "now move" to the first scan that counts
-_TOLD_S = 10.0  # how often it is said how long it takes
+_BOARD_S = 5.0  # a daemon publishes its board description once a second
+_GRIP_S = 60.0  # time for the user to pick up an object
+_READY_S = 3.0  # from the prompt to move to the first scan used
+_TOLD_S = 10.0  # interval of progress messages
 
 Tell = Callable[[str], None]
 
@@ -27,26 +27,26 @@ Tell = Callable[[str], None]
 def record_live(
     endpoint: str, quiet_s: float, motion_s: float, array: str | None, keys: Path | None, tell: Tell
 ) -> tuple[Recording, Recording]:
-    """A quiet hold and a motion.
+    """Record a quiet hold and a motion from a daemon.
 
     Parameters
     ----------
     endpoint : str
-        Where the daemon publishes.
+        Endpoint where the daemon publishes.
     quiet_s, motion_s : float
-        Seconds of each.
+        Duration of each.
     array : str, optional
-        Where the board's array is no shipped one: its TOML file.
+        TOML file of the board's array, if it is not a shipped one.
     keys : Path, optional
     tell : callable
-        Takes words for the person who holds the object.
+        Called with prompts for the user.
 
     Raises
     ------
     DataError
         No daemon, no board, no contact.
     ConfigError
-        The endpoint is none, or the array is not that of the board.
+        The endpoint is invalid, or the array does not match the board.
     """
     with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
         feed = _Feed(subscription, tell)
@@ -76,7 +76,7 @@ def record_live(
 
 
 class _Feed:
-    """Scans and descriptions of the first board that is heard."""
+    """Scans and description of the first board found on a subscription."""
 
     def __init__(self, subscription: Subscription, tell: Tell) -> None:
         self._subscription = subscription
@@ -84,7 +84,7 @@ class _Feed:
         self._board = ""
 
     def board(self, endpoint: str) -> dict[str, Any]:
-        """What the daemon says of its board."""
+        """Wait for the daemon's description of its board."""
         until_s = time.monotonic() + _BOARD_S
         while (item := self._subscription.next_item(until_s)) is not None:
             if isinstance(item, Message) and item.topic == "info":
@@ -96,7 +96,7 @@ class _Feed:
         )
 
     def listen(self, seconds: float) -> list[ScanEvent]:
-        """Scans of the next seconds."""
+        """Return the scans of the next `seconds`."""
         until_s = time.monotonic() + seconds
         scans = []
         while (item := self._subscription.next_item(until_s)) is not None:
@@ -114,7 +114,7 @@ class _Feed:
         return scans
 
     def collect(self, array: Array, seconds: float) -> Collector:
-        """The same, saying how long it takes yet."""
+        """Collect the scans of the next `seconds`, with a countdown."""
         until_s = time.monotonic() + seconds
         scans = Collector(array)
         while (left_s := until_s - time.monotonic()) > 0:
@@ -124,7 +124,7 @@ class _Feed:
         return scans
 
     def until_touch(self, array: Array) -> None:
-        """Return when an object is held."""
+        """Wait until an object is in contact."""
         until_s = time.monotonic() + _GRIP_S
         least_v = ContactParams().contact_volts
         weights = array.normal_weights()
@@ -138,7 +138,7 @@ class _Feed:
 
 
 def _warning_of_tare(endpoint: str, keys: Path | None) -> str:
-    """Scans are published as they were read; a tared daemon's detectors see less."""
+    """Warn of a tared daemon: it publishes untared scans, while its detectors use tared ones."""
     try:
         with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
             is_tared = daemon.send("state").data["settings"]["tared"]
@@ -162,7 +162,7 @@ def _array_of(info: dict[str, Any], array: str | None) -> Array:
 
 
 def _scan(data: dict[str, Any]) -> ScanEvent:
-    """Scan of a message, in epoch seconds."""
+    """Convert a message to a scan in epoch seconds."""
     return ScanEvent(
         time_s=data["timestamp"],
         index=data["index"],

@@ -1,9 +1,9 @@
-"""Onsets of known shape put into somebody's own recordings: real noise, known truth.
+"""Injection of slip onsets of known shape into recordings with real noise.
 
 The response of a taxel that begins to slip follows Mindlin's curve (J. Appl. Mech. 16, 1949): at constant
-speed the tangential response grows as ``1 - (1 - t / rise_s)^(3/2)`` and stays, its end a part of the taxel's
-own pressure. What the recording does not hold, it cannot add: taxels that slip one after the other, pressure
-that changes meanwhile, sides that bottom out. So these latencies are the best that the noise allows.
+speed the tangential response grows as ``1 - (1 - t / rise_s)^(3/2)`` and stays; its final value is a fraction
+of the taxel's pressure. Not modelled: taxels that slip one after the other, changing pressure, saturated sides.
+The latencies are therefore lower bounds for the given noise.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from tactiled.samples.block import ScanBlock
 from tactiled.tune.hold import Recording, touching
 
 _LEAD_S = 2.0  # the detector's noise floor settles
-_AFTER_S = 0.5  # a slip said later than this after it is gross is missed
+_AFTER_S = 0.5  # a slip reported later than this after gross slip counts as missed
 _TRIES = 20  # the median is then between the 6th and the 15th of them, at 95 %
 # The golden section spreads any number evenly: onsets between two scans, directions around the circle.
 _GOLDEN = 0.618
@@ -28,14 +28,14 @@ _GOLDEN = 0.618
 
 @dataclass(frozen=True)
 class InjectedOnset:
-    """A slip's beginning.
+    """Parameters of an injected slip onset.
 
     Attributes
     ----------
     shear : float
-        What the shear grows to, over pressure, both in volts.
+        Final shear over pressure, both in volts.
     rise_s : float
-        Until everything slips.
+        Time from onset to gross slip.
     """
 
     shear: float
@@ -43,17 +43,17 @@ class InjectedOnset:
 
 
 def slide(array: Array, volts: FloatArray, share: FloatArray, direction_deg: float) -> FloatArray:
-    """Readings (n, channels) with shear `share` (n,) of each taxel's pressure added along a direction.
+    """Add shear to readings (n, channels): `share` (n,) of each taxel's pressure, along a direction.
 
     Raises
     ------
     ConfigError
-        The array sees no tangential load at all.
+        The array cannot sense tangential load.
     """
     theta = np.deg2rad(direction_deg)
     along = np.array([np.cos(theta), np.sin(theta)])
     normal = array.normal_weights()
-    pressure = np.nan_to_num(volts) @ normal.T  # a channel without readings stays one, and spoils no other
+    pressure = np.nan_to_num(volts) @ normal.T  # NaN channels must not affect others
     if array.has_shear:
         weights = np.einsum("d,dtc->tc", along, array.shear_weights())
         # The least change of channels that a taxel reads as shear of one.
@@ -71,15 +71,15 @@ def slide(array: Array, volts: FloatArray, share: FloatArray, direction_deg: flo
 
 
 def _squares(weights: FloatArray) -> FloatArray:
-    """Squared length (taxels, 1) of each taxel's weights; one where there are none."""
+    """Squared norm (taxels, 1) of each taxel's weights; one where all are zero."""
     squares = (weights**2).sum(axis=1, keepdims=True)
     return np.where(squares > 0, squares, 1.0)
 
 
 def latencies(recording: Recording, params: CoherentParams, onset: InjectedOnset) -> list[float]:
-    """Seconds from each injected onset to the end of the scan that told it; inf where none did.
+    """Latencies (s) from each injected onset to the end of the detecting scan; inf where missed.
 
-    An onset that falls into an alarm that is already there is no test, and left out.
+    Onsets during an existing alarm are skipped.
     """
     found = []
     for number, (block, scan) in enumerate(_places(recording, onset)):
@@ -99,7 +99,7 @@ def latencies(recording: Recording, params: CoherentParams, onset: InjectedOnset
 
 
 def _places(recording: Recording, onset: InjectedOnset) -> Iterator[tuple[ScanBlock, int]]:
-    """Stretches in contact throughout and the scan of each at which an onset begins, spread evenly."""
+    """Yield evenly spread stretches of contact, and the scan of each at which the onset begins."""
     windows = [(block, *_windows(block, recording.array, onset)) for block in recording.blocks]
     total = sum(len(starts) for _, starts, _ in windows)
     for k in np.unique(np.linspace(0, total - 1, _TRIES).astype(int)) if total else ():
@@ -111,7 +111,7 @@ def _places(recording: Recording, onset: InjectedOnset) -> Iterator[tuple[ScanBl
 
 
 def _windows(block: ScanBlock, array: Array, onset: InjectedOnset) -> tuple[NDArray[np.int64], int]:
-    """First scans of all stretches of a length that are in contact throughout, and that length."""
+    """First scans of all windows in contact throughout, and the window length."""
     length = round((_LEAD_S + onset.rise_s + _AFTER_S) * block.rate_hz)
     off = np.concatenate([[0], np.cumsum(~touching(block, array))])
     return np.flatnonzero(off[length:] == off[: max(len(off) - length, 0)]), length
@@ -120,7 +120,7 @@ def _windows(block: ScanBlock, array: Array, onset: InjectedOnset) -> tuple[NDAr
 def _with_onset(
     array: Array, block: ScanBlock, begin_s: float, onset: InjectedOnset, direction_deg: float
 ) -> ScanBlock:
-    """All channels at the beginning of their scan: at their own instants they would answer sooner."""
+    """Inject an onset, evaluated for all channels at the start of the scan, which is conservative."""
     travel = np.clip((block.time_s - begin_s) / onset.rise_s, 0.0, 1.0)
     share = onset.shear * (1 - (1 - travel) ** 1.5)
     return replace(block, volts=slide(array, block.volts, share, direction_deg))

@@ -1,4 +1,4 @@
-"""``tactiled tune``: fetch two recordings, judge them, say so."""
+"""``tactiled tune``: read two recordings, evaluate them and print the result."""
 
 import json
 from pathlib import Path
@@ -15,12 +15,12 @@ from tactiled.tune.words import as_map, as_toml, in_words
 
 
 def tune_files(quiet: Path, motion: Path, array: str | None, wanted_per_hour: float) -> None:
-    """Judge recordings of a quiet hold and of motion without slip; JSON to stdout, words to stderr.
+    """Evaluate files of a quiet hold and of motion without slip; JSON to stdout, report to stderr.
 
     Raises
     ------
     DataError, ConfigError
-        A file is not what it should be, or holds too little contact.
+        A file is invalid or holds too little contact.
     """
     first, second = read_recording(quiet, array), read_recording(motion, array)
     if first.array.channel_name != second.array.channel_name:
@@ -37,13 +37,13 @@ def tune_live(
     keys: Path | None,
     wanted_per_hour: float,
 ) -> None:
-    """Record both from a daemon that runs, and judge them; parameters and errors as `live.record_live`'s."""
+    """Record both from a running daemon and evaluate them; see `live.record_live`."""
     quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, _tell)
     judge(quiet, motion, wanted_per_hour)
 
 
 def judge(quiet: Recording, motion: Recording, wanted_per_hour: float) -> None:
-    """Print a study of two recordings."""
+    """Evaluate two recordings and print the result."""
     with ProgressBar("tune", N_STAGES) as bar:
         found = study(quiet, motion, wanted_per_hour, bar.advance)
     _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")

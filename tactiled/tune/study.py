@@ -1,15 +1,15 @@
-"""What two recordings say of the slip detector: false alarms, noise, a proposal and what it costs in time.
+"""Evaluation of the slip detector on two recordings: false alarms, noise, proposed parameters, latency.
 
-Nothing slips in either, so each alarm is a false one. Two knobs make them rare, and each has its tail:
+Nothing slips in either, so each alarm is false. Two parameters control the rate of alarms:
 
 * `false_alarms_per_hour` sets the threshold against noise where `least_shear` is given. The quiet hold is run
   with several rates; no more alarms should come than were asked for.
-* `least_shear` is the shear that counts. The motion is run with larger and larger ones; what comes of it
-  takes the place of the curve in `slip_rate`, which is the emulator's hand's.
+* `least_shear` is the smallest shear reported as slip. The motion is run with increasing values; the result
+  replaces the curve in `detect.slip.rate`, which was measured on the emulator.
 
-The proposal is what the tails, continued, say for the wanted rate, no less than kept hold and motion silent.
-Where that is more shear than a weak slip has, no threshold tells this motion from slip: then it is what kept
-both silent, or the quietest named setting, and the study says that the wanted rate is out of reach.
+The proposal extrapolates the counts of alarms to the wanted rate, and is at least what raised no alarm in
+hold and motion. Where that exceeds the shear of a weak slip, no threshold separates this motion from slip: then
+the proposal is what raised no alarm, or the strictest named setting, and the wanted rate is marked out of reach.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,17 +25,17 @@ from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 from tactiled.tune.onset import InjectedOnset, latencies
 from tactiled.tune.tail import AlarmTail, fit_tail, median_interval, silent_from
 
-# Seconds hold few alarms: only rates far above any that one wants are seen to fail.
+# Short recordings hold few alarms: only rates far above useful ones can be observed.
 NOISE_PER_HOUR = (3600.0, 900.0, 225.0, 56.0, 14.0)
-# From what the fastest setting takes for slip to beyond what friction of any dry skin bears.
+# From the value of the fastest setting to beyond the friction limit of any dry skin.
 SHEARS = tuple(float(s) for s in np.round(np.geomspace(0.02, 1.0, 18), 3))
-# All that a skin of friction 0.3 bears on the 2019 array: the weakest slip of a dry one.
+# Friction limit at friction coefficient 0.3 on the 2019 array: the weakest slip of a dry skin.
 WEAK_SHEAR = 0.57
 ONSETS: Mapping[str, InjectedOnset] = {
     "sudden": InjectedOnset(WEAK_SHEAR, 0.1),
     "slow": InjectedOnset(WEAK_SHEAR, 1.0),
 }
-# Two ladders, the shipped settings and the proposed one, and what is left while the last of them is judged.
+# Progress steps: two series of alarm counts, the named settings, the proposed one, and the last step's end.
 N_STAGES = 2 + len(SETTINGS) + 1 + 1
 
 Tell = Callable[[str], None]
@@ -43,7 +43,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class AlarmCount:
-    """False alarms of a setting in a recording; `gross` of them went on to say that all slips."""
+    """False alarms of a setting in a recording; `gross` counts those reported as gross slip."""
 
     count: int
     gross: int
@@ -51,12 +51,12 @@ class AlarmCount:
 
 @dataclass(frozen=True)
 class Latency:
-    """From an injected onset to the end of the scan that told it; inf beyond what was told.
+    """Latency from an injected onset to the end of the detecting scan; inf where missed.
 
     Attributes
     ----------
     median_s, low_s, high_s : float
-        With the 95 % interval of the median.
+        Median and its 95 % interval.
     tried, missed : int
     """
 
@@ -69,12 +69,12 @@ class Latency:
 
 @dataclass(frozen=True)
 class Setting:
-    """A set of parameters on these recordings.
+    """Results of one set of parameters on the recordings.
 
     Attributes
     ----------
     latency : mapping of (recording, onset) to Latency
-        ``"quiet"`` or ``"motion"``, and a name of `ONSETS`; missing where no onset could be tried.
+        ``"quiet"`` or ``"motion"``, and a name of `ONSETS`; absent where no onset could be injected.
     """
 
     params: CoherentParams
@@ -85,29 +85,29 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """All that is said.
+    """Results of `study`.
 
     Attributes
     ----------
     wanted_per_hour : float
     quiet, motion : Recording
     hold_s, motion_s : float
-        What of them was judged: the longest contact without its press; all contact.
+        Evaluated time: the longest contact without its first second; all contact.
     noise_sd_v : (channels,) float64
     noise_alarms, shear_alarms : tuple of int
-        At `NOISE_PER_HOUR`, `SHEARS`.
+        Number of alarms at each of `NOISE_PER_HOUR` and `SHEARS`.
     noise_tail, shear_tail : AlarmTail or None
-        None where nothing alarmed.
+        None where there was no alarm.
     restless : bool
-        The hold alarms however strict the threshold: something moved.
+        The hold raises alarms even at the strictest threshold: something moved.
     least_shear : tuple of float
-        For the wanted rate by the tail, and its 95 % interval; all the same where nothing alarmed.
+        Extrapolated value for the wanted rate and its 95 % interval; all equal where there was no alarm.
     silent_shear : float or None
-        From which on hold and motion were silent.
+        Smallest value from which on hold and motion raised no alarm.
     out_of_reach : bool
         The wanted rate needs more shear than a weak slip has.
     settings : mapping of str to Setting
-        The named ones and "proposed".
+        Results of the named settings and of "proposed".
     """
 
     wanted_per_hour: float
@@ -128,20 +128,21 @@ class Study:
 
     @property
     def proposed(self) -> Setting:
+        """Results of the proposed parameters."""
         return self.settings["proposed"]
 
 
 def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tell) -> Study:
-    """Judge two recordings in which nothing slips.
+    """Evaluate two recordings in which nothing slips.
 
     Parameters
     ----------
     quiet, motion : Recording
-        Of the same array.
+        Recordings of the same array.
     wanted_per_hour : float
-        False alarms that are put up with.
+        Acceptable rate of false alarms.
     tell : callable
-        Takes words on how far it is.
+        Called with progress messages.
 
     Raises
     ------
@@ -196,7 +197,7 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
 
 
 def _least_shear(needed: float, silent: float | None) -> tuple[float, bool]:
-    """What to propose, and whether the wanted rate is out of its reach."""
+    """Proposed `least_shear`, and True if the wanted rate is out of reach."""
     silent = np.inf if silent is None else silent
     least = max(needed, silent)
     out_of_reach = least >= WEAK_SHEAR
@@ -211,7 +212,7 @@ def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int,
 
 
 def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:
-    """Slips that are told in a recording without any, short gaps bridged as in a pipeline."""
+    """Count slips reported in a recording without slip; short gaps are bridged as in the pipeline."""
     detector = GapBridge(CoherentSlip(recording.array, params))
     told = [
         event

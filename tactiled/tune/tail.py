@@ -1,12 +1,12 @@
-"""Counts of rare alarms: what they prove, and what they let one guess beyond.
+"""Statistics of rare alarms: bounds of their rate, and extrapolation to lower rates.
 
-Proof is Poisson's: k alarms in T hours, whatever raised them, bound the rate. No alarm in T bounds it by
-3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion so never prove one alarm an hour.
+Bounds are Poisson intervals: k alarms in T hours bound the rate, whatever their cause. No alarm in T bounds it
+by 3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion can never prove one alarm per hour.
 
-Beyond what was seen there is only extrapolation. Sizes above a high level u are exponential in the middle
+Lower rates are extrapolated. Sizes above a high level u are exponential in the middle
 case of extreme values (Pickands, Annals of Statistics 3, 1975; Coles, An Introduction to Statistical Modeling
-of Extreme Values, 2001, section 4.3), neither bounded nor heavy-tailed; a motion that is bounded is then
-judged too sternly. The scale is the mean excess over u.
+of Extreme Values, 2001, section 4.3), neither bounded nor heavy-tailed; for a bounded
+motion the estimate is too strict. The scale is the mean excess over u.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ _ENOUGH = 10  # alarms above u: the scale is then good to a third
 
 
 def rate_interval(count: int, hours: float) -> tuple[float, float]:
-    """Rates an hour that `count` alarms in `hours` leave possible at 95 %; from zero where there was none.
+    """95 % interval of the rate per hour after `count` alarms in `hours`.
 
     Garwood's exact limits (Biometrika 28, 1936); with no alarm the whole 5 % lies above: 3 / hours.
     """
@@ -33,12 +33,12 @@ def rate_interval(count: int, hours: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class AlarmTail:
-    """Counts of alarms by how strict a knob is, and their exponential continuation.
+    """Exponential tail of the number of alarms as a function of the parameter's strictness.
 
     Attributes
     ----------
     start : float
-        u: the strictest rung with enough alarms above it.
+        u: the strictest value with enough alarms above it.
     count : int
         AlarmCount there.
     scale : float
@@ -52,7 +52,7 @@ class AlarmTail:
     hours: float
 
     def needed(self, per_hour: float) -> tuple[float, float, float]:
-        """Strictness for a rate, and its 95 % interval: 2 n mean / scale is chi-square of 2 n."""
+        """Strictness needed for a rate, and its 95 % interval: 2 n mean / scale is chi-square of 2 n."""
         times = max(0.0, float(np.log(self.count / self.hours / per_hour)))
         n, side = self.count, (1 - LEVEL) / 2
         excess = self.scale * times
@@ -62,7 +62,7 @@ class AlarmTail:
 
 
 def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> AlarmTail | None:
-    """Tail of counts (alarms at or above each growing rung); None where nothing alarmed at any."""
+    """Fit the tail to counts of alarms at or above increasing values; None without alarms."""
     level, count = np.asarray(rungs, dtype=np.float64), np.asarray(counts)
     if not count.any():
         return None
@@ -75,7 +75,7 @@ def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> Ala
 
 
 def silent_from(rungs: Sequence[float], counts: Sequence[int]) -> float | None:
-    """The lowest rung from which on nothing alarmed; None where the strictest still did."""
+    """Lowest value from which on there was no alarm; None where the strictest still had one."""
     alarmed = np.flatnonzero(np.asarray(counts))
     first = int(alarmed[-1]) + 1 if len(alarmed) else 0
     return float(rungs[first]) if first < len(rungs) else None
@@ -86,7 +86,7 @@ def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
 
     Conover, Practical Nonparametric Statistics, 1999, section 3.2.
 
-    `inf` stands for what was never found; the interval may then end there.
+    `inf` stands for missed; the interval may end there.
     """
     ordered = np.sort(np.asarray(values, dtype=np.float64))
     n = len(ordered)

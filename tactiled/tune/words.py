@@ -1,4 +1,4 @@
-"""A study in words for people, as TOML to paste, and as one map for programs."""
+"""Report of a study as text, as TOML for the configuration, and as a map for JSON."""
 
 from typing import Any
 
@@ -20,13 +20,13 @@ from tactiled.tune.tail import AlarmTail, rate_interval
 
 
 def in_words(found: Study) -> str:
-    """Everything, a paragraph a subject."""
+    """Format the report as text, one paragraph per subject."""
     parts = [_recordings(found), _noise(found), _settings(found), _tails(found), _proposal(found)]
     return "\n\n".join(parts)
 
 
 def as_toml(found: Study) -> str:
-    """What to paste into tactiled.toml."""
+    """Format the proposed parameters for tactiled.toml."""
     params = found.proposed.params
     return (
         "[detect.slip]\n"
@@ -36,7 +36,7 @@ def as_toml(found: Study) -> str:
 
 
 def as_map(found: Study) -> dict[str, Any]:
-    """JSON of it all; what is not known, or never was told, is null."""
+    """Map of all results for JSON; unknown values and missed detections are null."""
     names = found.quiet.array.channel_name
     low, high = rate_interval(_proposed_alarms(found), _motion_hours(found))
     return {
@@ -183,7 +183,7 @@ def _proposed_alarms(found: Study) -> int:
 
 
 def _is_extrapolated(found: Study) -> bool:
-    """Whether the wanted rate is below what this much motion could show."""
+    """Return True if the wanted rate is below what this duration of motion could show."""
     return found.shear_tail is not None and found.wanted_per_hour < rate_interval(0, _motion_hours(found))[1]
 
 
