@@ -2,8 +2,8 @@
 
 The response of a taxel that begins to slip follows Mindlin's curve (J. Appl. Mech. 16, 1949): at constant
 speed the tangential response grows as ``1 - (1 - t / rise_s)^(3/2)`` and stays; its final value is a fraction
-of the taxel's pressure. Not modelled: taxels that slip one after the other, changing pressure, saturated sides.
-The latencies are therefore lower bounds for the given noise.
+of the taxel's pressure. Not modelled: taxels that slip one after the other, changing pressure, saturated
+sides. The latencies are therefore lower bounds for the given noise.
 """
 
 from collections.abc import Iterator

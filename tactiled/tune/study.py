@@ -8,8 +8,9 @@ Nothing slips in either, so each alarm is false. Two parameters control the rate
   replaces the curve in `detect.slip.rate`, which was measured on the emulator.
 
 The proposal extrapolates the counts of alarms to the wanted rate, and is at least what raised no alarm in
-hold and motion. Where that exceeds the shear of a weak slip, no threshold separates this motion from slip: then
-the proposal is what raised no alarm, or the strictest named setting, and the wanted rate is marked out of reach.
+hold and motion. Where that exceeds the shear of a weak slip, no threshold separates this motion from slip:
+then the proposal is what raised no alarm, or the strictest named setting, and the wanted rate is marked out
+of reach.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,7 @@
 """Statistics of rare alarms: bounds of their rate, and extrapolation to lower rates.
 
-Bounds are Poisson intervals: k alarms in T hours bound the rate, whatever their cause. No alarm in T bounds it
-by 3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion can never prove one alarm per hour.
+Bounds are Poisson intervals: k alarms in T hours bound the rate, whatever their cause. No alarm in T bounds
+it by 3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion can never prove one alarm per hour.
 
 Lower rates are extrapolated. Sizes above a high level u are exponential in the middle
 case of extreme values (Pickands, Annals of Statistics 3, 1975; Coles, An Introduction to Statistical Modeling
