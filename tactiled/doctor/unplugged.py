@@ -49,6 +49,8 @@ def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
     make = f"make one: tactiled keys make NAME --folder {folder}"
     pair = folder / "daemon.toml"
     try:
+        if folder.exists() and not folder.is_dir():
+            return [f"{folder}: a file and no folder: name another folder in publish.keys, and {make}"], []
         if not folder.is_dir():
             return [f"{folder}: no such folder; {make}"], []
         if pair.exists() and not pair.stat().st_mode & 0o077 and not os.access(pair, os.R_OK):

@@ -149,15 +149,14 @@ class Recorder:
 
     def report(self, now_s: float) -> RecordingEvent | None:
         """Return the recording event, each second and at each change of state; log faults and drops."""
+        progress = self.progress
+        fault = progress.reason if progress.state in ("no-room", "failed") else ""
         dropped = self.reads_dropped
         if dropped > self._complained and now_s >= self._complain_s:
             self._complain_s = now_s + _COMPLAIN_S
             new, self._complained = dropped - self._complained, dropped
-            logger.warning(
-                "recording: %d more reads are in no file, %d in all: disk too slow or full", new, dropped
-            )
-        progress = self.progress
-        fault = progress.reason if progress.state in ("no-room", "failed") else ""
+            cause = fault or "the disk is too slow"
+            logger.warning("recording: %d more reads are in no file, %d in all: %s", new, dropped, cause)
         if fault and fault != self._fault:
             logger.error("not recording, tried again: %s", fault)
         self._fault = fault
