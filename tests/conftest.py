@@ -25,6 +25,9 @@ settings.register_profile("explore", deadline=None)
 settings.register_profile("same", settings.get_profile("explore"), derandomize=True)
 settings.load_profile("same")
 
+# Not tests: what test modules share, and programs that run inside a virtual machine.
+collect_ignore = ["helpers", "system/vm"]
+
 _SYSTEM_TIMEOUT_S = 600
 _GRACE_S = 2.0  # for threads and descriptors whose end was asked for in the test
 # Made by `open_port_in_thread` for a host that may not answer. It ends with the connection attempt, which
