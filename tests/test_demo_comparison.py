@@ -126,7 +126,7 @@ def test_a_host_that_kept_up_is_not_too_slow() -> None:
             Host(scans=2000, missed=25, lost=25, held_s=0.25),
             "missed 25 scan .* stood still for 0.25 s",
         ),
-        (Host(scans=2000, late=300, oldest_s=1.58), "300 of 2000 scans were late, the latest 1.58 s old"),
+        (Host(scans=2000, late=800, oldest_s=1.58), "800 of 2000 scans were late, the latest 1.58 s old"),
         (Host(scans=2000, lost=300), "300 scans were lost on the way"),
     ],
 )
