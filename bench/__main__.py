@@ -1,15 +1,16 @@
-"""``./run bench NAME``: measure one trade and print its table."""
+"""``./run bench NAME``: measure, and print the tables of `docs/measured.md`."""
 
 from importlib import import_module
 from pathlib import Path
 
 import click
 
+from bench.report import BenchOptions, BenchReport
 from tactiled.cli import run_command
 from tactiled.cli.options import FILE, need_extra
 from tactiled.progress import ProgressBar
 
-# Name of a bench to its module; each has a function `bench_NAME`.
+# Name of a bench to its module; each has a function `bench_NAME(progress, options) -> BenchReport`.
 BENCHES = {
     "clock": "bench.daemon.clock",
     "faults": "bench.daemon.faults",
@@ -19,35 +20,36 @@ BENCHES = {
     "slip": "bench.slip.bench",
     "texture": "bench.texture.bench",
 }
+WITH_PLOT = ("contact", "slip", "texture")
+WITH_JSON = ("slip", "texture")
 
 
 @click.command()
 @click.argument("name", type=click.Choice(list(BENCHES)))
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
-@click.option("--plot", type=FILE, help="contact, slip, texture: also write a picture.")
-@click.option("--json", "numbers", type=FILE, help="slip, texture: also write every number, case by case.")
+@click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
+@click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
 def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> None:
-    """Measure, and print the table that README shows.
+    """Measure, and print tables of what was measured.
 
-    clock: how true are the instants of scans? paper: the published experiments, ours beside theirs. contact:
-    what each contact model costs and what it gets wrong. soak: days of board time, every frame accounted for.
-    faults: what a line and a board can do wrong, done to a daemon on a pty. slip: how soon a slip is said,
-    and how often one that was none. texture: grooves against the Cramer-Rao bound, and what spoils them.
+    clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
+    cost and errors of each contact model. soak: days of board time, every frame accounted for. faults: faults
+    of line and board, done to a daemon on a pty. slip: detection latency and false alarms. texture: errors of
+    groove estimates over the Cramer-Rao bound, and windows that break the model.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """
-    if plot is not None and name not in ("contact", "slip", "texture"):
-        raise click.UsageError("--plot is for `bench contact`, `bench slip` and `bench texture`")
-    if numbers is not None and name not in ("slip", "texture"):
-        raise click.UsageError("--json is for `bench slip` and `bench texture`")
+    for option, file, names in (("--plot", plot, WITH_PLOT), ("--json", numbers, WITH_JSON)):
+        if file is not None and name not in names:
+            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in names)}")
     if plot is not None:
         need_extra("matplotlib", "plot", "bench --plot")
     measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
-    written = {"picture": plot, "numbers": numbers}
-    more = {"contact": {"picture": plot}, "slip": written, "texture": written}.get(name, {})
+    options = BenchOptions(quick, plot, numbers)
     with ProgressBar(f"bench {name}", None) as progress:
-        text = measure(progress, quick=quick, **more)
-    click.echo(text)
+        report: BenchReport = measure(progress, options)
+    report.write(options)
+    click.echo(report.text)
 
 
 if __name__ == "__main__":

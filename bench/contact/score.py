@@ -1,80 +1,161 @@
-"""Rungs of the contact ladder scored against shipped finite-element runs."""
+"""Contact models of the emulator scored against the shipped finite-element runs of one taxel.
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+The runs are `config/contact/fem-*.json`, made once and readable without felupe. Each model is played through
+the loads and places of a run.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import NOT_CONVERGED, Rung
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface
+from tactiled.emulator.mechanics.stepper import play
+from tactiled.emulator.scene.contact import RUNGS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
 from tools.fem.reference import ReferenceRun, load_reference
 
 FloatArray = NDArray[np.float64]
 
+MODELS = ("lumped", "periodic", "compliance")
+GROOVED = ("periodic", "compliance")  # those that can play grooves
+LOAD_N = 15.0 / 9  # of a taxel: that of the published slides, 15 N on nine taxels
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4: `readout.SIDES`
-AREA = "half"  # the edge's right area is at zero while sliding: nothing to compare there
-FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
+AREA: Literal["half"] = (
+    "half"  # under the edge areas the right force is zero while sliding: nothing to compare there
+)
 GROOVES = ("groove-0.9-0", "groove-1.2-0", "groove-1.5-0", "groove-1.2-30", "groove-1.2-60")
-# Load of a taxel where the load curve is compared: from what a dead zone hides to 27 N on the array.
+NEEDS = {  # of scenes (`scene.Need`), in words
+    "absolute-force": "load curve",
+    "left-right": "left, right",
+    "tangential-force": "friction force at the knee",
+    "gross-slip": "gross slip",
+    "incipient-slip": "slipping share",
+}
+_FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
+# Loads of a taxel at which the load curve is compared: from what a dead zone hides to 27 N on the array.
 _SMALLEST_N, _LARGEST_N = 0.1, 3.0
 _KNEE_MM = 0.42  # travel after which everything slips
 
 
 @dataclass(frozen=True, eq=False)
 class Ripple:
-    """Fundamental of left and right over one wave of sliding, and likeness to the reference."""
+    """Groove ripple of the left and the right read-out area of one taxel.
 
-    wave_n: NDArray[np.complex128]  # (2,)
-    correlation: FloatArray  # (2,)
-    sliding_correlation: FloatArray  # (2,)
-    unsolved: int = 0  # steps in which the solver did not converge
+    Attributes
+    ----------
+    wave_n : (2,) complex128
+        Fundamental over the last wave of sliding.
+    correlation, sliding_correlation : (2,) float64
+        With the finite elements, over the whole run and over the last wave.
+    unsolved : int
+        Steps in which the solver did not converge.
+    """
 
-    def beside(self, reference: "Ripple", side: int) -> str:
-        """Amplitude in percent of the reference's and phase in degrees against it."""
-        ratio = self.wave_n[side] / reference.wave_n[side]
-        return f"{100 * abs(ratio):.0f} %, {np.angle(ratio, deg=True):+.1f} deg"
+    wave_n: NDArray[np.complex128]
+    correlation: FloatArray
+    sliding_correlation: FloatArray
+    unsolved: int = 0
+
+    def relative_to(self, reference: "Ripple", side: int) -> str:
+        """Amplitude in percent of the reference's, and phase in degrees against it."""
+        part = self.wave_n[side] / reference.wave_n[side]
+        return f"{100 * abs(part):.0f} %, {np.angle(part, deg=True):+.1f} deg"
 
 
-def replay(
-    build: Callable[..., Rung], reference: ReferenceRun, *, held: str = "force"
-) -> dict[str, FloatArray]:
-    """A rung through the loads (or indentations) and places of a run; `TaxelForces` fields, (i, ...)."""
+@dataclass(frozen=True)
+class ModelScore:
+    """Cost and errors of one contact model.
+
+    Attributes
+    ----------
+    cost_ms : float
+        Processor time of a simulated second, see `cost_ms`.
+    flat : dict
+        Need (`scene.Need`) to the largest error on flat plates, as a part of the quantity's own size.
+    grooved : dict
+        Groove plate to errors by need, the way into sliding included.
+    ripples : dict
+        Groove plate to `Ripple`.
+    """
+
+    name: str
+    cost_ms: float
+    flat: dict[str, float]
+    grooved: dict[str, dict[str, float]]
+    ripples: dict[str, Ripple]
+
+
+def score_model(name: str, plates: Sequence[str]) -> ModelScore:
+    """Measure a model on flat plates, and on groove plates where it can play them."""
+    mine = plates if name in GROOVED else ()
+    ripples = {plate: model_ripple(name, plate) for plate in mine}
+    grooved = {plate: sliding_errors(name, [plate]) for plate in mine}
+    return ModelScore(name, cost_ms(name), flat_errors(name), grooved, ripples)
+
+
+def cost_ms(name: str) -> float:
+    """Milliseconds of processor time for a simulated second of nine taxels that slide at 1 mm/s.
+
+    Models that can play grooves slide over them; their tables are made before.
+    """
+    entry = RUNGS[name]
+    surface = Surface(0.6, 1.2, 30.0, 0.1) if name in GROOVED else Surface(0.6)
+    steps = round(1 / entry.step_s)
+    place = np.random.default_rng(1).uniform(0, 7, (9, 2))
+    way = entry.step_s * np.arange(steps)[:, None, None] * np.array([1.0, 0.0])
+    load: FloatArray = np.full((steps, 9), LOAD_N)
+    model = entry.build(surface, AZIMUTH, 9, readout=AREA)
+    play(model, "force", load, place + way, entry.step_s)  # contact is made, tables too
+    began = time.process_time()
+    play(model, "force", load, place + way + way[-1], entry.step_s)
+    return 1e3 * (time.process_time() - began)
+
+
+def replay(name: str, reference: ReferenceRun, *, held: str = "force") -> dict[str, FloatArray]:
+    """Play a model through the loads (or indentations) and places of a run.
+
+    Returns
+    -------
+    dict
+        Fields of `TaxelForces`, each (increments, ...).
+    """
     columns = reference.columns
-    rung = build(reference.surface, AZIMUTH, 1, readout=AREA)
+    model = RUNGS[name].build(reference.surface, AZIMUTH, 1, readout=AREA)
     value = columns["normal_n" if held == "force" else "approach_mm"]
     base = np.stack([columns["travel_x_mm"], columns["travel_y_mm"]], axis=-1)
-    # The runs know no time; at 2 mm/s nothing here depends on it.
+    # The runs have no time; at 2 mm/s nothing here depends on it.
     felt = [
-        rung.step("force" if held == "force" else "displacement", value[k : k + 1], base[k : k + 1], 0.01)
+        model.step("force" if held == "force" else "displacement", value[k : k + 1], base[k : k + 1], 0.01)
         for k in range(len(value))
     ]
-    return {name: np.array([vars(one)[name][0] for one in felt]) for name in vars(felt[0])}
+    return {field: np.array([vars(one)[field][0] for one in felt]) for field in vars(felt[0])}
 
 
-def flat_errors(build: Callable[..., Rung]) -> dict[str, float]:
-    """Worst errors on flat plates by need (`scene.Need`), as parts of each quantity's own size."""
+def flat_errors(name: str) -> dict[str, float]:
+    """Largest errors on flat plates by need, as parts of each quantity's own size."""
     curve = load_reference("coarse", "load")
     loaded = (curve.columns["normal_n"] > _SMALLEST_N) & (curve.columns["normal_n"] < _LARGEST_N)
-    pressed = replay(build, curve, held="displacement")["normal_n"]
-    errors = {"absolute-force": float(np.abs(pressed / curve.columns["normal_n"] - 1)[loaded].max())}
-    for name in FLAT:
-        for need, error in _slide_errors(build, load_reference("coarse", name)).items():
-            errors[need] = max(errors.get(need, 0.0), error)
-    return errors
+    pressed = replay(name, curve, held="displacement")["normal_n"]
+    load_curve = {"absolute-force": float(np.abs(pressed / curve.columns["normal_n"] - 1)[loaded].max())}
+    return load_curve | sliding_errors(name, _FLAT)
 
 
-def grooved_errors(build: Callable[..., Rung], plates: Sequence[str] = GROOVES) -> dict[str, float]:
-    """The same over grooves, the way into sliding included."""
+def sliding_errors(name: str, runs: Sequence[str]) -> dict[str, float]:
+    """Largest errors by need over some runs of sliding, the way into sliding included."""
     errors: dict[str, float] = {}
-    for name in plates:
-        for need, error in _slide_errors(build, load_reference("coarse", name)).items():
-            errors[need] = max(errors.get(need, 0.0), error)
+    of_runs = (_slide_errors(name, load_reference("coarse", run)) for run in runs)
+    for need, error in chain.from_iterable(one.items() for one in of_runs):
+        errors[need] = max(errors.get(need, 0.0), error)
     return errors
 
 
-def _slide_errors(build: Callable[..., Rung], reference: ReferenceRun) -> dict[str, float]:
-    columns, seen = reference.columns, replay(build, reference)
+def _slide_errors(name: str, reference: ReferenceRun) -> dict[str, float]:
+    columns, seen = reference.columns, replay(name, reference)
     travel_mm, slipping = columns["travel_x_mm"], columns["slipping"]
     true = reference.sides(AREA)
     rest_n = true[travel_mm == 0][-1, 0]
@@ -82,38 +163,37 @@ def _slide_errors(build: Callable[..., Rung], reference: ReferenceRun) -> dict[s
     sliding = travel_mm > 0
     knee = sliding & (slipping < 1)
     gross_mm = [_gross_mm(travel_mm, share) for share in (seen["slipping"], slipping)]
+    tangential_n = seen["tangential_n"][:, 0] - columns["tangential_x_n"]
     return {
         "left-right": float(np.abs(seen["side_n"] - true).max() / rest_n),
-        "tangential-force": float(
-            np.abs(seen["tangential_n"][:, 0] - columns["tangential_x_n"]).max() / limit_n
-        ),
+        "tangential-force": float(np.abs(tangential_n).max() / limit_n),
         "gross-slip": float(abs(gross_mm[0] / gross_mm[1] - 1)),
         "incipient-slip": float(np.abs(seen["slipping"] - slipping)[knee].mean()),
     }
 
 
 def _gross_mm(travel_mm: FloatArray, share: FloatArray) -> float:
-    """Travel at which nine tenths slip, between the steps of a run."""
+    """Travel at which nine tenths slip, interpolated between the steps of a run."""
     after = int(np.argmax((travel_mm > 0) & (share > GROSS_SHARE)))
     part = (GROSS_SHARE - share[after - 1]) / (share[after] - share[after - 1])
     return float(travel_mm[after - 1] + part * (travel_mm[after] - travel_mm[after - 1]))
 
 
-def reference_ripple(mesh: str, run: str) -> Ripple:
-    """Of a finite-element run."""
-    reference = load_reference(mesh, run)
+def reference_ripple(mesh: str, plate: str) -> Ripple:
+    """Ripple of the finite elements."""
+    reference = load_reference(mesh, plate)
     return _ripple(reference, reference.sides(AREA))
 
 
-def rung_ripple(build: Callable[..., Rung], run: str) -> Ripple:
-    """Of a rung on the coarse mesh's run."""
-    reference = load_reference("coarse", run)
-    felt = replay(build, reference)
+def model_ripple(name: str, plate: str) -> Ripple:
+    """Ripple of a model on the run of the coarse mesh."""
+    reference = load_reference("coarse", plate)
+    felt = replay(name, reference)
     unsolved = int(np.count_nonzero(felt["warnings"].astype(np.int64) & NOT_CONVERGED))
-    return replace(_ripple(reference, felt["side_n"]), unsolved=unsolved)
+    return _ripple(reference, felt["side_n"], unsolved=unsolved)
 
 
-def _ripple(reference: ReferenceRun, side_n: FloatArray) -> Ripple:
+def _ripple(reference: ReferenceRun, side_n: FloatArray, **more: Any) -> Ripple:
     travel_mm = reference.columns["travel_x_mm"]
     wave_mm = reference.surface.period_mm / np.cos(np.deg2rad(reference.surface.angle_deg))
     last = (travel_mm > _KNEE_MM) & (travel_mm > travel_mm[-1] - wave_mm)
@@ -125,4 +205,5 @@ def _ripple(reference: ReferenceRun, side_n: FloatArray) -> Ripple:
         fit[1] - 1j * fit[2],
         np.array([np.corrcoef(own[:, k], true[:, k])[0, 1] for k in (0, 1)]),
         np.array([np.corrcoef(own[last, k], true[last, k])[0, 1] for k in (0, 1)]),
+        **more,
     )

@@ -1,8 +1,8 @@
-"""``./run bench faults``: everything that happens to a cable, done to one, many times over.
+"""``./run bench faults``: all that happens to a cable and a board, done many times over to a running daemon.
 
-The whole daemon reads an emulated board on a real pty (`stage`), at a rate that is not the board's own, so
-that a recovery is one of its settings too. Each fault is done while all is well (or in the state that its
-name says); then come the first fresh scan that was taken behind it, and what is missing.
+The whole daemon reads an emulated board on a real pty (`pty`), at a rate that is not the board's own, so that
+a recovery must set it again. Each fault is done while all is well, or in the state that its name says. What
+is measured: the time to the first fresh scan that was taken after it, and the scans that are missing.
 """
 
 import asyncio
@@ -10,88 +10,171 @@ import logging
 import tempfile
 import time
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from bench.daemon.fault_cases import CALM_S, CASES, Case, Span
-from bench.daemon.stage import RATE_HZ, SERIAL, Heard, Stage
+from bench.daemon.fault_cases import CALM_S, CASES, FaultCase, FaultSpan
+from bench.daemon.pty import RATE_HZ, SERIAL, DaemonOnPty, ReceivedMessage
+from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_table, judge, never, ratio, table
 from tactiled.daemon.board.session import SILENT_PERIODS
-from tactiled.plain_table import table
 from tactiled.progress import ProgressBar
 
 _IN_FLIGHT_S = 0.03  # a scan is sampled and sent in 15 ms, the rest is the host's
 _OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01  # as the status has it, by instants that err a little
 _SURELY = 0.75  # of a period: nearer than that, the count is right and the instant is not
-_BEHIND = 40  # scans: less than come before the next fault, and a new clock fit needs some ten of them
+_BEHIND = 40  # scans: fewer than come before the next fault, and a new clock fit needs some ten of them
 
 
 @dataclass(frozen=True)
-class Time:
-    """One time that a fault was done.
+class FaultRecovery:
+    """One fault that was done, and the recovery from it.
 
     Attributes
     ----------
-    span : Span
-    before, after : Heard
+    span : FaultSpan
+    before, after : ReceivedMessage
         Statuses of calm moments around it.
-    fresh : Heard
-        The first fresh scan that was taken behind it.
+    fresh : ReceivedMessage
+        The first fresh scan that was taken after it.
     """
 
-    span: Span
-    before: Heard
-    fresh: Heard
-    after: Heard
+    span: FaultSpan
+    before: ReceivedMessage
+    fresh: ReceivedMessage
+    after: ReceivedMessage
 
     @property
     def recovery_s(self) -> float:
-        """From its end until the subscriber had that scan; 16 ms of it are the scan's own way."""
+        """Time from the end of the fault until the subscriber had that scan; 16 ms are the scan's own way."""
         return self.fresh.received_s - self.span.end_s
 
     def counted(self, name: str) -> int:
-        """How far a counter of the status moved."""
+        """Return by how much a counter of the status grew."""
         return int(self.after.data[name] - self.before.data[name])
 
-    def lost(self, case: Case, lost_s: list[float]) -> tuple[int, int, int]:
-        """Scans that the fault took, that went by until the recovery, and that were lost besides."""
+    def lost(self, case: FaultCase, lost_s: list[float]) -> tuple[int, int, int]:
+        """Count scans that the fault took, that went by until the recovery, and that were lost besides."""
         from_s, until_s = self.before.time_s - _IN_FLIGHT_S, self.after.time_s - _IN_FLIGHT_S
         all_s = [at_s for at_s in lost_s if from_s <= at_s < until_s]
+        begin_s, end_s = self.span.begin_s, self.span.end_s
         if case.scans_hit is None:
-            n_own = sum(self.span.begin_s - _IN_FLIGHT_S <= at_s < self.span.end_s for at_s in all_s)
+            n_own = sum(begin_s - _IN_FLIGHT_S <= at_s < end_s for at_s in all_s)
+            n_behind = sum(end_s <= at_s < self.fresh.time_s for at_s in all_s)
         else:
-            near = sum(abs(at_s - self.span.begin_s) <= _IN_FLIGHT_S for at_s in all_s)
-            n_own = min(near, case.scans_hit)
-        n_behind = sum(self.span.end_s <= at_s < self.fresh.time_s for at_s in all_s)
-        n_behind = 0 if case.scans_hit is not None else n_behind
+            n_own = min(sum(abs(at_s - begin_s) <= _IN_FLIGHT_S for at_s in all_s), case.scans_hit)
+            n_behind = 0
         return n_own, n_behind, len(all_s) - n_own - n_behind
 
 
-async def once(case: Case, stage: Stage) -> Time:
-    """Do it when all is well, and wait until all is well again."""
-    before = await _calm(stage, case.calm_s)
-    span = await case.play(stage)
-    fresh = await stage.until_fresh_scan(span.end_s)
-    return Time(span, before, fresh, await _calm(stage, CALM_S))
+@dataclass(frozen=True)
+class FaultResult:
+    """A fault case with all times that it was done; counts are sums over them.
+
+    Attributes
+    ----------
+    lost : (own, until recovered, besides)
+        Scans, as `FaultRecovery.lost` has them.
+    missing, overruns, restarts : int
+        As the daemon counted them.
+    """
+
+    case: FaultCase
+    recoveries: list[FaultRecovery]
+    lost: tuple[int, ...]
+    missing: int
+    overruns: int
+    restarts: int
 
 
-async def _calm(stage: Stage, calm_s: float) -> Heard:
-    """The status at the end of a time in which all was well."""
+@dataclass(frozen=True)
+class FaultsFound:
+    """Results of all cases, statuses that called old scans fresh, and scan instants that this host missed."""
+
+    results: list[FaultResult]
+    false_fresh: int
+    overruns_of_host: int
+
+
+def _in_no_case(name: str, is_wrong: Callable[[FaultResult], bool]) -> Aim[FaultsFound]:
+    def measure(found: FaultsFound) -> Reading:
+        wrong = [result.case.name for result in found.results if is_wrong(result)]
+        return judge(", ".join(wrong) or ratio(map(is_wrong, found.results)), not wrong)
+
+    return Aim(name, "none", measure)
+
+
+AIMS: tuple[Aim[FaultsFound], ...] = (
+    _in_no_case(
+        "faults with overruns miscounted", lambda r: r.overruns != r.case.overruns * len(r.recoveries)
+    ),
+    _in_no_case(
+        "faults with restarts miscounted", lambda r: r.restarts != r.case.restarts * len(r.recoveries)
+    ),
+    _in_no_case("faults that cost more scans than they may", lambda r: bool(r.lost[-1])),
+    _in_no_case(
+        "faults with lost scans miscounted", lambda r: r.case.is_countable and r.missing != sum(r.lost)
+    ),
+    never("scan instants missed because this host was too slow", lambda found: found.overruns_of_host),
+    never("statuses that call old scans fresh", lambda found: found.false_fresh),
+)
+
+
+def bench_faults(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Table of what faults cost and how long they last."""
+    logging.getLogger("tactiled.daemon").setLevel(logging.ERROR)  # it reports each fault, as it should
+    with tempfile.TemporaryDirectory(prefix="tactiled-") as folder:
+        found, daemon = asyncio.run(_play(progress, Path(folder), 2 if options.quick else 10))
+    lost_s = lost_scans(daemon.board.taken_s, daemon.scans)
+    results = []
+    for case, recoveries in zip(CASES, found, strict=True):
+        lost = zip(*(recovery.lost(case, lost_s) for recovery in recoveries), strict=True)
+        names = ("scans_missing", "scans_overrun", "restarts")
+        counts = (sum(recovery.counted(name) for recovery in recoveries) for name in names)
+        results.append(FaultResult(case, recoveries, tuple(map(sum, lost)), *counts))
+    rows = table(_row(result, daemon.statuses) for result in results)
+    measured = FaultsFound(results, false_fresh(daemon), daemon.board.overruns_of_host)
+    return BenchReport([rows, aims_table(AIMS, {"measured": measured})])
+
+
+async def _play(
+    progress: ProgressBar, folder: Path, most: int
+) -> tuple[list[list[FaultRecovery]], DaemonOnPty]:
+    found = []
+    progress.begin(len(CASES))
+    async with DaemonOnPty(folder) as daemon:
+        await daemon.until_status("running")
+        for case in CASES:
+            found.append([await once(case, daemon) for _ in range(min(case.times, most))])
+            progress.advance(case.name)
+    return found, daemon
+
+
+async def once(case: FaultCase, daemon: DaemonOnPty) -> FaultRecovery:
+    """Do a fault when all is well, and wait until all is well again."""
+    before = await _calm(daemon, case.calm_s)
+    span = await case.play(daemon)
+    fresh = await daemon.until_fresh_scan(span.end_s)
+    return FaultRecovery(span, before, fresh, await _calm(daemon, CALM_S))
+
+
+async def _calm(daemon: DaemonOnPty, calm_s: float) -> ReceivedMessage:
+    """Wait until all has been well for so long, and return the status then."""
 
     def is_calm() -> bool:
-        recent = [status for status in stage.statuses[-20:] if status.time_s >= from_s]
+        recent = [status for status in daemon.statuses[-20:] if status.time_s >= from_s]
         since_s = next((s.time_s for s in reversed(recent) if not s.data["valid"]), from_s)
         return bool(recent) and recent[-1].time_s >= since_s + calm_s
 
     from_s = time.monotonic()
-    await stage.until(is_calm, "all is well")
-    return stage.statuses[-1]
+    await daemon.until(is_calm, "all is well")
+    return daemon.statuses[-1]
 
 
-def lost_scans(taken_s: Sequence[float], scans: Sequence[Heard]) -> list[float]:
+def lost_scans(taken_s: Sequence[float], scans: Sequence[ReceivedMessage]) -> list[float]:
     """Instants of the scans that were due and the subscriber never got.
 
     Instants alone may err by a period while a new clock fit settles on a busy machine, so scans go by the
@@ -114,70 +197,35 @@ def lost_scans(taken_s: Sequence[float], scans: Sequence[Heard]) -> list[float]:
     return [at_s for place, at_s in enumerate(taken_s) if place not in got]
 
 
-def false_fresh(stage: Stage) -> int:
-    """Statuses that were valid while the newest scan that had come was older than may be."""
-    received_s = [scan.received_s for scan in stage.scans]
+def false_fresh(daemon: DaemonOnPty) -> int:
+    """Count statuses that were valid although the newest scan that had come was too old."""
+    received_s = [scan.received_s for scan in daemon.scans]
     n = 0
-    for status in stage.statuses:
+    for status in daemon.statuses:
         if status.data["valid"] and status.data["board"] == SERIAL:
-            newest = stage.scans[max(0, bisect_right(received_s, status.received_s) - 1)]
+            newest = daemon.scans[max(0, bisect_right(received_s, status.received_s) - 1)]
             n += status.time_s - newest.time_s > _OLDEST_VALID_S
     return n
 
 
-async def _play(progress: ProgressBar, folder: Path, most: int) -> tuple[list[list[Time]], Stage]:
-    found = []
-    progress.begin(len(CASES))
-    async with Stage(folder) as stage:
-        await stage.until_said("running")
-        for case in CASES:
-            times = [await once(case, stage) for _ in range(min(case.times, most))]
-            found.append(times)
-            progress.advance(case.name)
-    return found, stage
-
-
-def bench_faults(progress: ProgressBar, *, quick: bool) -> str:
-    """Table of what faults cost and how long they last."""
-    logging.getLogger("tactiled.daemon").setLevel(logging.ERROR)  # it says each fault, as it should
-    with tempfile.TemporaryDirectory(prefix="tactiled-") as folder:
-        found, stage = asyncio.run(_play(progress, Path(folder), 2 if quick else 10))
-    lost_s = lost_scans(stage.board.taken_s, stage.scans)
-    rows, wrong = [], []
-    for case, times in zip(CASES, found, strict=True):
-        lost = [sum(column) for column in zip(*(time.lost(case, lost_s) for time in times), strict=True)]
-        missing = sum(time.counted("scans_missing") for time in times)
-        overruns = sum(time.counted("scans_overrun") for time in times)
-        restarts = sum(time.counted("restarts") for time in times)
-        rows.append(_row(case, times, [*lost, missing, overruns, restarts], stage.statuses))
-        if overruns != case.overruns * len(times):
-            wrong.append(f"{case.name}: {overruns} overruns counted, {case.overruns * len(times)} injected")
-        if restarts != case.restarts * len(times):
-            wrong.append(f"{case.name}: restarts miscounted")
-        if lost[-1] or (case.counts and missing != sum(lost)):
-            wrong.append(f"{case.name}: scans lost besides, or miscounted")
-    if n := stage.board.overruns_of_host:
-        wrong.append(f"this host is too slow: {n} scan instants were missed that no fault took")
-    if stale := false_fresh(stage):
-        wrong.append(f"{stale} statuses called old scans fresh")
-    head = ["fault", "times", "scans lost to it", "until recovered", "besides", "counted: missing",
-            "overruns", "restarts", "time to recover: median", "worst", "states meanwhile"]  # fmt: skip
-    return f"{table(head, rows)}\n\n{'wrong: ' + '; '.join(wrong) if wrong else 'Nothing wrong was found.'}"
-
-
-def _row(case: Case, times: list[Time], counts: list[int], statuses: list[Heard]) -> list[str]:
-    recovery_s = [time.recovery_s for time in times]
+def _row(result: FaultResult, statuses: list[ReceivedMessage]) -> dict[str, str]:
+    recovery_ms = [1e3 * one.recovery_s for one in result.recoveries]
     states = dict.fromkeys(
         status.data["state"]
-        for time in times
+        for one in result.recoveries
         for status in statuses
-        if time.span.begin_s <= status.time_s <= time.fresh.received_s
+        if one.span.begin_s <= status.time_s <= one.fresh.received_s
     )
-    return [
-        case.name,
-        str(len(times)),
-        *map(str, counts),
-        f"{1e3 * median(recovery_s):.0f} ms",
-        f"{1e3 * max(recovery_s):.0f} ms",
-        ", ".join(state for state in states if state != "running") or "-",
-    ]
+    return {
+        "fault": result.case.name,
+        "times": f"{len(result.recoveries)}",
+        "scans lost to it": f"{result.lost[0]}",
+        "until recovered": f"{result.lost[1]}",
+        "besides": f"{result.lost[2]}",
+        "counted: missing": f"{result.missing}",
+        "counted: overruns": f"{result.overruns}",
+        "counted: restarts": f"{result.restarts}",
+        "time to recover: median": f"{median(recovery_ms):.0f} ms",
+        "longest": f"{max(recovery_ms):.0f} ms",
+        "states meanwhile": ", ".join(state for state in states if state != "running") or NONE,
+    }

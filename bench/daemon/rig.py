@@ -1,8 +1,4 @@
-"""The daemon's link on an emulated port, in simulated time: days in minutes.
-
-`Rig` plays what the service does around a link: it opens and reopens the port, hands over bytes, writes
-commands, ticks.
-"""
+"""Link of the daemon on an emulated port, in simulated time: days in minutes."""
 
 from collections.abc import Callable
 
@@ -24,8 +20,11 @@ TICK_S = 0.1  # the service's status period
 REOPEN_S = 0.05  # the connection's quick tries
 
 
-class Rig:
-    """Link, session, pipeline and emulated port on one clock that jumps.
+class SimulatedLink:
+    """Link, session, pipeline and emulated port on one clock that jumps from deadline to deadline.
+
+    It does what the service does around a link: it opens and reopens the port, hands over bytes, writes
+    commands, ticks.
 
     Parameters
     ----------
@@ -35,13 +34,22 @@ class Rig:
     seed : int
     session : SessionParams, optional
     publish : callable
-        Gets every event, status at 10 Hz among them.
+        Called with every event, the status at each tick among them.
     on_scan : callable
-        Gets the truth of every scan instant.
+        Called with the truth of every scan instant.
     origin_s : float
-        What the clock reads at the beginning.
+        Time of the clock at the beginning.
     tick_s : float
-        Period of looking at the line and of the status; the service's is the default.
+        Period of the status and of looking at the line; the service's is the default.
+
+    Attributes
+    ----------
+    now_s : float
+    port, pipeline, session, link
+    connects : int
+        How often the port was opened.
+    bytes_read, bytes_unread : int
+        Bytes that arrived while the port was open, and while it was not.
     """
 
     def __init__(
@@ -69,7 +77,6 @@ class Rig:
         self.connects = 0
         self.bytes_read = 0
         self.bytes_unread = 0
-        """Bytes that arrived while nobody had the port open."""
         self._publish = publish
         self._encoder = Encoder(layout)
         self._is_open = False
@@ -77,18 +84,18 @@ class Rig:
         self._open_s = self._tick_s = origin_s
 
     def run_until(self, end_s: float) -> None:
-        """Let time pass."""
+        """Let time pass until then."""
         while (due_s := self._next_s()) <= end_s:
             self._step(max(due_s, self.now_s))
         self._step(end_s)
 
     def inflict(self, kind: FaultKind) -> None:
-        """Do this to the line or the board, now."""
+        """Do a fault to the line or the board now."""
         self.port.inflict(kind, self.now_s)
         self._look_at_plug()
 
     def status(self) -> StatusEvent:
-        """How things are said to be, now."""
+        """Make the status of this moment."""
         return self.link.status(self.now_s, started_s=self._began_s, connects=self.connects)
 
     def _next_s(self) -> float:
@@ -100,17 +107,17 @@ class Rig:
         for arrival in self.port.advance(now_s):
             if self._is_open:
                 self.bytes_read += len(arrival.data)
-                self._say(self.link.received(arrival.data, now_s, self._publish))
+                self._send(self.link.received(arrival.data, now_s, self._publish))
             else:
                 self.bytes_unread += len(arrival.data)
         self._look_at_plug()
         if not self._is_open and now_s >= self._open_s:
             self._open()
         if self._is_open and now_s >= self.session.deadline_s:
-            self._say(self.session.tick(now_s))
+            self._send(self.session.tick(now_s))
         if now_s >= self._tick_s:
             self._tick_s = now_s + self._tick_period_s
-            self._say(self.link.watch(now_s))
+            self._send(self.link.watch(now_s))
             if self._is_open and self.session.state != "running" and (why := self.link.dead_because(now_s)):
                 self._lose(why)
             self._publish(self.status())
@@ -120,7 +127,7 @@ class Rig:
         if self.port.plugged:
             self._is_open = True
             self.connects += 1
-            self._say(self.link.opened(self.now_s))
+            self._send(self.link.opened(self.now_s))
         else:
             self.link.lost("no such port")
 
@@ -134,7 +141,7 @@ class Rig:
         self.link.lost(reason)
         self._publish(self.status())
 
-    def _say(self, commands: list[Command]) -> None:
+    def _send(self, commands: list[Command]) -> None:
         for command in commands:
             self.link.sending(command, self.now_s)
             self.port.receive(self._encoder.encode(command), self.now_s)

@@ -1,10 +1,10 @@
-"""What a UART set to one baud rate makes of bytes sent at another: bit by bit, as the chips do it."""
+"""A UART set to one baud rate that receives bytes sent at another, bit by bit, as the chips do it."""
 
 import numpy as np
 
 
-def heard(data: bytes, sent_baud: float, set_baud: float, idle_bits: int = 40) -> tuple[bytes, int]:
-    """Bytes that arrive, and how many of them lacked their stop bit.
+def received_at(data: bytes, sent_baud: float, set_baud: float, idle_bits: int = 40) -> tuple[bytes, int]:
+    """Return the bytes that arrive, and how many of them lacked their stop bit.
 
     The line idles high; each byte is a start bit (low), eight data bits from the lowest, a stop bit. The
     receiver waits for a falling edge and reads the middle of each of its own bits.

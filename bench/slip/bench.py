@@ -8,7 +8,6 @@ families that nothing was set on beside (`families.HELD_OUT_SLIPPING`, `HELD_OUT
 """
 
 import itertools
-import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.pool import workers
+from bench.report import BenchOptions, BenchReport
 from bench.slip.cost import costs
 from bench.slip.latency import fastest_level, measure
 from bench.slip.noise import oracle_tail, rule_maxima, rule_pieces, rule_tails
@@ -56,31 +56,20 @@ QUICK = Sizes(tune=1, slips=2, quiet=1, noise_hours=0.5, readings=1, cost_scans=
 FULL = Sizes(tune=2, slips=10, quiet=7, noise_hours=4.0, readings=3, cost_scans=3000)
 
 
-def bench_slip(
-    progress: ProgressBar, *, quick: bool, picture: Path | None = None, numbers: Path | None = None
-) -> str:
+def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Aims, latency, false alarms, errors of direction and onset, cost, and the curve to choose from.
 
-    Parameters
-    ----------
-    progress : ProgressBar
-    quick : bool
-        Fewer seeds, about a minute where no curve is asked for.
-    picture : Path, optional
-        PNG to write: the speed-accuracy curve, which is measured only where it, or all numbers, are written.
-    numbers : Path, optional
-        JSON to write: every number, case by case.
+    The speed-accuracy curve is measured only where the picture, or all numbers, are written.
     """
-    found = _measured(
-        progress, QUICK if quick else FULL, with_sweep=picture is not None or numbers is not None
-    )
-    if picture is not None:
+    with_sweep = options.plot is not None or options.json is not None
+    found = _measured(progress, QUICK if options.quick else FULL, with_sweep=with_sweep)
+
+    def draw(path: Path) -> None:
         from bench.slip.picture import draw_slip  # matplotlib is an extra
 
-        draw_slip(picture, found.cases, found.quiet, found.knobs)
-    if numbers is not None:
-        numbers.write_text(json.dumps(numbers_of(found), indent=1, allow_nan=False))
-    return text_of(found)
+        draw_slip(path, found.cases, found.quiet, found.knobs)
+
+    return BenchReport([text_of(found)], numbers_of(found), draw)
 
 
 def _measured(progress: ProgressBar, sizes: Sizes, *, with_sweep: bool) -> Measured:

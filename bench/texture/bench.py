@@ -1,65 +1,67 @@
-"""``./run bench texture``: how near the joint estimator is to the bound, and what spoils it.
+"""``./run bench texture``: errors of the joint estimator over the Cramer-Rao bound, and what spoils answers.
 
-Five parts: error over the Cramer-Rao bound (`texture_bound`) on drawn gratings, and how often an answer is
-wrong; table 2 of the paper on scenes that obey physics, and plates drawn at random there; windows that break
-the model, two gratings in view among them; error against time since slip began; cost. Beside the joint
-estimator stands the published procedure, faithful as it is.
+Gratings drawn in white and coloured noise (`trials`); table 2 of the paper and plates drawn at random on
+scenes that obey physics (`plates`); windows that break the model, two gratings in view among them
+(`spoiled`); error against time since slip began; cost (`cost`). The published procedure stands beside the
+joint estimator.
 """
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from bench.pool import workers
-from bench.texture.aims import aims_table
-from bench.texture.cost import Cost, OnlineCost, cost_table, online_table, run_cost
-from bench.texture.count import FIRST_SEED, Counted, count_table, run_count
-from bench.texture.curve import Slide, curve_table, run_curve
-from bench.texture.drawn import Drawn, drawn_table, run_drawn
-from bench.texture.grid import Trial, run_grid
-from bench.texture.misfit import Spoiled, misfit_table, run_misfit
-from bench.texture.paper import (
-    PLATES,
-    Answered,
-    First,
-    Plate,
-    errors2,
-    first_table,
-    run_table2,
-    table2,
+from bench.report import BenchOptions, BenchReport, aims_table, seeds_in_words
+from bench.texture import spoiled, tables
+from bench.texture.aims import AIMS
+from bench.texture.cost import cost_table, online_table, run_cost
+from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
+from bench.texture.tables import TrialSet
+from bench.texture.trials import (
+    CURVE_SNR_DB,
+    MEMORIES,
+    MISFIT_S,
+    Trial,
+    coloured_trials,
+    grid_trials,
+    misfit_trials,
+    slide_trials,
+    two_wave_trials,
 )
-from bench.texture.tables import by_band, over_bound, refusals, threshold, wrong_rate
-from bench.texture.two import Twofold, run_two, two_table
+from tactiled.detect.grooves.estimator import PRESETS
 from tactiled.progress import ProgressBar
 
-_QUICK_PLATES = ((0.9, 0), (1.2, 30))  # a fine one, and one that the procedure mostly refuses
+WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+SNRS_DB = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
+COLOURED_SEED = 5001  # seeds of reports from here on; nothing is tuned on them
+_TWO_WAVES_S, _SHORT_S, _SHORT_SNR_DB = 10.0, 4.0, 20.0
+_BATCH = 50  # coloured windows at a time, so that both workers end together
 
 
 @dataclass(frozen=True)
-class Sizes:
-    """How much is measured; seeds are 0 to n - 1 everywhere but for `counted`.
+class TextureSizes:
+    """How much is measured; seeds are 0 to n - 1 everywhere but in coloured noise.
 
     Attributes
     ----------
     trials, procedure_trials : int
         Windows a cell of the grid.
-    counted : int
+    coloured : int
         Windows in noise of each colour.
     scenes : int
         Slides a plate.
     drawn : int
         Plates drawn at random, a slide each.
     misfits : int
-        Windows of each kind, speed known and not; so for two gratings.
+        Windows of each kind, speed known and not; so for two waves.
     """
 
     trials: int
     procedure_trials: int
-    counted: int
+    coloured: int
     plates: Sequence[Plate]
     scenes: int
     drawn: int
@@ -68,174 +70,140 @@ class Sizes:
     repeats: int
 
 
-QUICK = Sizes(
-    trials=3,
-    procedure_trials=5,
-    counted=100,
-    plates=_QUICK_PLATES,
-    scenes=1,
-    drawn=2,
-    misfits=2,
-    slides=2,
-    repeats=2,
-)
+# A fine plate, and one that the procedure mostly refuses.
+QUICK = TextureSizes(3, 5, 100, ((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, slides=2, repeats=2)
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
-FULL = Sizes(
-    trials=80,
-    procedure_trials=50,
-    counted=3400,
-    plates=PLATES,
-    scenes=5,
-    drawn=40,
-    misfits=30,
-    slides=16,
-    repeats=10,
-)
+FULL = TextureSizes(80, 50, 3400, PLATES, scenes=5, drawn=40, misfits=30, slides=16, repeats=10)
 
 
-@dataclass(frozen=True)
-class Found:
-    """Everything that was measured."""
+class BenchPart(NamedTuple):
+    """Work that the worker processes share, and the seconds that two of them take (for the progress bar)."""
 
-    joint: list[Trial]
-    procedure: list[Trial]
-    coloured: list[Counted]
-    plates: list[Answered]
-    firsts: list[First]
-    drawn: list[Drawn]
-    drawn_firsts: list[First]
-    misfits: list[Spoiled]
-    twofold: list[Twofold]
-    slides: list[Slide]
-    costs: list[Cost]
-    online: list[OnlineCost]
+    seconds: float
+    work: Callable[..., list[Trial]]
+    jobs: Sequence[tuple[Any, ...]]
 
 
-def bench_texture(
-    progress: ProgressBar, *, quick: bool, picture: Path | None = None, numbers: Path | None = None
-) -> str:
-    """Error over bound, table 2, misfits, error against time, and cost.
+def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
+    def known_and_not(names: Iterable[str], *fields: float) -> list[tuple[Any, ...]]:
+        return [(name, *fields, is_known) for name in names for is_known in (True, False)]
 
-    Parameters
-    ----------
-    progress : ProgressBar
-    quick : bool
-        Few seeds and plates: about a minute, coarser numbers.
-    picture : Path, optional
-        PNG to write: where answers are to be had, and the speed-accuracy curve.
-    numbers : Path, optional
-        JSON to write: every trial with its seed.
-    """
-    sizes = QUICK if quick else FULL
-    work_s = _work_s(sizes)
-    progress.begin(sum(work_s.values()))
+    def cells(*knowing: bool) -> list[tuple[Any, ...]]:
+        return [(cell,) for cell in itertools.product(WINDOWS_S, SNRS_DB, knowing)]
 
-    def part(name: str) -> Callable[[float], None]:
-        return lambda share: progress.advance(name, share * work_s[name])
-
-    with workers() as pool:
-        costs, online = pool.submit(run_cost, sizes.repeats).result()  # nothing else at work, one thread
-        part("cost")(1.0)
-        found = Found(
-            run_grid(part("grid"), pool, "joint", n_trials=sizes.trials),
-            run_grid(part("procedure"), pool, "procedure", n_trials=sizes.procedure_trials, knowing=(True,)),
-            run_count(part("coloured noise"), pool, n_windows=sizes.counted),
-            *run_table2(part("plates"), pool, n_seeds=sizes.scenes, plates=sizes.plates),
-            *run_drawn(part("drawn plates"), pool, n_plates=sizes.drawn),
-            run_misfit(part("misfits"), pool, n_windows=sizes.misfits),
-            run_two(part("two gratings"), pool, n_windows=sizes.misfits),
-            run_curve(part("slides"), pool, n_slides=sizes.slides),
-            costs,
-            online,
-        )
-    if picture is not None:
-        from bench.texture.picture import draw_texture  # matplotlib is an extra
-
-        draw_texture(picture, found.joint, found.plates, found.slides)
-    if numbers is not None:
-        numbers.write_text(json.dumps(_plain({"sizes": asdict(sizes), **asdict(found)})))
-    return _text(found, sizes)
-
-
-def _work_s(sizes: Sizes) -> dict[str, float]:
-    """Seconds that each part takes, two workers at it: as measured, for the progress bar alone."""
+    n, two_waves = sizes.misfits, known_and_not(spoiled.TWO_WAVES, _TWO_WAVES_S, spoiled.SNR_DB)
+    two_waves += known_and_not(spoiled.TWO_WAVES_SHORT, _SHORT_S, _SHORT_SNR_DB)
+    coloured = range(COLOURED_SEED, COLOURED_SEED + sizes.coloured)
+    batches = [coloured[first : first + _BATCH] for first in range(0, len(coloured), _BATCH)]
+    plates = list(itertools.product(sizes.plates, range(sizes.scenes)))
     return {
-        "cost": 10 + 0.6 * sizes.repeats,
-        "grid": 1.15 * sizes.trials,
-        "procedure": 0.08 * sizes.procedure_trials,
-        "coloured noise": 0.028 * sizes.counted,
-        "plates": 2.2 * len(sizes.plates) * sizes.scenes,
-        "drawn plates": 1.0 * sizes.drawn,
-        "misfits": 1.2 * sizes.misfits,
-        "two gratings": 0.5 * sizes.misfits,
-        "slides": 3.1 * sizes.slides,
+        "grid": BenchPart(
+            1.15 * sizes.trials, partial(grid_trials, "joint", sizes.trials), cells(True, False)
+        ),
+        "procedure": BenchPart(
+            0.08 * sizes.procedure_trials,
+            partial(grid_trials, "procedure", sizes.procedure_trials),
+            cells(True),
+        ),
+        "coloured noise": BenchPart(
+            0.028 * sizes.coloured, coloured_trials, list(itertools.product(MEMORIES, batches))
+        ),
+        "plates": BenchPart(2.2 * len(plates), paper_plate_trials, plates),
+        "drawn plates": BenchPart(
+            1.0 * sizes.drawn, drawn_plate_trials, [(seed,) for seed in range(sizes.drawn)]
+        ),
+        "misfits": BenchPart(
+            1.2 * n, partial(misfit_trials, n), known_and_not(spoiled.MISFITS | spoiled.GROOVELESS)
+        ),
+        "two waves": BenchPart(0.5 * n, partial(two_wave_trials, n), two_waves),
+        "slides": BenchPart(
+            3.1 * sizes.slides, slide_trials, list(itertools.product(PRESETS, range(sizes.slides)))
+        ),
     }
 
 
-def _text(found: Found, sizes: Sizes) -> str:
-    return "\n\n".join(
+def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Error over bound, table 2, windows that break the model, error against time, and cost."""
+    sizes = QUICK if options.quick else FULL
+    parts, cost_s = _parts(sizes), 10 + 0.6 * sizes.repeats
+    progress.begin(cost_s + sum(part.seconds for part in parts.values()))
+    trials: dict[str, list[Trial]] = {}
+    with workers() as pool:
+        costs, online = pool.submit(run_cost, sizes.repeats).result()  # nothing else at work, one thread
+        progress.advance("cost", cost_s)
+        for name, part in parts.items():
+            trials[name] = []
+            for found in pool.map(part.work, *zip(*part.jobs, strict=True)):
+                trials[name] += found
+                progress.advance(name, part.seconds / len(part.jobs))
+
+    def draw(path: Path) -> None:
+        from bench.texture.picture import draw_texture  # matplotlib is an extra
+
+        draw_texture(path, trials)
+
+    return BenchReport(
         [
-            f"Error over the Cramer-Rao bound, angle / period (answered); {sizes.trials} windows a cell "
-            f"({_seeds(sizes.trials)}) of three periods or more. Gratings of 0.6 to 6 mm, -75 to 75 degrees "
-            "off the motion, 0.5 to 10 mm/s; 3x3 array, 20 mV of ripple in white noise. Speed known:",
-            over_bound(found.joint, True),
-            "Speed unknown:",
-            over_bound(found.joint, False),
-            f"The published procedure on such gratings ({_seeds(sizes.procedure_trials)}), told the speed:",
-            over_bound(found.procedure, True),
-            "The joint estimator by what the grating was. within 95 %: intervals of 1.96 stated sigmas that "
-            "hold the truth. wrong: more than a quarter turn off somewhere on the array.",
-            by_band(found.joint),
-            refusals(found.joint),
-            "How often an answer that says ok is wrong, and what coloured noise does to intervals "
-            f"(coloured: seeds {FIRST_SEED} and on, on which nothing was tuned; white: the trials above):",
-            count_table(found.joint, found.coloured),
-            f"The procedure: {wrong_rate(found.procedure)}",
-            "Noise from which on nine of ten windows of three periods are answered:",
-            threshold(found.joint),
-            f"Table 2 of the paper on the periodic rung, experiment protocol, {sizes.scenes} slides a plate "
-            f"({_seeds(sizes.scenes)}); mean ± standard deviation (windows answered / full windows).",
-            table2(found.plates),
-            "Errors of the same, root mean square of the windows answered:",
-            errors2(found.plates),
-            "First answers online on these slides: time since the true onset (median, latest), errors (rms):",
-            first_table(found.firsts),
-            "Single plates drawn at random, 0.8 to 2.5 mm, -60 to 60 degrees, on the periodic rung "
-            f"({_seeds(sizes.drawn)}), direction as slip says:",
-            drawn_table(found.drawn, found.drawn_firsts),
-            misfit_table(found.misfits),
-            f"{two_table(found.twofold)}\n\nOf each of these: {_seeds(sizes.misfits)}.",
-            "Error of the answer that stands at a time since the onset of slip, root mean square of "
-            f"{sizes.slides} slides ({_seeds(sizes.slides)}) at 1.5 mm/s, 20 dB; bound: of all scans since.",
-            curve_table(found.slides),
+            *_sections(trials, sizes),
             "Cost of one fit (6.5 Hz, 20 dB); spectrum and trends are what running sums could spare:",
-            cost_table(found.costs),
+            cost_table(costs),
             "Cost online, over channels that stray; scans that come during the longest hop wait for it:",
-            online_table(found.online),
-            aims_table(
-                found.joint,
-                found.coloured,
-                found.plates,
-                found.firsts,
-                found.drawn,
-                found.misfits,
-                found.twofold,
-            ),
-        ]
+            online_table(online),
+            "Aims, worst case of what was measured; open: too few windows to tell.",
+            aims_table(AIMS, {"measured": trials}),
+        ],
+        {"sizes": sizes, "costs": costs, "online": online} | trials,
+        draw,
     )
 
 
-def _seeds(number: int) -> str:
-    return f"seeds 0..{number - 1}"
-
-
-def _plain(value: Any) -> Any:
-    """For JSON, which knows no NaN and no infinity."""
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[str]:
+    grid, procedure = trials["grid"], TrialSet(trials["procedure"])
+    return [
+        f"Error over the Cramer-Rao bound, angle / period (answered); {sizes.trials} windows a cell "
+        f"({seeds_in_words(sizes.trials)}) of three periods or more. Gratings of 0.6 to 6 mm, -75 to 75 "
+        "degrees off the motion, 0.5 to 10 mm/s; 3x3 array, 20 mV of ripple in white noise. Speed known:",
+        tables.over_bound_table(grid, True),
+        "Speed unknown:",
+        tables.over_bound_table(grid, False),
+        f"The published procedure on such gratings ({seeds_in_words(sizes.procedure_trials)}), given the "
+        "speed:",
+        tables.over_bound_table(procedure.all, True),
+        "The joint estimator by what the grating was. within 95 %: intervals of 1.96 stated sigmas that hold "
+        "the truth. wrong: more than a quarter turn off somewhere on the array.",
+        tables.band_table(grid),
+        f"Refused: {TrialSet(grid).refused}.",
+        "How often an answer is wrong, and what coloured noise does to intervals (coloured: seeds "
+        f"{COLOURED_SEED} and on, on which nothing was tuned; white: the trials above):",
+        tables.noise_table(grid, trials["coloured noise"]),
+        f"The procedure: {procedure.n_wrong} of {len(procedure.ok)} answers are wrong (below "
+        f"{1e3 * procedure.most_wrong:.2f} in 1000 with {100 * tables.CONFIDENCE:.0f} % confidence: Clopper, "
+        "Pearson 1934).",
+        "Noise from which on nine of ten windows of three periods are answered:",
+        tables.threshold_table(grid),
+        "Table 2 of the paper, played by the contact model periodic, experiment protocol, "
+        f"{sizes.scenes} slides a plate ({seeds_in_words(sizes.scenes)}); mean ± standard deviation (windows "
+        "answered / full windows).",
+        tables.published_table(trials["plates"]),
+        "Errors of the same, root mean square of the windows answered:",
+        tables.plate_error_table(trials["plates"]),
+        "First answers online on these slides: time since the true onset (median, latest), errors (rms):",
+        tables.first_table(trials["plates"]),
+        "Single plates drawn at random, 0.8 to 2.5 mm, -60 to 60 degrees, played by the contact model "
+        f"periodic ({seeds_in_words(sizes.drawn)}), direction from the slip event:",
+        tables.drawn_table(trials["drawn plates"]),
+        f"Windows of {MISFIT_S:g} s at {spoiled.SNR_DB:g} dB, one thing wrong in each "
+        f"({seeds_in_words(sizes.misfits)}). Errors: root mean square of answers that are not wrong by a "
+        "lobe. The last rows have no grating: any answer is wrong.",
+        tables.misfit_table(trials["misfits"]),
+        f"Two waves in view, windows of {_TWO_WAVES_S:g} s, the first at {spoiled.SNR_DB:g} dB "
+        f"({_SHORT_S:g} s: {_SHORT_SNR_DB:g} dB), {spoiled.SPEED_MM_S:g} mm/s "
+        f"({seeds_in_words(sizes.misfits)}). Either grating is a right answer; both named: both are among "
+        "the answer and its candidates, refusals included.",
+        tables.two_wave_table(trials["two waves"], _SHORT_S),
+        "Error of the answer that stands at a time since the onset of slip, root mean square of "
+        f"{sizes.slides} slides ({seeds_in_words(sizes.slides)}) at {spoiled.SPEED_MM_S:g} mm/s, "
+        f"{CURVE_SNR_DB:g} dB; bound: of all scans since.",
+        tables.curve_table(trials["slides"]),
+    ]

@@ -1,31 +1,102 @@
-"""Readings of an array over grooves, with their truth: the model of `texture_bound` and nothing else.
+"""Readings of an array that slides over a grating, and how well anybody could know the grating from them.
 
-Cases are drawn, not listed: window and noise are the cells of the grid, while period, angle, speed,
-direction, phases and drifts are anywhere, so that no estimator can be at home on the grid's own numbers.
+The model is a plane wave, with phases in turns of the groove pattern: a channel c at (x, y), sampled at the
+instant t, reads
+
+    level_c + drift_c t + sum over h of A_ch cos(2 pi h s + psi_kh) + white noise of sigma_c
+    s = ((x + v t cos(theta)) cos(a) + (y + v t sin(theta)) sin(a)) / D
+
+for a period D, an angle a of the groove normal, a speed v along theta, and harmonics h = 1, 2, ... Unknown,
+besides D, a and (where it is not given) v: level, drift and amplitudes of each channel, and a phase psi for
+each harmonic and kind k of channel (R1 of all taxels, R2 of all, ...), since the four sides of a bump meet a
+ridge at different times but taxels are alike.
+
+`bound` is the Cramer-Rao bound of this model. With G the derivatives of all readings by the parameters over
+sigma, the Fisher information is ``G' G`` and no unbiased estimator has a covariance below its inverse (Kay,
+Fundamentals of Statistical Signal Processing I, chapter 3). The parameters of one channel are projected out
+channel by channel (the Schur complement), so that what is left to invert has a row for D, a, v and each psi.
+Nothing here is shared with the estimators.
+
+Gratings are drawn, not listed: `draw_grating` takes the window and the noise of a cell of the grid, while
+period, angle, speed, direction, phases and drifts are anywhere, so that no estimator can be tuned to the
+numbers of the grid.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from bench.texture.bound import FloatArray, Sensed, Wave, kinds_of, turns
 from tactiled.array import Array
 
+FloatArray = NDArray[np.float64]
 RATE_HZ = 100.0  # the board's
 LEVEL_VOLTS = 1.2  # of a hold of 20 N
 AMPLITUDE_VOLTS = 0.02  # of the ripple at 1.2 mm: the paper's curves
 PERIODS_MM = (0.6, 6.0)
 ANGLES_DEG = (-75.0, 75.0)
-SPEEDS_MM_S = (0.5, 10.0)  # quasi-static slides and faster ones
-DIRECTIONS_DEG = (-20.0, 20.0)  # of the skin's motion
+_SPEEDS_MM_S = (0.5, 10.0)  # quasi-static slides and faster ones
+_DIRECTIONS_DEG = (-20.0, 20.0)  # of the skin's motion
 _MOST_HZ = 20.0  # faster ripples are not drawn: the published procedure looks no further
 _LARGEST_DRIFT = 0.5  # of the ripple's amplitude a second
-CHANNEL_STEP_S = 100e-6  # from channel to channel of the multiplexer
+_CHANNEL_STEP_S = 100e-6  # from channel to channel of the multiplexer
+# A direction with less information than this part of the largest is not observed: rounding makes 1e-16.
+_UNOBSERVED = 1e-11
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A grating and the slide over it; `direction_deg` is that of the skin's motion, from +x towards +y."""
+
+    period_mm: float
+    angle_deg: float
+    speed_mm_s: float
+    direction_deg: float = 0.0
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency of the ripple; negative where the skin runs against the groove normal."""
+        across = np.cos(np.radians(self.direction_deg - self.angle_deg))
+        return float(self.speed_mm_s * across / self.period_mm)
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class ArrayResponse:
+    """Places, phases and noise with which the channels of an array sense a wave.
+
+    Attributes
+    ----------
+    x_mm, y_mm, offset_s : (channels,) float64
+        Place of each channel, and how long after the scan began it is sampled.
+    kind : (channels,) int64
+        Channels of one number share their phases.
+    amplitude_volts : (channels, harmonics) float64
+    phase_rad : (kinds, harmonics) float64
+    noise_volts : (channels,) float64
+        Sigma of the white noise.
+    """
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    offset_s: FloatArray
+    kind: NDArray[np.int64]
+    amplitude_volts: FloatArray
+    phase_rad: FloatArray
+    noise_volts: FloatArray
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Least standard deviations of unbiased estimators; infinite for what the array cannot tell."""
+
+    period_sd_mm: float
+    angle_sd_deg: float
+    speed_sd_mm_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Grating:
     """One window over one grating.
 
     Attributes
@@ -37,18 +108,27 @@ class Case:
     """
 
     wave: Wave
-    sensed: Sensed
+    sensed: ArrayResponse
     drift: FloatArray
     time_s: FloatArray
 
     @property
     def periods(self) -> float:
-        """How many periods of the ripple are in the window."""
+        """Number of periods of the ripple in the window."""
         return abs(self.wave.frequency_hz) * len(self.time_s) / RATE_HZ
 
 
-def sensed_by(array: Array, rng: np.random.Generator, snr_db: float, harmonics: tuple[float, ...]) -> Sensed:
-    """An array whose channels all ripple alike, each kind at a phase of its own.
+def kinds_of(array: Array) -> NDArray[np.int64]:
+    """Return the number of each channel's kind: channels of equal kind and azimuth share one."""
+    azimuth = np.nan_to_num(array.azimuth_deg, nan=-1.0)
+    names = list(zip(array.channel_kind, azimuth.tolist(), strict=True))
+    return np.array([sorted(set(names)).index(name) for name in names], dtype=np.int64)
+
+
+def sensed_by(
+    array: Array, rng: np.random.Generator, snr_db: float, harmonics: tuple[float, ...] = ()
+) -> ArrayResponse:
+    """Response of an array whose channels all ripple alike, each kind at a phase of its own.
 
     Parameters
     ----------
@@ -58,61 +138,65 @@ def sensed_by(array: Array, rng: np.random.Generator, snr_db: float, harmonics: 
         Amplitudes of 2nd, 3rd, ... over the first.
     """
     kind = kinds_of(array)
-    n_harmonics = 1 + len(harmonics)
-    return Sensed(
+    return ArrayResponse(
         x_mm=array.x_mm[array.channel_taxel],
         y_mm=array.y_mm[array.channel_taxel],
-        offset_s=CHANNEL_STEP_S * np.arange(array.n_channels, dtype=np.float64),
+        offset_s=_CHANNEL_STEP_S * np.arange(array.n_channels, dtype=np.float64),
         kind=kind,
         amplitude_volts=np.tile(AMPLITUDE_VOLTS * np.array([1.0, *harmonics]), (array.n_channels, 1)),
-        phase_rad=rng.uniform(-np.pi, np.pi, (kind.max() + 1, n_harmonics)),
+        phase_rad=rng.uniform(-np.pi, np.pi, (kind.max() + 1, 1 + len(harmonics))),
         noise_volts=np.full(array.n_channels, AMPLITUDE_VOLTS / np.sqrt(2 * 10 ** (snr_db / 10))),
     )
 
 
 def draw_wave(rng: np.random.Generator) -> Wave:
-    """Any grating of the grid, and a slide that the board can follow, 75 degrees or less from its normal."""
+    """Draw a grating, and a slide that the board can follow, 75 degrees or less from its normal."""
     while True:
         wave = Wave(
             period_mm=float(np.exp(rng.uniform(*np.log(PERIODS_MM)))),
             angle_deg=float(rng.uniform(*ANGLES_DEG)),
-            speed_mm_s=float(np.exp(rng.uniform(*np.log(SPEEDS_MM_S)))),
-            direction_deg=float(rng.uniform(*DIRECTIONS_DEG)),
+            speed_mm_s=float(np.exp(rng.uniform(*np.log(_SPEEDS_MM_S)))),
+            direction_deg=float(rng.uniform(*_DIRECTIONS_DEG)),
         )
         tilt_deg = abs(wave.angle_deg - wave.direction_deg)
         if tilt_deg <= ANGLES_DEG[1] and abs(wave.frequency_hz) < _MOST_HZ:
             return wave
 
 
-def draw_case(
+def draw_grating(
     array: Array,
     rng: np.random.Generator,
     window_s: float,
     snr_db: float,
     min_periods: float = 0.0,
     most_hz: float = _MOST_HZ,
-) -> Case:
-    """A case of a cell of the grid, with so many periods in the window or more, and no faster ripple."""
+) -> Grating:
+    """Draw a window with at least so many periods, and no faster ripple."""
     wave = draw_wave(rng)
     while not min_periods / window_s <= abs(wave.frequency_hz) < most_hz:
         wave = draw_wave(rng)
-    sensed = sensed_by(array, rng, snr_db, ())
+    sensed = sensed_by(array, rng, snr_db)
     slope = _LARGEST_DRIFT * AMPLITUDE_VOLTS * rng.uniform(-1, 1, array.n_channels)
     level = LEVEL_VOLTS * rng.uniform(0.9, 1.1, array.n_channels)
-    time_s = np.arange(round(window_s * RATE_HZ)) / RATE_HZ
-    return Case(wave, sensed, np.column_stack([level, slope]), time_s)
+    return Grating(wave, sensed, np.column_stack([level, slope]), scan_times_s(window_s))
 
 
-def readings(case: Case, rng: np.random.Generator, memory: float = 0.0) -> FloatArray:
+def scan_times_s(window_s: float) -> FloatArray:
+    """Instants at which the scans of a window began."""
+    return np.arange(round(window_s * RATE_HZ)) / RATE_HZ
+
+
+def readings(grating: Grating, rng: np.random.Generator, memory: float = 0.0) -> FloatArray:
     """Volts (n, channels): drift, wave and noise.
 
     Parameters
     ----------
     memory : float
-        What noise keeps from scan to scan, an autoregression of order 1 of each channel; 0 is white.
+        Coefficient of the autoregression of order 1 that is each channel's noise; 0 is white.
     """
-    sensed, time_s = case.sensed, case.time_s
-    volts = case.drift[:, 0] + np.outer(time_s, case.drift[:, 1]) + wave_volts(case.wave, sensed, time_s)
+    sensed, time_s = grating.sensed, grating.time_s
+    ripple = wave_volts(grating.wave, sensed, time_s)
+    volts = grating.drift[:, 0] + np.outer(time_s, grating.drift[:, 1]) + ripple
     noise = rng.standard_normal(volts.shape)
     if memory:
         fresh = np.sqrt(1 - memory**2)
@@ -121,9 +205,80 @@ def readings(case: Case, rng: np.random.Generator, memory: float = 0.0) -> Float
     return np.asarray(volts + sensed.noise_volts * noise)
 
 
-def wave_volts(wave: Wave, sensed: Sensed, time_s: FloatArray) -> FloatArray:
-    """The ripple alone, (n, channels)."""
+def wave_volts(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:
+    """Ripple alone, (n, channels)."""
     phase = 2 * np.pi * turns(wave, sensed, time_s)
     order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)
     own = phase[..., None] * order + sensed.phase_rad[sensed.kind]
     return np.asarray((sensed.amplitude_volts * np.cos(own)).sum(axis=-1))
+
+
+def turns(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:
+    """Groove phase in turns (n, channels) at scans that begin at `time_s` (n,)."""
+    x, y = _places(wave, sensed, time_s)
+    angle = np.radians(wave.angle_deg)
+    return np.asarray((x * np.cos(angle) + y * np.sin(angle)) / wave.period_mm)
+
+
+def bound(
+    wave: Wave, sensed: ArrayResponse, time_s: FloatArray, *, is_speed_known: bool, n_drift: int = 2
+) -> Bound:
+    """Cramer-Rao bound of one window.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+        Instants at which the scans began.
+    is_speed_known : bool
+    n_drift : int
+        Unknown terms of each channel's drift: 0 for none, 1 for its level, 2 for a straight line.
+    """
+    # Both origins are free, since phases are: near the middle the numbers are of one size.
+    time_s = time_s - time_s.mean()
+    x, y = _places(wave, sensed, time_s)
+    angle, theta = np.radians(wave.angle_deg), np.radians(wave.direction_deg)
+    phase = 2 * np.pi * turns(wave, sensed, time_s)
+    by_period = -phase / wave.period_mm
+    by_angle = 2 * np.pi * (y * np.cos(angle) - x * np.sin(angle)) / wave.period_mm
+    by_speed = 2 * np.pi * (time_s[:, None] + sensed.offset_s) * np.cos(theta - angle) / wave.period_mm
+    shared = [by_period, by_angle] if is_speed_known else [by_period, by_angle, by_speed]
+    n_kinds, n_harmonics = sensed.phase_rad.shape
+    order = np.arange(1, n_harmonics + 1)
+    n_wave = len(shared)
+    information = np.zeros((n_wave + n_kinds * n_harmonics,) * 2)
+    for c, kind in enumerate(sensed.kind):
+        own_phase = phase[:, c, None] * order + sensed.phase_rad[kind]
+        swing = -sensed.amplitude_volts[c] * np.sin(own_phase)  # by the phase of each harmonic
+        columns = np.zeros((len(time_s), len(information)))
+        columns[:, :n_wave] = (swing @ order)[:, None] * np.stack([part[:, c] for part in shared], axis=1)
+        columns[:, n_wave + kind * n_harmonics + np.arange(n_harmonics)] = swing
+        own = np.column_stack([np.vander(time_s, n_drift), np.cos(own_phase)])
+        basis, _ = np.linalg.qr(own)
+        columns -= basis @ (basis.T @ columns)
+        information += columns.T @ columns / sensed.noise_volts[c] ** 2
+    period_sd, angle_sd, *speed_sd = _sigmas(information, n_wave)
+    return Bound(period_sd, float(np.degrees(angle_sd)), speed_sd[0] if speed_sd else 0.0)
+
+
+def _places(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places on the plate (mm) where readings are taken, (n, channels) each; origin in the array's middle."""
+    theta = np.radians(wave.direction_deg)
+    way_mm = wave.speed_mm_s * (time_s[:, None] + sensed.offset_s)
+    return (
+        sensed.x_mm - sensed.x_mm.mean() + way_mm * np.cos(theta),
+        sensed.y_mm - sensed.y_mm.mean() + way_mm * np.sin(theta),
+    )
+
+
+def _sigmas(information: FloatArray, n_wave: int) -> list[float]:
+    """Roots of the first diagonal entries of the inverse; infinite where it has none."""
+    size = np.sqrt(np.diag(information))
+    used = size > 0  # dead channels of a kind tell nothing of its phase, which is not asked for
+    scaled = information[np.ix_(used, used)] / np.outer(size[used], size[used])
+    value, vector = np.linalg.eigh(scaled)
+    seen = value > _UNOBSERVED * value[-1]
+    variance = np.full(len(information), np.inf)
+    variance[used] = (vector[:, seen] ** 2 / value[seen]).sum(axis=1) / size[used] ** 2
+    is_open = np.zeros(len(information), dtype=np.bool_)
+    is_open[used] = (np.abs(vector[:, ~seen]) > 1e-6).any(axis=1)  # it depends on what is not observed
+    return [float("inf") if is_open[k] else float(np.sqrt(variance[k])) for k in range(n_wave)]

@@ -5,8 +5,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from bench.daemon.ledger import Ledger
-from bench.daemon.rig import Rig
+from bench.daemon.accounting import ScanAccounting
+from bench.daemon.rig import SimulatedLink
 from bench.daemon.soak import grasps
 from tactiled.array import load_array
 from tactiled.daemon.board.terms import SessionParams
@@ -37,9 +37,9 @@ class AnyFaults(RuleBasedStateMachine):
         seed=st.integers(0, 1000),
     )
     def set_up(self, stall_s: float, unplug_s: float, bunch_s: float, burst_bytes: int, seed: int) -> None:
-        self.ledger = Ledger(RATE_HZ, 2 * SILENCE_S + CLOCK_S)
+        self.accounting = ScanAccounting(RATE_HZ, 2 * SILENCE_S + CLOCK_S)
         self.statuses: list[StatusEvent] = []
-        self.rig = Rig(
+        self.rig = SimulatedLink(
             SCENE,
             LAYOUT,
             ARRAY,
@@ -48,11 +48,11 @@ class AnyFaults(RuleBasedStateMachine):
             seed=seed,
             session=SessionParams(rate_hz=RATE_HZ),
             publish=self._published,
-            on_scan=self.ledger.taken,
+            on_scan=self.accounting.taken,
         )
 
     def _published(self, event: Event) -> None:
-        self.ledger.published(event)
+        self.accounting.published(event)
         if isinstance(event, StatusEvent):
             self.statuses.append(event)
 
@@ -74,10 +74,10 @@ class AnyFaults(RuleBasedStateMachine):
     def teardown(self) -> None:
         if not hasattr(self, "rig"):
             return
-        rig, account = self.rig, self.ledger.account
+        rig, account = self.rig, self.accounting.counts
         rig.run_until(rig.now_s + 8.0)  # the longest stall, unplug and recovery are over
         status = rig.status()
-        self.ledger.close()
+        self.accounting.close()
         assert (status.state, status.valid, status.rate_hz) == ("running", True, RATE_HZ)
         assert account.taken == account.delivered + account.lost_in_runs + account.lost_at_restarts
         assert account.lost_in_runs == status.scans_missing

@@ -16,7 +16,7 @@ import zmq
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bench.daemon.uart import heard
+from bench.daemon.uart import received_at
 from tactiled.array import load_array
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
@@ -61,7 +61,7 @@ class AtAnotherRate(PtyLink):
 
     def write(self, data: bytes) -> int:
         set_baud = self.rates.get(termios.tcgetattr(self._slave)[5], self._sent_baud / 7)
-        super().write(heard(data, self._sent_baud, set_baud)[0])
+        super().write(received_at(data, self._sent_baud, set_baud)[0])
         return len(data)
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.texture.bound import Wave, turns
-from bench.texture.signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, sensed_by
+from bench.texture.signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, Wave, sensed_by, turns
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.cli import main
 from tactiled.config import load_config

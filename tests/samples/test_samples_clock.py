@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.daemon.clock import Line, timing
+from bench.daemon.clock import LineConditions, timing
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.samples.clock import ClockFit, ClockParams
 from tactiled.samples.envelope import Band, lines_through
@@ -37,7 +37,7 @@ def estimate(
 )
 def test_instants_within_half_a_millisecond_after_ten_seconds(drift_ppm: float, bunch_s: float) -> None:
     """Bunches, drift and stalls of half a second, as the emulator's line makes them."""
-    line = Line("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=0.1))
+    line = LineConditions("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=0.1))
     runs = [timing(line, seed, 40.0) for seed in range(4)]
     error_s = np.concatenate([error[1000:] for error, _ in runs])
     sd_s = np.concatenate([sd[1000:] for _, sd in runs])
@@ -48,7 +48,7 @@ def test_instants_within_half_a_millisecond_after_ten_seconds(drift_ppm: float, 
 
 def test_sixteen_millisecond_steps_without_relative_drift_stay_inside_the_stated_sigma() -> None:
     """Nothing moves, so nothing narrows the step of 2 ms: the fit must know that it does not know."""
-    line = Line("test", 0.0, FaultParams(bunch_s=0.016))
+    line = LineConditions("test", 0.0, FaultParams(bunch_s=0.016))
     worst = 0.0
     for seed in range(6):
         error_s, sd_s = timing(line, seed, 20.0)
@@ -236,7 +236,7 @@ def test_a_crystal_within_the_limit_is_no_warning() -> None:
 def test_pings_make_sigma_true_and_small_whatever_the_adapter_hides(
     bunch_s: float, stall_per_s: float, drift_ppm: float
 ) -> None:
-    line = Line("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=stall_per_s))
+    line = LineConditions("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=stall_per_s))
     runs = [timing(line, seed, 20.0, pings=True) for seed in range(4)]
     error_s = np.concatenate([error[1000:] for error, _ in runs])
     sd_s = np.concatenate([sd[1000:] for _, sd in runs])
@@ -247,7 +247,7 @@ def test_pings_make_sigma_true_and_small_whatever_the_adapter_hides(
 
 def test_a_board_that_answers_slowly_bounds_loosely_and_never_falsely() -> None:
     """100 ms from ping to tick: the line is as well known as without pings."""
-    line = Line("test", 5.0, FaultParams(bunch_s=0.016))
+    line = LineConditions("test", 5.0, FaultParams(bunch_s=0.016))
     for seed in range(2):
         without_s, without_sd_s = timing(line, seed, 15.0)
         with_s, with_sd_s = timing(line, seed, 15.0, pings=True, answer_s=(0.1, 0.1))

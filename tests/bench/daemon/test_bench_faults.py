@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.daemon.fault_cases import CASES, Case
-from bench.daemon.faults import Time, lost_scans, once
-from bench.daemon.stage import RATE_HZ, Heard, Stage
+from bench.daemon.fault_cases import CASES, FaultCase
+from bench.daemon.faults import FaultRecovery, lost_scans, once
+from bench.daemon.pty import RATE_HZ, DaemonOnPty, ReceivedMessage
 
 PERIOD_S = 1 / RATE_HZ
 
 
-def heard(place: int, count: int, error_s: float = 0.0) -> Heard:
-    return Heard(100 + place * PERIOD_S + error_s, 0.0, {"index": count})
+def scan(place: int, count: int, error_s: float = 0.0) -> ReceivedMessage:
+    return ReceivedMessage(100 + place * PERIOD_S + error_s, 0.0, {"index": count})
 
 
 @given(lost=st.sets(st.integers(1, 58), max_size=9), error=st.floats(-2.5, 2.5), base=st.integers(0, 1000))
@@ -25,13 +25,13 @@ def test_scans_that_never_came_are_found_whatever_the_instants_err(
     """One instant in three errs by up to some periods, as on a busy machine while a new clock fit settles."""
     taken_s = [100 + k * PERIOD_S for k in range(60)]
     came = [k for k in range(60) if k not in lost]
-    scans = [heard(k, base + k, error * PERIOD_S * (k % 3 == 1)) for k in came]
+    scans = [scan(k, base + k, error * PERIOD_S * (k % 3 == 1)) for k in came]
     assert lost_scans(taken_s, scans) == [taken_s[k] for k in sorted(lost)]
 
 
 def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
     taken_s = [100 + k * PERIOD_S for k in range(60)]
-    scans = [heard(k, k) for k in range(20)] + [heard(k, k - 10) for k in range(30, 60)]
+    scans = [scan(k, k) for k in range(20)] + [scan(k, k - 10) for k in range(30, 60)]
     assert lost_scans(taken_s, scans) == taken_s[20:30]
 
 
@@ -41,10 +41,10 @@ def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
 def test_a_fault_played_on_a_pty_costs_what_it_must_and_no_more(name: str, tmp_path: Path) -> None:
     (case,) = [case for case in CASES if case.name == name]
 
-    async def play(case: Case) -> tuple[Time, list[float]]:
-        async with Stage(tmp_path) as stage:
-            await stage.until_said("running")
-            return await once(case, stage), lost_scans(stage.board.taken_s, stage.scans)
+    async def play(case: FaultCase) -> tuple[FaultRecovery, list[float]]:
+        async with DaemonOnPty(tmp_path) as daemon:
+            await daemon.until_status("running")
+            return await once(case, daemon), lost_scans(daemon.board.taken_s, daemon.scans)
 
     done, lost_s = asyncio.run(play(case))
     to_it, until_recovered, besides = done.lost(case, lost_s)

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bench.paper.off_protocol import CASES, HEAD, Case, score
-from bench.paper.play import Run, play
+from bench.paper.off_protocol import CONDITIONS, SlideConditions, row
+from bench.paper.play import ScenePlay, play
 from tactiled.emulator.scene.truth import Truth
 from tactiled.events.types import SlipEvent
 
-CASE = Case(1.0)
-TRUTH = Truth(CASE.scene(0)).slips[0]
+SLIDE = SlideConditions(1.0)
+TRUTH = Truth(SLIDE.scene(0)).slips[0]
 DIRECTION_DEG = TRUTH.direction_deg or 0.0
 
 
@@ -39,32 +39,46 @@ def end(late_s: float) -> SlipEvent:
     return dataclasses.replace(onset(0.0, 0.0), state="end", time_s=TRUTH.end_s + late_s)
 
 
-def scored(*runs: list[SlipEvent]) -> dict[tuple[int, str], str]:
-    """Row by column number and name."""
-    made = [Run(np.zeros((0, 36)), np.zeros(0), list(events), Truth(CASE.scene(0))) for events in runs]
-    return {(k, name): cell for k, (name, cell) in enumerate(zip(HEAD, score("x", made), strict=True))}
+def scored(*events: list[SlipEvent]) -> dict[str, str]:
+    """Row by heading, a play for each list of events."""
+    truth = Truth(SLIDE.scene(0))
+    return row("x", [ScenePlay(np.zeros((0, 36)), np.zeros(0), list(one), truth) for one in events])
 
 
 def test_errors_are_those_of_the_nearest_events_and_early_ones_count_as_said() -> None:
-    row = scored([onset(-2.0, 90.0), onset(0.01, 1.5), end(-0.05)], [onset(-0.04, -3.0), end(1.0)])
-    assert list(row.values()) == [
+    found = scored([onset(-2.0, 90.0), onset(0.01, 1.5), end(-0.05)], [onset(-0.04, -3.0), end(1.0)])
+    assert list(found.values()) == [
         "x", "3 / 2", "2", "-15 ± 25 ms", "10 ms", "1 of 2", "2.4 deg", "1.0 deg", "1 of 2", "1 of 2",
         "-50 ± 0 ms",
     ]  # fmt: skip
 
 
 def test_a_direction_wraps() -> None:
-    assert scored([onset(0.0, 359.0)])[6, "direction error (rms)"] == "1.0 deg"
+    assert scored([onset(0.0, 359.0)])["direction error (rms)"] == "1.0 deg"
 
 
 def test_nothing_said_is_nothing_right() -> None:
-    row = list(scored([]).values())
-    assert row == ["x", "0 / 1", "0", "-", "-", "0 of 0", "-", "-", "0 of 0", "0 of 1", "-"]
+    assert list(scored([]).values()) == [
+        "x",
+        "0 / 1",
+        "0",
+        "-",
+        "-",
+        "0 of 0",
+        "-",
+        "-",
+        "0 of 0",
+        "0 of 1",
+        "-",
+    ]
 
 
-@pytest.mark.parametrize("case", [CASES[1], next(case for case in CASES if case.turns)], ids=lambda c: c.name)
-def test_a_case_that_is_played_is_right_at_low_noise(case: Case) -> None:
-    row = score(case.name, [play(case.scene(1), 1)])
-    n = len(Truth(case.scene(1)).slips)
-    assert row[1:3] == [f"{n} / {n}", f"{n}"]
-    assert row[9] == f"{n} of {n}"
+@pytest.mark.parametrize(
+    "conditions", [CONDITIONS[1], next(one for one in CONDITIONS if one.turns)], ids=lambda one: one.name
+)
+def test_a_slide_that_is_played_is_right_at_low_noise(conditions: SlideConditions) -> None:
+    found = row(conditions.name, [play(conditions.scene(1), 1)])
+    n = len(Truth(conditions.scene(1)).slips)
+    assert found["onsets detected / true"] == f"{n} / {n}"
+    assert found["right"] == f"{n}"
+    assert found["ends right"] == f"{n} of {n}"

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bench.__main__ import bench
 from bench.slip import alarms as slip_alarms
 from bench.slip import tables as slip_tables
 from bench.slip.aims import aims_table, limit_table
@@ -283,10 +281,3 @@ def test_only_what_a_controller_does_itself_is_announced(family: str, kinds: set
     assert {one.kind for one in said} == kinds
     assert said[0] == Announcement("load-change", 0.0, scene.phases[0].duration_s)  # the press
     assert all(one.start_s < scene.duration_s for one in said)
-
-
-@pytest.mark.parametrize("option", ["--json", "--plot"])
-def test_files_are_written_only_by_benches_that_have_them(option: str, tmp_path: Path) -> None:
-    refused = CliRunner().invoke(bench, ["clock", option, str(tmp_path / "out")])
-    assert refused.exit_code == 2
-    assert f"{option} is for" in refused.output

@@ -1,23 +1,21 @@
-"""What the cost table times are full answers; what it says of them."""
+"""Windows that the cost tables time are answered in full; cells of those tables."""
 
 import numpy as np
 import pytest
 
-from bench.texture.answers import joint_fit
-from bench.texture.cost import STRAY_RAD, Cost, OnlineCost, case_of, cost_table, online_table
-from bench.texture.online import DIRECTION_SD_DEG
-from bench.texture.signal import RATE_HZ, readings
+from bench.texture.cost import STRAY_RAD, FitCost, OnlineCost, cost_table, grating_of, online_table
+from bench.texture.signal import readings
+from bench.texture.trials import DIRECTION_SD_DEG, joint_fit
 from tactiled.array import load_array
 from tactiled.detect.grooves.model import WaveFit
-from tactiled.detect.wang2019.grooves import SlidingMotion
 
 ARRAY = load_array("wang2019-3x3")
 
 
 def fit(stray_rad: float, speed_mm_s: float) -> WaveFit:
-    case = case_of(ARRAY, 2.0, stray_rad)
-    motion = SlidingMotion(speed_mm_s, 0.0, case.wave.direction_deg, DIRECTION_SD_DEG)
-    return joint_fit(ARRAY, readings(case, np.random.default_rng(1)), RATE_HZ, case.sensed.offset_s, motion)
+    grating = grating_of(ARRAY, 2.0, stray_rad)
+    volts, direction_deg = readings(grating, np.random.default_rng(1)), grating.wave.direction_deg
+    return joint_fit(ARRAY, volts, grating.sensed.offset_s, speed_mm_s, direction_deg, DIRECTION_SD_DEG)
 
 
 @pytest.mark.parametrize("speed_mm_s", [9.0, 0.0])
@@ -31,12 +29,14 @@ def test_windows_that_are_timed_are_answered(speed_mm_s: float) -> None:
 
 def test_the_share_is_of_the_cheapest_and_of_the_dearest_fit() -> None:
     cells = (
-        cost_table([Cost("joint fit", "pad", 9, 2.0, [4.0, 5.0, 10.0, 8.0], 1.0)]).splitlines()[-1].split("|")
+        cost_table([FitCost("joint fit", "pad", 9, 2.0, [4.0, 5.0, 10.0, 8.0], 1.0)])
+        .splitlines()[-1]
+        .split("|")
     )
     assert [cell.strip() for cell in cells[5:-1]] == ["4.0", "5.0", "10.0", "8.0", "1.0 (10 to 25 %)"]
 
 
 def test_the_longest_hop_is_said() -> None:
-    row = online_table([OnlineCost("quick", 20.0, 100, 15000.0, 21.4, 1000.0)]).splitlines()[-1]
+    row = online_table([OnlineCost("quick", 100, 15000.0, 21.4, 1000.0)]).splitlines()[-1]
     assert "21 ms" in row
     assert "10.0 %" in row  # of a core, at a hundred scans a second

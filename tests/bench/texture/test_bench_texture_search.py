@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from bench.texture.answers import joint
-from bench.texture.bound import FloatArray, Wave, bound
-from bench.texture.signal import Case, draw_case, readings
+from bench.texture.signal import FloatArray, Grating, Wave, bound, draw_grating, readings
+from bench.texture.trials import joint
 from tactiled.array import load_array
 
 _FINEST = 2.0  # turns a millimetre: a period of 0.5 mm
@@ -16,7 +15,7 @@ _PHASES = np.arange(24) * 2 * np.pi / 24
 _POLISHED = 8
 
 
-def search(case: Case, volts: FloatArray) -> tuple[Wave, float]:
+def search(case: Grating, volts: FloatArray) -> tuple[Wave, float]:
     """Grating of the least sum of squares over all that could be, motion known, and that sum.
 
     All is fitted from the readings themselves: no tables, no linearisation, no gradient but differences.
@@ -30,12 +29,12 @@ def search(case: Case, volts: FloatArray) -> tuple[Wave, float]:
     return Wave(1 / float(np.hypot(*per_mm)), angle_deg, motion.speed_mm_s, motion.direction_deg), cost
 
 
-def _places(case: Case) -> FloatArray:
+def _places(case: Grating) -> FloatArray:
     sensed = case.sensed
     return np.column_stack([sensed.x_mm - sensed.x_mm.mean(), sensed.y_mm - sensed.y_mm.mean()])
 
 
-def _way(case: Case) -> FloatArray:
+def _way(case: Grating) -> FloatArray:
     """Way (n, channels, 2) of each reading's place, the middle of the window at 0."""
     theta = np.radians(case.wave.direction_deg)
     time_s = case.time_s[:, None] - case.time_s.mean() + case.sensed.offset_s
@@ -43,12 +42,12 @@ def _way(case: Case) -> FloatArray:
     return np.asarray((case.wave.speed_mm_s * time_s)[..., None] * heading)
 
 
-def _detrended(case: Case, columns: FloatArray) -> FloatArray:
+def _detrended(case: Grating, columns: FloatArray) -> FloatArray:
     basis, _ = np.linalg.qr(np.column_stack([np.ones_like(case.time_s), case.time_s]))
     return np.asarray(columns - basis @ (basis.T @ columns))
 
 
-def _lattice(case: Case, volts: FloatArray) -> list[FloatArray]:
+def _lattice(case: Grating, volts: FloatArray) -> list[FloatArray]:
     """The best wave vectors (turns a millimetre) of a lattice, amplitudes being what channels show.
 
     Along the motion steps are a quarter of a period in the window; across it, 0.04 turns at the array's rim.
@@ -77,7 +76,7 @@ def _lattice(case: Case, volts: FloatArray) -> list[FloatArray]:
     return chosen
 
 
-def _polish(case: Case, volts: FloatArray, per_mm: FloatArray) -> tuple[FloatArray, float]:
+def _polish(case: Grating, volts: FloatArray, per_mm: FloatArray) -> tuple[FloatArray, float]:
     clean, places, way = _detrended(case, volts), _places(case), _way(case)
     kind = case.sensed.kind
 
@@ -97,7 +96,7 @@ def _polish(case: Case, volts: FloatArray, per_mm: FloatArray) -> tuple[FloatArr
 @pytest.mark.parametrize(("window_s", "snr_db", "seed"), [(1.0, 20.0, 0), (2.0, 10.0, 1), (2.0, 0.0, 2)])
 def test_search_finds_what_the_estimator_finds(window_s: float, snr_db: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    case = draw_case(load_array("wang2019-3x3"), rng, window_s, snr_db, 3.0)
+    case = draw_grating(load_array("wang2019-3x3"), rng, window_s, snr_db, 3.0)
     volts = readings(case, rng)
     found, _ = search(case, volts)
     said = joint(case, volts, True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from boards import LAYOUT, SimBoard
 
-from bench.daemon.uart import heard
+from bench.daemon.uart import received_at
 from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan
@@ -66,7 +66,7 @@ def test_a_good_line_has_no_fault_and_no_warning() -> None:
 
 @pytest.mark.parametrize("sent_baud", [9600, 19200, 38400, 57600, 230400, 460800, 921600])
 def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
-    received = [heard(part, sent_baud, BAUD) for part in scans(LAYOUT)]
+    received = [received_at(part, sent_baud, BAUD) for part in scans(LAYOUT)]
     assert "wrong baud rate (115200 configured) most likely" in Line([part for part, _ in received]).fault
     counted = np.cumsum([bad for _, bad in received]).tolist()
     line = Line([part for part, _ in received], counted)
@@ -75,8 +75,8 @@ def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
 
 def test_the_model_of_the_uart_hears_what_was_sent_at_the_right_rate() -> None:
     data = b"".join(scans(LAYOUT, 5))
-    assert heard(data, BAUD, BAUD) == (data, 0)
-    assert heard(data, BAUD * 1.02, BAUD) == (data, 0)  # two crystals differ by less
+    assert received_at(data, BAUD, BAUD) == (data, 0)
+    assert received_at(data, BAUD * 1.02, BAUD) == (data, 0)  # two crystals differ by less
 
 
 def test_frames_of_another_shipped_layout_are_named() -> None:

@@ -1,21 +1,39 @@
-"""The bound: numbers that were found without it, and laws that it must obey."""
+"""The bound against numbers that were found without it and laws that it must obey; drawn signals."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.texture.bound import Bound, FloatArray, Sensed, Wave, bound, kinds_of, turns
-from bench.texture.signal import LEVEL_VOLTS, Case, readings, sensed_by, wave_volts
+from bench.texture.signal import (
+    ANGLES_DEG,
+    LEVEL_VOLTS,
+    PERIODS_MM,
+    ArrayResponse,
+    Bound,
+    FloatArray,
+    Grating,
+    Wave,
+    bound,
+    draw_grating,
+    draw_wave,
+    kinds_of,
+    readings,
+    sensed_by,
+    turns,
+    wave_volts,
+)
 from tactiled.array import load_array
 
 ARRAY = load_array("wang2019-3x3")
 
 
-def column(snr_db: float, harmonics: int = 1) -> Sensed:
+def column(snr_db: float, harmonics: int = 1) -> ArrayResponse:
     """Three taxels of one column, as in the first study of what limits the estimate."""
     sigma = np.sqrt(0.5 / 10 ** (snr_db / 10))
-    return Sensed(
+    return ArrayResponse(
         x_mm=np.zeros(3),
         y_mm=np.array([0.0, 3.5, 7.3]),
         offset_s=np.zeros(3),
@@ -72,9 +90,9 @@ def test_frequency_alone_has_the_classical_bound() -> None:
 def test_what_cannot_be_known_is_infinite() -> None:
     least = bound(Wave(1.2, 15.0, 1.0), column(20.0), scans(10), is_speed_known=False)
     assert np.isinf([least.period_sd_mm, least.angle_sd_deg, least.speed_sd_mm_s]).all()
-    one = Sensed(**vars(column(20.0)) | {"y_mm": np.zeros(3)})
+    one = ArrayResponse(**vars(column(20.0)) | {"y_mm": np.zeros(3)})
     assert np.isinf(bound(Wave(1.2, 15.0, 1.0), one, scans(10), is_speed_known=True).angle_sd_deg)
-    whole = sensed_by(ARRAY, np.random.default_rng(0), 20.0, ())
+    whole = sensed_by(ARRAY, np.random.default_rng(0), 20.0)
     known = bound(Wave(1.2, 15.0, 1.0), whole, scans(10), is_speed_known=False)
     assert np.isfinite([known.period_sd_mm, known.angle_sd_deg, known.speed_sd_mm_s]).all()
 
@@ -89,11 +107,11 @@ def test_what_cannot_be_known_is_infinite() -> None:
 def test_more_is_never_worse(period_mm: float, angle_deg: float, speed_mm_s: float, seed: int) -> None:
     wave = Wave(period_mm, angle_deg, speed_mm_s)
     rng = np.random.default_rng(seed)
-    plain = sensed_by(ARRAY, rng, 20.0, ())
+    plain = sensed_by(ARRAY, rng, 20.0)
     phases = np.column_stack([plain.phase_rad, rng.uniform(0, 6, len(plain.phase_rad))])
     volts = np.column_stack([plain.amplitude_volts, 0.3 * plain.amplitude_volts])
-    harmonic = Sensed(**vars(plain) | {"phase_rad": phases, "amplitude_volts": volts})
-    quiet = Sensed(**vars(plain) | {"noise_volts": plain.noise_volts / 10})
+    harmonic = ArrayResponse(**vars(plain) | {"phase_rad": phases, "amplitude_volts": volts})
+    quiet = ArrayResponse(**vars(plain) | {"noise_volts": plain.noise_volts / 10})
     known = bound(wave, plain, scans(4), is_speed_known=True)
     unknown = bound(wave, plain, scans(4), is_speed_known=False)
     longer = bound(wave, plain, scans(8), is_speed_known=True)
@@ -119,10 +137,10 @@ def test_derivatives_are_those_of_the_signal() -> None:
 
 def test_signal_is_its_own_model() -> None:
     rng = np.random.default_rng(1)
-    sensed = sensed_by(ARRAY, rng, 20.0, ())
+    sensed = sensed_by(ARRAY, rng, 20.0)
     wave, time_s = Wave(1.2, 30.0, 1.0), scans(20)
     flat = np.column_stack([np.full(36, LEVEL_VOLTS), np.zeros(36)])
-    volts = readings(Case(wave, sensed, flat, time_s), rng)
+    volts = readings(Grating(wave, sensed, flat, time_s), rng)
     ripple = wave_volts(wave, sensed, time_s)
     assert np.std(volts - LEVEL_VOLTS - ripple, axis=0) == pytest.approx(sensed.noise_volts, rel=0.1)
     snr = (ripple**2).mean(axis=0) / sensed.noise_volts**2
@@ -134,3 +152,22 @@ def test_kinds_are_the_four_sides() -> None:
     kind = kinds_of(ARRAY)
     assert len(set(kind.tolist())) == 4
     assert all(kind[4 * t : 4 * t + 4].tolist() == kind[:4].tolist() for t in range(9))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
+def test_noise_remembers_and_keeps_its_size(memory: float) -> None:
+    drawn = draw_grating(ARRAY, np.random.default_rng(0), 20.0, 0.0)
+    flat = replace(drawn.sensed, amplitude_volts=np.zeros((36, 1)))
+    still = replace(drawn, sensed=flat, drift=np.zeros((36, 2)))
+    noise = readings(still, np.random.default_rng(1), memory) / drawn.sensed.noise_volts
+    assert np.sqrt((noise**2).mean()) == pytest.approx(1, abs=0.1)
+    assert (noise[1:] * noise[:-1]).mean() == pytest.approx(memory, abs=0.1)
+    assert np.sqrt((noise[0] ** 2).mean()) == pytest.approx(1, abs=0.4)  # steady from the first scan on
+
+
+@given(st.integers(0, 500))
+def test_gratings_are_those_of_the_grid(seed: int) -> None:
+    wave = draw_wave(np.random.default_rng(seed))
+    assert PERIODS_MM[0] <= wave.period_mm <= PERIODS_MM[1]
+    assert abs(wave.angle_deg - wave.direction_deg) <= ANGLES_DEG[1]
+    assert 0 < wave.frequency_hz < 20  # 75 degrees or less: the skin crosses grooves forwards

@@ -1,8 +1,8 @@
-"""The whole daemon against emulated boards on a real pty, in real time, with a subscriber that takes notes.
+"""The whole daemon against emulated boards on a real pty, in real time, with a subscriber that keeps all.
 
-`Stage` is the service, its port, its socket and a client of it in one event loop; boards live in threads,
-as they would in a cable. `TamperedLink` is that cable where the emulator's own faults do not reach: what a
-board says can be changed on its way.
+`DaemonOnPty` is the service, its port, its socket and a client of it in one event loop; boards run in
+threads. `TamperedLink` changes the bytes of a board on their way where the emulator's own faults do not
+reach.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ Damage = Callable[[bytes], bytes]
 
 
 class TamperedLink(PtyLink):
-    """A pty whose bytes from the board go through `damage`, while it is set."""
+    """Pty whose bytes from the board go through `damage`, while it is set."""
 
     damage: Damage | None = None
 
@@ -52,15 +52,23 @@ class TamperedLink(PtyLink):
 
 
 class BoardInThread:
-    """An emulated board that touches nothing, on a pty under `path`; what it really did is kept."""
+    """Emulated board that touches nothing, on a pty under `path`.
+
+    Attributes
+    ----------
+    taken_s : list of float
+        Instants at which scans began, missed ones included.
+    plugged_s : list of float
+        Instants at which the board was plugged in.
+    overruns_of_host : int
+        Scan instants missed because this host was too slow, and not because a fault was done.
+    """
 
     def __init__(self, path: Path, serial: str) -> None:
         self.link = TamperedLink(path)
         self.taken_s: list[float] = []
-        """When each scan began, those among them that the board missed."""
         self.plugged_s: list[float] = []
         self.overruns_of_host = 0
-        """Scan instants missed because this host was too slow, and not because a fault was played."""
         self._ready = threading.Event()
         self.emulator = Emulator(
             load_scene("rest"),
@@ -68,13 +76,13 @@ class BoardInThread:
             self.link,
             board=EmulatedBoardParams(board_serial=serial),
             faults=FaultParams(stall_s=STALL_S, unplug_s=UNPLUG_S),
-            report=self._told,
+            report=self._reported,
             with_scans=True,
         )
         self._thread = threading.Thread(target=self.emulator.run, name=f"board {serial}")
 
     def __enter__(self) -> Self:
-        """Powered up, and plugged in under the name."""
+        """Power up and plug in."""
         self._thread.start()
         self._ready.wait(_PATIENCE_S)
         return self
@@ -83,7 +91,7 @@ class BoardInThread:
         self.emulator.stop()
         self._thread.join()
 
-    def _told(self, what: dict[str, Any]) -> None:
+    def _reported(self, what: dict[str, Any]) -> None:
         if what["what"] == "scan":
             self.taken_s.append(what["began_s"])
         elif what["what"] == "plugged":
@@ -95,17 +103,16 @@ class BoardInThread:
 
 
 @dataclass(frozen=True)
-class Heard:
-    """A scan or a status as the subscriber got it."""
+class ReceivedMessage:
+    """Scan or status as the subscriber got it: its instant, when it came, and its fields."""
 
     time_s: float
-    """Instant of the scan, or of the status."""
     received_s: float
     data: dict[str, Any]
 
 
-class Stage:
-    """Daemon, board and subscriber; an async context manager.
+class DaemonOnPty:
+    """Daemon, board and subscriber, as an async context manager.
 
     Parameters
     ----------
@@ -117,8 +124,8 @@ class Stage:
         self.path = folder / "board"
         self.board = BoardInThread(self.path, SERIAL)
         self._endpoint = f"ipc://{folder}/events.ipc"
-        self.scans: list[Heard] = []
-        self.statuses: list[Heard] = []
+        self.scans: list[ReceivedMessage] = []
+        self.statuses: list[ReceivedMessage] = []
         self._changed = asyncio.Event()
 
     async def __aenter__(self) -> Self:
@@ -142,7 +149,7 @@ class Stage:
         await asyncio.to_thread(self.board.__exit__)
 
     async def until(self, reached: Callable[[], bool], what: str) -> None:
-        """Wait for something that the subscriber hears, or raise TactiledError with its name."""
+        """Wait for something that the subscriber receives, or raise TactiledError with its name."""
         try:
             async with asyncio.timeout(_PATIENCE_S):
                 while not reached():
@@ -152,22 +159,22 @@ class Stage:
             last = [status.data["state"] for status in self.statuses[-1:]]
             raise TactiledError(f"not within {_PATIENCE_S:g} s: {what}; state {last}") from None
 
-    async def until_said(self, state: str, reason: str = "") -> None:
-        """Wait for a status that comes from now on, in this state and with these words in its reason."""
+    async def until_status(self, state: str, reason: str = "") -> None:
+        """Wait for a new status in this state with these words in its reason."""
         n = len(self.statuses)
         await self.until(
             lambda: any(s.data["state"] == state and reason in s.data["reason"] for s in self.statuses[n:]),
             f"{state} {reason}",
         )
 
-    async def until_fresh_scan(self, from_s: float) -> Heard:
-        """The first scan that was taken at `from_s` or later, and is not late."""
+    async def until_fresh_scan(self, from_s: float) -> ReceivedMessage:
+        """Wait for the first scan that was taken at `from_s` or later, and is not late."""
         await self.until(lambda: self._fresh_from(from_s) is not None, "a fresh scan")
         found = self._fresh_from(from_s)
         assert found is not None
         return found
 
-    def _fresh_from(self, from_s: float) -> Heard | None:
+    def _fresh_from(self, from_s: float) -> ReceivedMessage | None:
         first = bisect_left(self.scans, from_s, key=lambda scan: scan.received_s)
         return next((s for s in self.scans[first:] if s.time_s >= from_s and not s.data["late"]), None)
 
@@ -176,6 +183,6 @@ class Stage:
             async for item in client:
                 if not isinstance(item, Message):
                     continue
-                heard = Heard(item.timestamp - self._offset_s, item.received_s, item.data)
-                (self.scans if item.topic == "scan" else self.statuses).append(heard)
+                received = ReceivedMessage(item.timestamp - self._offset_s, item.received_s, item.data)
+                (self.scans if item.topic == "scan" else self.statuses).append(received)
                 self._changed.set()

@@ -1,0 +1,206 @@
+"""What a bench measured: tables, aims, a picture and numbers, made in one way by every bench.
+
+A bench is a function ``bench_NAME(progress, options) -> BenchReport`` in the module that `bench.__main__`
+lists. It measures records (frozen dataclasses or named tuples, one for each row or case) and hands over:
+
+sections
+    Paragraphs and Markdown tables, in the order of printing. `table` makes one from rows; a row maps each
+    heading to the words in its cell, so that both stand in one line of the code::
+
+        table({"model": s.name, "cost (ms/s)": f"{s.cost_ms:.1f}"} for s in scores)
+
+aims
+    One table from `aims_table`. An `Aim` has a name, its limit in words, and `measure`: a function from what
+    was measured to a `Reading` (words, and "met", "open" or "MISSED"). The same aims are applied to every
+    column of the table: several settings side by side, or one column "measured"::
+
+        AIMS = (
+            at_most("processor time of a simulated second", 5.0, " ms", lambda found: found.cost_ms, ".1f"),
+            never("answers where there are no grooves", lambda found: [t.is_ok for t in found.flat]),
+            Aim("direction within one stated sigma", "68 % within 5 points", measure_coverage),
+        )
+        aims_table(AIMS, {"quick": found["quick"], "balanced": found["balanced"]})
+
+    `at_most` and `never` make the common kinds. Aims that exist for each noise or each method come from a
+    function that returns an `Aim`, called in a comprehension. What was measured of one setting is one object
+    of the bench: a dataclass that holds its records.
+numbers
+    Anything made of dataclasses, named tuples, mappings, sequences and numpy values; `plain` turns it into
+    JSON without NaN or infinity. Only benches that have ``--json`` give it.
+draw
+    Function that writes the picture to a path. Only benches that have ``--plot`` give it. It imports the
+    module that draws when it is called: matplotlib is an extra.
+
+`BenchReport.write` writes the files that the options ask for; `bench.__main__` prints `BenchReport.text`.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactiled import plain_table
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
+NONE = "-"  # in a cell: nothing to say
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """Options of ``./run bench NAME``.
+
+    Attributes
+    ----------
+    quick : bool
+        Fewer seeds and cases.
+    plot, json : Path, optional
+        Files to write. A bench may measure more when they are asked for.
+    """
+
+    quick: bool = False
+    plot: Path | None = None
+    json: Path | None = None
+
+
+@dataclass(frozen=True)
+class BenchReport:
+    """Everything that a bench shows of what it measured."""
+
+    sections: Sequence[str]
+    numbers: object = None
+    draw: Callable[[Path], None] | None = None
+
+    @property
+    def text(self) -> str:
+        """Sections with an empty line between them."""
+        return "\n\n".join(self.sections)
+
+    def write(self, options: BenchOptions) -> None:
+        """Write the picture and the numbers that the options ask for."""
+        if options.plot is not None and self.draw is not None:
+            self.draw(options.plot)
+        if options.json is not None:
+            options.json.write_text(json.dumps(plain(self.numbers), allow_nan=False))
+
+
+class Reading(NamedTuple):
+    """What was measured for an aim, in words, and whether the aim is met; open: too little data to decide."""
+
+    words: str
+    verdict: Literal["met", "open", "MISSED"]
+
+
+def judge(words: str, is_met: bool, *, is_open: bool = False) -> Reading:
+    """Reading that is met, else open, else missed."""
+    return Reading(words, "met" if is_met else "open" if is_open else "MISSED")
+
+
+@dataclass(frozen=True)
+class Aim(Generic[T]):
+    """A limit in words, and the function that measures against it."""
+
+    name: str
+    limit: str
+    measure: Callable[[T], Reading]
+
+
+def at_most(name: str, limit: float, unit: str, value: Callable[[T], float], form: str) -> Aim[T]:
+    """Aim that a number does not exceed a limit; a number that is not finite misses it.
+
+    Parameters
+    ----------
+    unit : str
+        Follows both numbers, with its leading blank.
+    form : str
+        Format of the measured number.
+    """
+
+    def measure(found: T) -> Reading:
+        number = value(found)
+        return judge(f"{number:{form}}{unit}" if np.isfinite(number) else NONE, bool(number <= limit))
+
+    return Aim(name, f"at most {limit:g}{unit}", measure)
+
+
+def never(name: str, happened: Callable[[T], int | Sequence[bool]]) -> Aim[T]:
+    """Aim that something did not happen, as a count or in any of the cases."""
+
+    def measure(found: T) -> Reading:
+        cases = happened(found)
+        if isinstance(cases, int):
+            return judge(f"{cases}", cases == 0)
+        return judge(ratio(cases), not any(cases))
+
+    return Aim(name, "none", measure)
+
+
+def aims_table(aims: Iterable[Aim[T]], measured: Mapping[str, T]) -> str:
+    """Table of aims with a column for each thing measured: the verdict, then what was measured."""
+    return table(
+        {"aim": aim.name, "limit": aim.limit}
+        | {name: ": ".join(reversed(aim.measure(found))) for name, found in measured.items()}
+        for aim in aims
+    )
+
+
+def table(rows: Iterable[Mapping[str, str]]) -> str:
+    """Markdown table; rows map headings to cells, and all have the same headings in the same order."""
+    known = list(rows)
+    return plain_table.table(list(known[0]), [list(row.values()) for row in known]) if known else "(no rows)"
+
+
+def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Records by key, keys and records in the order of their coming."""
+    groups: dict[K, list[T]] = {}
+    for record in records:
+        groups.setdefault(key(record), []).append(record)
+    return groups
+
+
+def plain(value: Any) -> Any:
+    """Value as JSON has it: dataclasses and named tuples as objects, what is not finite as null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def ratio(cases: Iterable[bool]) -> str:
+    """``3 of 40``."""
+    known = list(cases)
+    return f"{sum(known)} of {len(known)}"
+
+
+def counts_in_words(names: Iterable[str]) -> str:
+    """Names with how often each occurs, the most frequent first."""
+    return ", ".join(f"{name} {n}" for name, n in Counter(names).most_common()) or NONE
+
+
+def seeds_in_words(number: int, first: int = 0) -> str:
+    """``seeds 0..9``."""
+    return f"seeds {first}..{first + number - 1}"
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square; NaN where there are no values."""
+    known = np.asarray(values, dtype=np.float64)
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def spread(values: ArrayLike, digits: int) -> str:
+    """Mean and standard deviation."""
+    known = np.asarray(values, dtype=np.float64)
+    return f"{np.mean(known):.{digits}f} ± {np.std(known):.{digits}f}" if known.size else NONE

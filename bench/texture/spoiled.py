@@ -1,0 +1,389 @@
+"""Windows over a grating that break the wave model, each in one known way.
+
+`model_window` is a window that the model describes. Each entry of `MISFITS` spoils it. `GROOVELESS` are
+windows without a grating, over which the only right answer is a refusal.
+
+`TWO_WAVES` has more than one wave in view: two gratings, or a grating and a hum. Gratings whose ripples have
+one frequency (crossed grooves, a knurl) cannot be told apart by the spectrum; ripples at twice or three times
+another's frequency look, to the spectrum, like harmonics of it. Either grating is a right answer, and both is
+a better one; any other answer is wrong. Where the channels of a taxel sense both waves alike, the two beat as
+one wave under pads that are pressed unevenly does: the hardest to tell.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.texture.signal import (
+    AMPLITUDE_VOLTS,
+    LEVEL_VOLTS,
+    RATE_HZ,
+    ArrayResponse,
+    FloatArray,
+    Wave,
+    scan_times_s,
+    sensed_by,
+)
+from tactiled.array import Array
+
+SNR_DB = 30.0  # 20 mV of ripple over 0.45 mV of noise: the emulated board has 0.3
+SPEED_MM_S = 1.5
+RANGE_VOLTS = 3.0  # of the converter
+LSB_VOLTS = RANGE_VOLTS / 4096
+_PERIODS_MM = (0.9, 2.0)
+_ANGLES_DEG = (-60.0, 60.0)
+
+
+@dataclass(eq=False)
+class SpoiledWindow:
+    """A window while it is being made.
+
+    Attributes
+    ----------
+    travel_mm : (n, channels) float64
+        Way of the skin along the motion when each reading is taken; the window's middle at 0.
+    added_volts : (n, channels) float64
+        On top of level, ripple and noise.
+    bend_mm : float
+        Radius of the grooves; infinite is straight.
+    wander : callable or None
+        Place along the groove normal (turns) to what is added to it.
+    given_mm_s : list of (scan, mm/s)
+        Speeds that the estimator is given, from which scan on.
+    beside : Wave or None
+        Another grating under the skin, whose ripple is in `added_volts`.
+    """
+
+    wave: Wave
+    sensed: ArrayResponse
+    time_s: FloatArray
+    travel_mm: FloatArray
+    added_volts: FloatArray
+    valid: NDArray[np.bool_]
+    given_mm_s: list[tuple[int, float]]
+    phase_off_rad: FloatArray
+    level_volts: FloatArray
+    bend_mm: float = np.inf
+    wander: Callable[[FloatArray], FloatArray] | None = None
+    beside: Wave | None = None
+
+    def turns(self, wave: Wave) -> FloatArray:
+        """Phase of a grating, bent as the window's are, under each reading: (n, channels)."""
+        sensed, angle, theta = self.sensed, np.radians(wave.angle_deg), np.radians(wave.direction_deg)
+        x = sensed.x_mm - sensed.x_mm.mean() + self.travel_mm * np.cos(theta)
+        y = sensed.y_mm - sensed.y_mm.mean() + self.travel_mm * np.sin(theta)
+        across, along = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+        return np.asarray((across + along**2 / (2 * self.bend_mm)) / wave.period_mm)
+
+    def volts(self, rng: np.random.Generator) -> FloatArray:
+        """Readings (n, channels), clipped to the converter's range."""
+        sensed, phase = self.sensed, self.turns(self.wave)
+        if self.wander is not None:
+            phase = phase + self.wander(phase)
+        order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)
+        own = (2 * np.pi * phase + self.phase_off_rad)[..., None] * order + sensed.phase_rad[sensed.kind]
+        ripple = (sensed.amplitude_volts * np.cos(own)).sum(axis=-1)
+        noise = sensed.noise_volts * rng.standard_normal(ripple.shape)
+        volts = self.level_volts + ripple + self.added_volts + noise
+        return np.asarray(np.clip(volts, 0.0, RANGE_VOLTS))
+
+
+def model_window(
+    array: Array, rng: np.random.Generator, window_s: float, snr_db: float = SNR_DB
+) -> SpoiledWindow:
+    """Draw a window that the model describes, over a grating of moderate period."""
+    wave = Wave(float(rng.uniform(*_PERIODS_MM)), float(rng.uniform(*_ANGLES_DEG)), SPEED_MM_S, 0.0)
+    sensed, time_s = sensed_by(array, rng, snr_db), scan_times_s(window_s)
+    shape = (len(time_s), array.n_channels)
+    return SpoiledWindow(
+        wave=wave,
+        sensed=sensed,
+        time_s=time_s,
+        travel_mm=SPEED_MM_S * (time_s[:, None] - time_s.mean() + sensed.offset_s),
+        added_volts=np.zeros(shape),
+        valid=np.ones(shape, dtype=np.bool_),
+        given_mm_s=[(0, SPEED_MM_S)],
+        phase_off_rad=np.zeros(array.n_channels),
+        level_volts=LEVEL_VOLTS * rng.uniform(0.9, 1.1, array.n_channels),
+    )
+
+
+Spoil = Callable[[SpoiledWindow, np.random.Generator], None]
+
+
+def _nothing(_window: SpoiledWindow, _rng: np.random.Generator) -> None:
+    """Leave a window that the model describes."""
+
+
+def _harmonics(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    """Add the second and third at 50 % and 30 %: square ridges."""
+    first = window.sensed.amplitude_volts[:, :1]
+    phases = rng.uniform(-np.pi, np.pi, (len(window.sensed.phase_rad), 3))
+    window.sensed = _with(window, amplitude_volts=first * [1.0, 0.5, 0.3], phase_rad=phases)
+
+
+def _gains(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    gain = np.exp(rng.uniform(-np.log(10) / 2, np.log(10) / 2, len(window.phase_off_rad)))
+    window.sensed = _with(window, amplitude_volts=window.sensed.amplitude_volts * gain[:, None])
+
+
+def _unlike(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    """Let channels of a kind differ in phase by 0.1 rad rms."""
+    window.phase_off_rad = 0.1 * rng.standard_normal(len(window.phase_off_rad))
+
+
+def _unlike_taxels(reach_mm: float) -> Spoil:
+    """Let channels of a taxel stray alike by 0.1 rad rms, as neighbours do within `reach_mm` (Gaussian)."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        places = np.column_stack([window.sensed.x_mm, window.sensed.y_mm])
+        apart = np.linalg.norm(places[:, None] - places, axis=-1)
+        alike = np.exp(-((apart / reach_mm) ** 2) / 2) if reach_mm else (apart == 0).astype(np.float64)
+        value, vector = np.linalg.eigh(alike)
+        window.phase_off_rad = 0.1 * vector @ (np.sqrt(value.clip(0)) * rng.standard_normal(len(value)))
+
+    return spoil
+
+
+def _speed_ripple(part: float, frequency_hz: float) -> Spoil:
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        rad_s, phase = 2 * np.pi * frequency_hz, rng.uniform(0, 2 * np.pi)
+        time_s = window.time_s[:, None] + window.sensed.offset_s
+        window.travel_mm += SPEED_MM_S * part / rad_s * np.sin(rad_s * time_s + phase)
+
+    return spoil
+
+
+def _accelerating(*, is_given: bool) -> Spoil:
+    """Let the speed grow from 0.7 to 1.3 of itself; where it is given, at each tenth of a second."""
+
+    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+        length_s = len(window.time_s) / RATE_HZ
+        time_s = window.time_s[:, None] - window.time_s.mean() + window.sensed.offset_s
+        window.travel_mm += SPEED_MM_S * 0.3 * time_s**2 / length_s
+        if is_given:
+            every = round(RATE_HZ / 10)
+            middles_s = (np.arange(0, len(window.time_s), every) + every / 2) / RATE_HZ
+            speeds = SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
+            window.given_mm_s = [(k * every, float(speed)) for k, speed in enumerate(speeds)]
+
+    return spoil
+
+
+def _wrong_speed(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+    """Give a speed 3 % too high: the period must come out 3 % too long."""
+    window.given_mm_s = [(0, 1.03 * SPEED_MM_S)]
+
+
+def _creep(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    size = 10 * AMPLITUDE_VOLTS * rng.uniform(0.5, 1.0, len(window.phase_off_rad))
+    window.added_volts -= size * np.exp(-window.time_s / 1.5)[:, None]
+
+
+def _hum(part: float) -> Spoil:
+    """Add mains of 50 Hz, rectified, over a board 0.9 % off: an alias at 0.9 Hz."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        time_s = window.time_s[:, None] + window.sensed.offset_s
+        hum = np.sin(2 * np.pi * 100.9 * time_s + rng.uniform(0, 2 * np.pi))
+        window.added_volts += part * (AMPLITUDE_VOLTS * hum)
+
+    return spoil
+
+
+def _dead(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    """Let two taxels and five more channels read nothing, and flag them."""
+    channels = np.arange(len(window.phase_off_rad))
+    lost = np.union1d(channels[4 * 4 : 4 * 6], rng.choice(channels, 5, replace=False))
+    window.added_volts[:, lost] = -10.0
+    window.valid[:, lost] = False
+
+
+def _saturated(*, is_flagged: bool) -> Spoil:
+    """Press a taxel so hard that half of each ripple is beyond the range."""
+
+    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+        window.level_volts[4 * 4 : 4 * 5] = RANGE_VOLTS
+        window.valid[:, 4 * 4 : 4 * 5] = not is_flagged
+
+    return spoil
+
+
+def _tilted(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+    x = window.sensed.x_mm - window.sensed.x_mm.mean()
+    size = window.sensed.amplitude_volts * (1 + 0.9 * x / np.abs(x).max())[:, None]
+    window.sensed = _with(window, amplitude_volts=size)
+
+
+def _curved(radius_mm: float) -> Spoil:
+    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+        window.bend_mm = radius_mm
+
+    return spoil
+
+
+def _jittered(part: float) -> Spoil:
+    """Misplace each ridge by so many periods, rms."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        ridges = np.arange(-2000, 2001)
+        off = part * rng.standard_normal(len(ridges))
+        window.wander = lambda phase: np.interp(phase, ridges, off)
+
+    return spoil
+
+
+def _ripple_of(size_volts: float) -> Spoil:
+    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
+        size = np.full_like(window.sensed.amplitude_volts, size_volts)
+        window.sensed = _with(window, amplitude_volts=size)
+
+    return spoil
+
+
+def _with(window: SpoiledWindow, **changes: FloatArray) -> ArrayResponse:
+    return ArrayResponse(**vars(window.sensed) | changes)
+
+
+MISFITS: dict[str, Spoil] = {
+    "none": _nothing,
+    "harmonics of 50 and 30 %": _harmonics,
+    "gains differ tenfold": _gains,
+    "phases of taxels differ by 0.1 rad": _unlike,
+    "the same, channels of a taxel alike": _unlike_taxels(0.0),
+    "the same, neighbours alike too (3.65 mm)": _unlike_taxels(3.65),
+    "speed ripples 5 % at 7 Hz": _speed_ripple(0.05, 7.0),
+    "speed ripples 30 % at 0.7 Hz": _speed_ripple(0.30, 0.7),
+    "speed grows from 70 to 130 %, mean given": _accelerating(is_given=False),
+    "the same, given each 0.1 s": _accelerating(is_given=True),
+    "given speed 3 % too high": _wrong_speed,
+    "creep of ten ripples in 1.5 s": _creep,
+    "aliased mains at 0.9 Hz, a ripple large": _hum(1.0),
+    "aliased mains at 0.9 Hz, a fifth": _hum(0.2),
+    "two taxels and five channels dead": _dead,
+    "a taxel saturated half the time, flagged": _saturated(is_flagged=True),
+    "the same, not flagged": _saturated(is_flagged=False),
+    "tilted: ripple 10 to 190 % along x": _tilted,
+    "grooves bent, radius 300 mm": _curved(300.0),
+    "grooves bent, radius 100 mm": _curved(100.0),
+    "ridges misplaced by 5 % of the period": _jittered(0.05),
+    "ridges misplaced by 20 % of the period": _jittered(0.20),
+    "ripple of one converter step": _ripple_of(LSB_VOLTS),
+}
+
+_flat = _ripple_of(0.0)  # noise alone
+
+
+def _sand_paper(grain_mm: float) -> Spoil:
+    """Put a random isotropic surface under a skin that averages over `grain_mm` (Gaussian correlation)."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        _flat(window, rng)
+        n_waves = 300
+        per_mm = rng.standard_normal((n_waves, 2)) / grain_mm  # rad/mm: spectrum of exp(-r^2 / 2 grain^2)
+        phase = rng.uniform(0, 2 * np.pi, n_waves)
+        sensed = window.sensed
+        for taxel in np.unique(np.column_stack([sensed.x_mm, sensed.y_mm]), axis=0):
+            mine = (sensed.x_mm == taxel[0]) & (sensed.y_mm == taxel[1])
+            x = taxel[0] + window.travel_mm[:, mine].mean(axis=1)
+            field = np.cos(np.outer(x, per_mm[:, 0]) + taxel[1] * per_mm[:, 1] + phase).sum(axis=1)
+            window.added_volts[:, mine] += (AMPLITUDE_VOLTS / np.sqrt(n_waves) * field)[:, None]
+
+    return spoil
+
+
+def _load_swings(window: SpoiledWindow, rng: np.random.Generator) -> None:
+    """Let the load swing at one frequency over no plate: all channels in phase."""
+    _flat(window, rng)
+    wave = np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * window.time_s + rng.uniform(0, 2 * np.pi))
+    window.added_volts += AMPLITUDE_VOLTS * wave[:, None]
+
+
+GROOVELESS: dict[str, Spoil] = {
+    "flat plate": _flat,
+    "sand paper, grain 0.3 mm": _sand_paper(0.3),
+    "sand paper, grain 1 mm": _sand_paper(1.0),
+    "load that swings at one frequency": _load_swings,
+}
+
+_TILTS_DEG = (15.0, 60.0)  # of crossed grooves, either way
+_EITHER_DEG = (-50.0, 50.0)  # of two gratings that are not crossed, each
+_FINER_MM = (0.7, 1.2)  # of the grating with the higher frequency
+_COARSEST_MM = 4.0  # of the other: ten seconds hold two ripples of it
+
+
+def _add_grating(
+    window: SpoiledWindow, rng: np.random.Generator, wave: Wave, part: float, *, is_alike: bool = False
+) -> None:
+    """Put another grating under the skin, its ripple a part of the first one's.
+
+    Channels sense it each kind in a phase of its own, or all as they sense the first one.
+    """
+    window.beside = wave
+    sensed = window.sensed
+    phase_rad = rng.uniform(-np.pi, np.pi, (sensed.kind.max() + 1,))
+    size_volts = np.full(len(sensed.kind), AMPLITUDE_VOLTS)
+    if is_alike:
+        phase_rad = sensed.phase_rad[:, 0] + phase_rad[0]
+        size_volts = sensed.amplitude_volts[:, 0]
+    turns = window.turns(wave)
+    window.added_volts += part * size_volts * np.cos(2 * np.pi * turns + phase_rad[sensed.kind])
+
+
+def _crossed(part: float, *, is_alike: bool = False) -> Spoil:
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        tilt_deg = float(rng.uniform(*_TILTS_DEG) * rng.choice([-1, 1]))
+        window.wave = replace(window.wave, angle_deg=tilt_deg)
+        _add_grating(window, rng, replace(window.wave, angle_deg=-tilt_deg), part, is_alike=is_alike)
+
+    return spoil
+
+
+def _faster(times: float, part: float) -> Spoil:
+    """Put another grating under the skin whose ripple has so many times the frequency."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        period_mm = np.inf
+        while period_mm > _COARSEST_MM:
+            angle_deg, finer_deg = float(rng.uniform(*_EITHER_DEG)), float(rng.uniform(*_EITHER_DEG))
+            finer_mm = float(rng.uniform(*_FINER_MM))
+            narrower = float(np.cos(np.radians(angle_deg)) / np.cos(np.radians(finer_deg)))
+            period_mm = times * finer_mm * narrower
+        finer = replace(window.wave, period_mm=finer_mm, angle_deg=finer_deg)
+        window.wave = replace(window.wave, period_mm=period_mm, angle_deg=angle_deg)
+        _add_grating(window, rng, finer, part)
+
+    return spoil
+
+
+def _in_step(part: float, times: float = 1.0) -> Spoil:
+    """Let all channels swing together at or beside the grooves' frequency, as on an eccentric roller."""
+
+    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
+        turns = times * window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
+        size = part * AMPLITUDE_VOLTS
+        window.added_volts += size * np.cos(2 * np.pi * (turns + rng.uniform(0, 1)))
+
+    return spoil
+
+
+TWO_WAVES: dict[str, Spoil] = {
+    "crossed, alike": _crossed(1.0),
+    "crossed, second at 30 %": _crossed(0.3),
+    "crossed, second at 10 %": _crossed(0.1),
+    "second of 1.7 times the frequency, at 50 %": _faster(1.7, 0.5),
+    "second of twice the frequency, at 50 %": _faster(2.0, 0.5),
+    "second of three times the frequency, at 50 %": _faster(3.0, 0.5),
+    "all in step at the grooves' frequency, at 30 %": _in_step(0.3),
+    "all in step at the grooves' frequency, at 10 %": _in_step(0.1),
+    "all in step, 2 % beside that, at 30 %": _in_step(0.3, 1.02),
+    "crossed, second at 30 %, sensed alike": _crossed(0.3, is_alike=True),
+}
+TWO_WAVES_SHORT = (  # those that are also seen in short, noisy windows, as first answers have them
+    "crossed, second at 30 %",
+    "crossed, second at 30 %, sensed alike",
+    "all in step at the grooves' frequency, at 30 %",
+    "all in step, 2 % beside that, at 30 %",
+)

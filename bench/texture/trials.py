@@ -1,0 +1,366 @@
+"""Windows that are asked for their grating: the answer beside the truth.
+
+Every function here makes its trials from a seed: the same arguments, the same trials. An answer is wrong, as
+against inexact, when somewhere on the array its groove phase is more than a quarter turn off: it then sits on
+another lobe of the likelihood, which is what an unresolved integer ambiguity looks like.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.texture.signal import RATE_HZ, Bound, FloatArray, Grating, Wave, bound, draw_grating, readings
+from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
+from tactiled.array import Array, load_array
+from tactiled.detect.grooves.estimator import JointParams, JointTexture, Preset
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.wang2019 import grooves
+from tactiled.detect.wang2019.grooves import GrooveParams, SlidingMotion
+from tactiled.events.types import SlipEvent, TextureEvent
+from tactiled.samples.block import regular_block
+
+Quantity = Literal["period", "angle"]
+GratingAnswer = WaveFit | grooves.GrooveEstimate | TextureEvent
+QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
+ARRAY = load_array("wang2019-3x3")
+MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
+DIRECTION_SD_DEG = 1.5  # as the slip detector states it
+MISFIT_S = 5.0  # windows that break the model
+CURVE_TIMES_S = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)  # since the onset of slip
+CURVE_SNR_DB = 20.0
+MEMORIES = (0.9, 0.97)  # of noise from scan to scan: 0.1 s and 0.33 s at 100 Hz
+COLOURED_WINDOWS_S = (1.0, 2.0)
+COLOURED_SNRS_DB = (10.0, 15.0, 20.0)
+_WRONG_TURNS = 0.25
+_FREE_EVERY = 5  # one trial of the grid in five may have fewer periods
+_SLOW_HZ = 5.0  # ripples are slower: there such noise has most of its power (80 % and 94 %)
+_NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Period (mm) or angle (degrees) of a window; NaN where it was not answered, or the bound not asked.
+
+    Attributes
+    ----------
+    true, error : float
+        The truth, and the signed error of the answer.
+    sd, bound : float
+        The sigma that the answer states, and the least that any unbiased estimator has.
+    """
+
+    true: float
+    error: float = _NAN
+    sd: float = _NAN
+    bound: float = _NAN
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One window and its answer.
+
+    Attributes
+    ----------
+    name : str
+        Estimator or preset, noise, or what is wrong with the window.
+    snr_db, periods : float
+        Of a cell of the grid: noise, and number of periods in the window.
+    is_wrong : bool
+        "ok", and on another lobe; or "ok" where there are no grooves.
+    after_s : float
+        Of a first answer: time since the onset of slip; infinite where there was none.
+    has_second, names_both : bool
+        Two gratings were in view, and both are among the answer and its candidates, whatever the status.
+    """
+
+    name: str
+    seed: int
+    window_s: float
+    is_speed_known: bool
+    status: str
+    period: Estimate
+    angle: Estimate
+    is_wrong: bool = False
+    snr_db: float = _NAN
+    periods: float = _NAN
+    after_s: float = _NAN
+    has_second: bool = False
+    names_both: bool = False
+
+    def of(self, quantity: Quantity) -> Estimate:
+        """Return the estimate of the period or of the angle."""
+        return self.period if quantity == "period" else self.angle
+
+
+def compare(answer: GratingAnswer | None, wave: Wave, least: Bound | None = None, /, **fields: Any) -> Trial:
+    """Put an answer beside the truth and the bound; `fields` are the other ones of `Trial`."""
+    bounds = (least.period_sd_mm, least.angle_sd_deg) if least is not None else (_NAN, _NAN)
+    period, angle = Estimate(wave.period_mm, bound=bounds[0]), Estimate(wave.angle_deg, bound=bounds[1])
+    if answer is None or answer.status != "ok":
+        return Trial(status=answer.status if answer else "none", period=period, angle=angle, **fields)
+    angle_deg = (answer.angle_deg - wave.angle_deg + 90) % 180 - 90  # a groove normal has no sense
+    is_wrong = turns_off(wave, answer.period_mm, answer.angle_deg) > _WRONG_TURNS
+    return Trial(
+        status="ok",
+        period=replace(period, error=answer.period_mm - wave.period_mm, sd=answer.period_sd_mm),
+        angle=replace(angle, error=angle_deg, sd=answer.angle_sd_deg),
+        **{"is_wrong": is_wrong} | fields,
+    )
+
+
+def turns_off(wave: Wave, period_mm: float, angle_deg: float) -> float:
+    """Largest error of an answer's groove phase on the array, in turns, its middle in phase."""
+    true, found = _per_mm(wave.period_mm, wave.angle_deg), _per_mm(period_mm, angle_deg)
+    found = found if found @ true >= 0 else -found
+    places = np.column_stack([ARRAY.x_mm - ARRAY.x_mm.mean(), ARRAY.y_mm - ARRAY.y_mm.mean()])
+    return float(np.abs(places @ (found - true)).max())
+
+
+def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
+    angle = np.radians(angle_deg)
+    return np.array([np.cos(angle), np.sin(angle)]) / period_mm
+
+
+def procedure(grating: Grating, volts: FloatArray) -> GratingAnswer:
+    """Ask the published procedure on R1 of the first column; it must be given the speed."""
+    taxels = ARRAY.columns()[0]
+    channels = np.array([np.flatnonzero(ARRAY.channel_taxel == taxel)[0] for taxel in taxels])
+    return grooves.estimate(
+        volts[:, channels],
+        RATE_HZ,
+        Quantiser(ARRAY).volts_per_step,
+        ARRAY.y_mm[taxels],
+        grating.sensed.offset_s[channels],
+        SlidingMotion(grating.wave.speed_mm_s, 0.0, grating.wave.direction_deg, 0.0),
+        GrooveParams(max_angle_deg=75.0),
+    )
+
+
+def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> WaveFit:
+    """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
+    speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
+    return joint_fit(ARRAY, volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg, 0.0)
+
+
+def joint_fit(
+    array: Array,
+    volts: FloatArray,
+    offset_s: FloatArray,
+    speed_mm_s: float,
+    direction_deg: float,
+    direction_sd_deg: float,
+) -> WaveFit:
+    """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
+    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
+    time_s = np.arange(len(volts)) / RATE_HZ
+    return fit_wave(volts, time_s, offset_s, channel_layout(array), motion, WaveParams())
+
+
+def grid_trials(estimator: str, n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:
+    """Trials of one cell of the grid, seeds 0 to n_trials - 1."""
+    return [grid_trial(estimator, *cell, seed) for seed in range(n_trials)]
+
+
+def grid_trial(estimator: str, window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
+    """Ask "joint" or "procedure" for a drawn grating in white noise."""
+    rng = np.random.default_rng([seed, round(10 * window_s), round(snr_db) + 100, is_speed_known])
+    periods = 0.0 if seed % _FREE_EVERY == _FREE_EVERY - 1 else MIN_PERIODS
+    grating = draw_grating(ARRAY, rng, window_s, snr_db, periods)
+    volts = readings(grating, rng)
+    answer = joint(grating, volts, is_speed_known) if estimator == "joint" else procedure(grating, volts)
+    least = None
+    if answer.status == "ok":
+        least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
+    return compare(
+        answer,
+        grating.wave,
+        least,
+        name=estimator,
+        seed=seed,
+        window_s=window_s,
+        is_speed_known=is_speed_known,
+        snr_db=snr_db,
+        periods=grating.periods,
+    )
+
+
+def noise_name(memory: float) -> str:
+    """Name of the noise whose autoregression has this coefficient."""
+    return f"AR(1), {memory:g}"
+
+
+def coloured_trials(memory: float, seeds: Sequence[int]) -> list[Trial]:
+    """Ask the joint fit for short windows of a few periods in noise that remembers.
+
+    There phases are told apart worst, and windows are cheap. Such noise (an autoregression of order 1 in each
+    channel) has its power where ripples are slow, and lends false lines. Odd seeds are given the speed.
+    """
+    trials = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, round(100 * memory)])
+        window_s, snr_db = float(rng.choice(COLOURED_WINDOWS_S)), float(rng.choice(COLOURED_SNRS_DB))
+        is_known = seed % 2 == 1
+        grating = draw_grating(ARRAY, rng, window_s, snr_db, MIN_PERIODS, _SLOW_HZ)
+        answer = joint(grating, readings(grating, rng, memory), is_known)
+        fields = {"seed": seed, "window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
+        trials.append(
+            compare(answer, grating.wave, name=noise_name(memory), is_speed_known=is_known, **fields)
+        )
+    return trials
+
+
+def misfit_trials(n_windows: int, name: str, is_speed_known: bool) -> list[Trial]:
+    """Ask the online estimator for windows that break the model in one way, seeds 0 to n_windows - 1."""
+    return [misfit_trial(name, is_speed_known, seed) for seed in range(n_windows)]
+
+
+def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
+    """Ask the online estimator for one of `MISFITS` or `GROOVELESS`, when the window is full."""
+    rng = np.random.default_rng(seed)
+    window = model_window(ARRAY, rng, MISFIT_S)
+    (MISFITS | GROOVELESS)[name](window, rng)
+    event = _full_window(window, rng, MISFIT_S, is_speed_known)
+    trial = compare(
+        event, window.wave, name=name, seed=seed, window_s=MISFIT_S, is_speed_known=is_speed_known
+    )
+    return replace(trial, is_wrong=True) if name in GROOVELESS and trial.status == "ok" else trial
+
+
+def two_wave_trials(
+    n_windows: int, name: str, window_s: float, snr_db: float, is_speed_known: bool
+) -> list[Trial]:
+    """Ask the online estimator for windows with two waves in view, seeds 0 to n_windows - 1."""
+    return [two_wave_trial(name, window_s, snr_db, is_speed_known, seed) for seed in range(n_windows)]
+
+
+def two_wave_trial(name: str, window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
+    """Ask the online estimator for one of `TWO_WAVES`; errors are those against the nearer grating."""
+    rng = np.random.default_rng(seed)
+    window = model_window(ARRAY, rng, window_s, snr_db)
+    TWO_WAVES[name](window, rng)
+    event = _full_window(window, rng, window_s, is_speed_known)
+    gratings = [window.wave] if window.beside is None else [window.wave, window.beside]
+    answer = [(event.period_mm, event.angle_deg)] * (event.status == "ok")
+    named = [*answer, *((c.period_mm, c.angle_deg) for c in event.candidates)]
+    nearest = min(gratings, key=lambda wave: _least_turns_off(wave, answer))
+    return compare(
+        event,
+        nearest,
+        name=name,
+        seed=seed,
+        window_s=window_s,
+        is_speed_known=is_speed_known,
+        has_second=len(gratings) == 2,
+        names_both=len(gratings) == 2
+        and max(_least_turns_off(wave, named) for wave in gratings) <= _WRONG_TURNS,
+    )
+
+
+def _least_turns_off(wave: Wave, named: Sequence[tuple[float, float]]) -> float:
+    return min((turns_off(wave, *grating) for grating in named), default=np.inf)
+
+
+def _full_window(
+    window: SpoiledWindow, rng: np.random.Generator, window_s: float, is_speed_known: bool
+) -> TextureEvent:
+    """Answer of the online estimator to a window when it is full."""
+    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
+    direction_deg = window.wave.direction_deg
+    params = JointParams(max_window_s=window_s, hop_s=window_s, settle_s=0.0, direction_deg=direction_deg)
+    events = online_answers(
+        params,
+        window.volts(rng),
+        window.sensed.offset_s,
+        slip_at(0.0, direction_deg),
+        valid=window.valid,
+        given_mm_s=window.given_mm_s if is_speed_known else (),
+    )
+    return list(events)[-1]
+
+
+def slide_trials(preset: Preset, seed: int) -> list[Trial]:
+    """Slide over a grating of moderate period at 1.5 mm/s and 20 dB a channel, the motion given.
+
+    Returns
+    -------
+    list of Trial
+        The answer that stands at each of `CURVE_TIMES_S`, with the bound of the window that the estimator has
+        by then (from `settle_s` after the onset, of `max_window_s` at most); then the first answer.
+    """
+    rng = np.random.default_rng(seed)
+    window = model_window(ARRAY, rng, CURVE_TIMES_S[-1], CURVE_SNR_DB)
+    wave = window.wave
+    params = JointParams(preset=preset, direction_deg=wave.direction_deg)
+    slip = slip_at(0.0, wave.direction_deg)
+    events = online_answers(
+        params, window.volts(rng), window.sensed.offset_s, slip, given_mm_s=window.given_mm_s
+    )
+    answers = [event for event in events if event.status == "ok"]
+    # An event is about the scans up to its own: the next one begins a scan later.
+    ready_s = [event.time_s + 1 / RATE_HZ for event in answers]
+    fields = {"name": preset, "seed": seed, "is_speed_known": True}
+    trials = []
+    for time_s in CURVE_TIMES_S:
+        begin_s = max(params.settle_s, time_s - params.criteria.max_window_s)
+        used_s = window.time_s[(window.time_s >= begin_s - 1e-9) & (window.time_s < time_s - 1e-9)]
+        least = bound(wave, window.sensed, used_s, is_speed_known=True)
+        n_ready = int(np.searchsorted(ready_s, time_s + 1e-6, side="right"))
+        standing = answers[n_ready - 1] if n_ready else None
+        trials.append(compare(standing, wave, least, window_s=time_s, **fields))
+    after_s = ready_s[0] if answers else np.inf
+    first = compare(answers[0] if answers else None, wave, window_s=_NAN, after_s=after_s, **fields)
+    return [*trials, first]
+
+
+def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:
+    """Onset of a gross slip, detected when it happened."""
+    return SlipEvent(
+        time_s=time_s,
+        state="onset",
+        kind="gross",
+        onset_s=time_s,
+        onset_sd_s=0.0,
+        direction_deg=direction_deg,
+        direction_sd_deg=direction_sd_deg,
+        confidence=1.0,
+        taxels=(),
+        detector="truth",
+        statistic=0.0,
+        threshold=0.0,
+        valid=True,
+        detected_s=time_s,
+    )
+
+
+def online_answers(
+    params: JointParams,
+    volts: FloatArray,
+    offset_s: FloatArray,
+    slip: SlipEvent,
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    given_mm_s: Sequence[tuple[int, float]] = (),
+    start_s: float = 0.0,
+    block_scans: int = 10,
+) -> Iterator[TextureEvent]:
+    """Events of the online joint estimator, in blocks as they would come live, the slip given.
+
+    Parameters
+    ----------
+    given_mm_s : sequence of (scan, mm/s)
+        Speeds that are given, from which scan on.
+    """
+    estimator = JointTexture(ARRAY, params)
+    for scan, speed_mm_s in given_mm_s:
+        estimator.set_speed(speed_mm_s, scan)
+    block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s, valid=valid)
+    detected = round((slip.detected_s - start_s) * RATE_HZ)
+    for first in range(0, len(block), block_scans):
+        part = block[first : first + block_scans]
+        slips = [slip] if first <= detected < first + len(part) else []
+        yield from (e for e in estimator.process(part, slips) if isinstance(e, TextureEvent))

@@ -1,0 +1,118 @@
+"""Tables, aims, files and JSON of a report, made by hand."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.__main__ import BENCHES, WITH_JSON, WITH_PLOT, bench
+from bench.report import (
+    Aim,
+    BenchOptions,
+    BenchReport,
+    aims_table,
+    at_most,
+    counts_in_words,
+    grouped,
+    judge,
+    never,
+    plain,
+    ratio,
+    rms,
+    spread,
+    table,
+)
+
+
+@dataclass(frozen=True)
+class Timing:
+    latency_ms: float
+    missed: Sequence[bool] = ()
+
+
+AIMS: tuple[Aim[Timing], ...] = (
+    at_most("latency", 5, " ms", lambda t: t.latency_ms, ".1f"),
+    never("misses", lambda t: t.missed),
+    Aim("enough cases", "10", lambda t: judge(f"{len(t.missed)}", len(t.missed) >= 10, is_open=True)),
+)
+
+
+def test_aims_are_judged_for_every_column() -> None:
+    measured = {"quick": Timing(4.96, (False, True)), "fine": Timing(float("nan"), (False,) * 10)}
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in aims_table(AIMS, measured).splitlines()
+    ]
+    assert rows[0] == ["aim", "limit", "quick", "fine"]
+    assert rows[2] == ["latency", "at most 5 ms", "met: 5.0 ms", "MISSED: -"]
+    assert rows[3] == ["misses", "none", "MISSED: 1 of 2", "met: 0 of 10"]
+    assert rows[4] == ["enough cases", "10", "open: 2", "met: 10"]
+
+
+def test_rows_become_a_table() -> None:
+    assert table({"n": f"{n}", "square": f"{n * n}"} for n in (2, 12)) == (
+        "| n  | square |\n|----|--------|\n| 2  | 4      |\n| 12 | 144    |"
+    )
+    assert table([]) == "(no rows)"
+
+
+class Place(NamedTuple):
+    row: int
+    column: float
+
+
+def test_json_has_no_nan_and_names_every_field() -> None:
+    value = {
+        "timing": Timing(float("inf"), [True]),
+        3: (np.float64(1.5), float("nan"), np.int64(2)),
+        "place": Place(1, np.nan),
+        "bool": np.bool_(True),
+        "array": np.array([[1.0, np.inf]]),
+        "seeds": range(2),
+    }
+    assert json.loads(json.dumps(plain(value), allow_nan=False)) == {
+        "timing": {"latency_ms": None, "missed": [True]},
+        "3": [1.5, None, 2],
+        "place": {"row": 1, "column": None},
+        "bool": True,
+        "array": [[1.0, None]],
+        "seeds": [0, 1],
+    }
+
+
+def test_files_that_are_asked_for_are_written(tmp_path: Path) -> None:
+    def draw(path: Path) -> None:
+        path.write_text("drawn")
+
+    report = BenchReport(["a", "b"], {"x": 1}, draw)
+    assert report.text == "a\n\nb"
+    report.write(BenchOptions())
+    assert list(tmp_path.iterdir()) == []
+    report.write(BenchOptions(plot=tmp_path / "plot", json=tmp_path / "json"))
+    assert (tmp_path / "plot").read_text() == "drawn"
+    assert json.loads((tmp_path / "json").read_text()) == {"x": 1}
+
+
+def test_words_of_cells() -> None:
+    assert ratio([True, False, True]) == "2 of 3"
+    assert counts_in_words(["b", "a", "a"]) == "a 2, b 1"
+    assert counts_in_words([]) == "-"
+    assert spread([1.0, 3.0], 1) == "2.0 ± 1.0"
+    assert spread([], 1) == "-"
+    assert rms([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))
+    assert np.isnan(rms([]))
+    assert grouped([3, 1, 5, 2], lambda n: n % 2) == {1: [3, 1, 5], 0: [2]}
+
+
+@pytest.mark.parametrize(("option", "names"), [("--json", WITH_JSON), ("--plot", WITH_PLOT)])
+def test_files_are_written_only_by_benches_that_have_them(
+    option: str, names: tuple[str, ...], tmp_path: Path
+) -> None:
+    for name in set(BENCHES) - set(names):
+        refused = CliRunner().invoke(bench, [name, option, str(tmp_path / "out")])
+        assert refused.exit_code == 2
+        assert f"{option} is for" in refused.output

@@ -1,0 +1,170 @@
+"""Answers are compared with the truth, and the same seed gives the same trial."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.texture.plates import ANGLES_DEG, PERIODS_MM, drawn_plate
+from bench.texture.signal import Grating, Wave, bound, draw_grating, readings
+from bench.texture.spoiled import model_window
+from bench.texture.tables import TrialSet
+from bench.texture.trials import (
+    CURVE_TIMES_S,
+    Trial,
+    coloured_trials,
+    compare,
+    grid_trial,
+    misfit_trial,
+    online_answers,
+    procedure,
+    slide_trials,
+    slip_at,
+    turns_off,
+    two_wave_trial,
+)
+from tactiled.array import load_array
+from tactiled.detect.grooves.estimator import JointParams
+from tactiled.events.types import TextureEvent
+
+ARRAY = load_array("wang2019-3x3")
+
+
+def grating(seed: int = 0, window_s: float = 2.0) -> Grating:
+    return draw_grating(ARRAY, np.random.default_rng(seed), window_s, 20.0, 3.0)
+
+
+def answer(wave: Wave, period_mm: float = 0.0, angle_deg: float = 0.0) -> TextureEvent:
+    """Answer that is off the truth by so much, its sigmas 0.001 mm and 0.01 degrees."""
+    return TextureEvent(
+        time_s=0.0,
+        status="ok",
+        period_mm=wave.period_mm + period_mm,
+        period_sd_mm=0.001,
+        angle_deg=wave.angle_deg + angle_deg,
+        angle_sd_deg=0.01,
+    )
+
+
+def compared(event: TextureEvent, of: Grating) -> Trial:
+    least = bound(of.wave, of.sensed, of.time_s, is_speed_known=True)
+    return compare(event, of.wave, least, name="x", seed=0, window_s=2.0, is_speed_known=True)
+
+
+def test_the_truth_has_no_error() -> None:
+    of = grating()
+    found = compared(answer(of.wave), of)
+    assert (found.angle.error, found.period.error, found.is_wrong) == (0.0, 0.0, False)
+    assert of.periods >= 3
+
+
+def test_errors_stand_beside_bound_and_stated_sigma() -> None:
+    of = grating()
+    least = bound(of.wave, of.sensed, of.time_s, is_speed_known=True)
+    found = compared(answer(of.wave, 3 * least.period_sd_mm, -2 * least.angle_sd_deg), of)
+    assert found.period.error / found.period.bound == pytest.approx(3)
+    assert found.angle.error / found.angle.bound == pytest.approx(-2)
+    assert (found.period.sd, found.angle.sd) == (0.001, 0.01)
+    assert not found.is_wrong
+
+
+def test_another_lobe_is_wrong_and_a_refusal_is_not() -> None:
+    of = grating()
+    # A wave vector that differs by a turn over the gap of 3.5 mm along y.
+    angle = np.radians(of.wave.angle_deg)
+    per_mm = np.array([np.cos(angle), np.sin(angle)]) / of.wave.period_mm + [0.0, 1 / 3.5]
+    lobe = replace(
+        answer(of.wave),
+        period_mm=float(1 / np.hypot(*per_mm)),
+        angle_deg=float(np.degrees(np.arctan2(per_mm[1], per_mm[0]))),
+    )
+    assert compared(lobe, of).is_wrong
+    refused = compared(replace(lobe, status="ambiguous"), of)
+    assert (refused.status, refused.is_wrong) == ("ambiguous", False)
+    assert np.isnan(refused.period.error)
+
+
+@given(period_mm=st.floats(0.6, 6.0), angle_deg=st.floats(-75, 75))
+def test_turns_off_knows_no_sense_of_the_normal(period_mm: float, angle_deg: float) -> None:
+    wave = Wave(period_mm, angle_deg, 1.0)
+    assert turns_off(wave, period_mm, angle_deg) == 0
+    assert turns_off(wave, period_mm, angle_deg + 180) == pytest.approx(0, abs=1e-9)
+    assert turns_off(wave, period_mm, angle_deg + 60) > 0.25
+
+
+def test_the_same_seed_is_the_same_trial() -> None:
+    first = grid_trial("joint", 1.0, 20.0, True, 3)
+    assert first == grid_trial("joint", 1.0, 20.0, True, 3)
+    assert first != grid_trial("joint", 1.0, 20.0, True, 4)
+
+
+def test_clean_windows_are_answered_near_the_bound() -> None:
+    cells = [(known, seed) for known in (True, False) for seed in range(4)]
+    found = TrialSet(grid_trial("joint", 2.0, 20.0, known, seed) for known, seed in cells)
+    assert len(found.right) == len(found.all)
+    # 16 errors of a sigma each: twice that is beyond any luck.
+    assert found.over_bound("angle") < 2
+    assert found.over_bound("period") < 2
+
+
+def test_the_procedure_answers_or_refuses_where_the_speed_is_given() -> None:
+    of = grating(1, 10.0)
+    assert procedure(of, readings(of, np.random.default_rng(0))).status != "no-slip"
+
+
+def test_coloured_windows_are_slow_ripples_of_three_periods() -> None:
+    found = coloured_trials(0.9, range(100_001, 100_009))
+    (again,) = coloured_trials(0.9, [100_001])
+    assert (found[0].status, found[0].period.error) == (again.status, again.period.error)
+    assert all(t.periods >= 3 for t in found)
+    assert all(t.periods / t.window_s < 5 for t in found)
+    assert [t.is_speed_known for t in found] == [True, False] * 4
+
+
+def test_an_answer_without_grooves_is_wrong() -> None:
+    found = misfit_trial("flat plate", True, 0)
+    assert found.status != "ok"
+    assert not found.is_wrong
+    clean = misfit_trial("none", True, 0)
+    assert clean.status == "ok"
+    assert not clean.is_wrong
+    assert abs(clean.period.error) < 6 * clean.period.sd
+
+
+def test_both_gratings_are_found_where_frequencies_differ() -> None:
+    found = two_wave_trial("second of 1.7 times the frequency, at 50 %", 10.0, 30.0, True, 1001)
+    assert (found.status, found.is_wrong, found.names_both) == ("ok", False, True)
+    assert abs(found.angle.error) < 6 * found.angle.sd
+
+
+def test_answers_do_not_depend_on_blocks() -> None:
+    rng = np.random.default_rng(0)
+    made = model_window(ARRAY, rng, 2.0)
+    volts, offset_s = made.volts(rng), made.sensed.offset_s
+    params, slip = JointParams(max_window_s=1.5), slip_at(0.0, 0.0)
+    events = [
+        list(online_answers(params, volts, offset_s, slip, given_mm_s=[(0, 1.5)], block_scans=n))
+        for n in (7, 200)
+    ]
+    assert events[0] == events[1]
+    assert events[0]
+
+
+def test_slides_are_answered_near_the_bound() -> None:
+    *standing, first = slide_trials("quick", 0)
+    assert [t.window_s for t in standing] == list(CURVE_TIMES_S)
+    assert np.isfinite(first.after_s)
+    last = standing[-1]
+    assert abs(last.period.error) < 5 * last.period.bound
+    assert abs(last.angle.error) < 5 * last.angle.bound
+
+
+def test_plates_are_drawn_anew_for_each_seed() -> None:
+    plates = [drawn_plate(seed) for seed in range(50)]
+    assert len(set(plates)) == 50
+    assert plates == [drawn_plate(seed) for seed in range(50)]
+    for period_mm, angle_deg in plates:
+        assert PERIODS_MM[0] <= period_mm <= PERIODS_MM[1]
+        assert ANGLES_DEG[0] <= angle_deg <= ANGLES_DEG[1]
