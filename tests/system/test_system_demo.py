@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -59,7 +60,10 @@ def board_of(demo_pid: int) -> int:
 
 
 def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: Path) -> None:
-    """The emulator gets the processor for 0.3 s in each 1.3 s."""
+    """The emulator gets the processor for 0.3 s in each 1.3 s.
+
+    Where it catches up, the scans are late; where it does not, it misses scan instants. Either is evidence.
+    """
     with demo(tmp_path) as (process, board):
         while process.poll() is None:
             with contextlib.suppress(ProcessLookupError):  # the demo has ended it
@@ -70,7 +74,7 @@ def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: P
         out = process.stdout.read() if process.stdout else ""
     said = (tmp_path / "err").read_text()
     assert process.returncode == 1, said
-    assert "this host is too slow or too busy for the demo: the emulated board missed" in said
+    assert re.search(r"too slow or too busy for the demo: .*(board missed \d+|\d+ scans were late)", said)
     assert "The line is not at fault" in said
     assert "good" not in out + said
     assert "cable" not in out + said
