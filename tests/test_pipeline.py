@@ -89,7 +89,6 @@ def test_any_split_of_the_bytes_gives_bit_identical_output(cuts: list[int]) -> N
 
 def test_events_do_not_depend_on_how_many_scans_come_at_once() -> None:
     """Fifty scans in one read, or all: the same events at the same scans (stamps differ, scans do not)."""
-
     # Scans that wait for others are late; whether they count must not differ here.
     patient = PARAMS.model_copy(update={"samples": SampleParams(late_after_s=1e6)})
 

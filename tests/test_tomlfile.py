@@ -12,16 +12,22 @@ from tactiled.tomlfile import Params
 
 
 class Disc(Params):
+    """One variant of a union."""
+
     kind: Literal["disc"] = "disc"
     radius_mm: float = Field(gt=0)
 
 
 class Plate(Params):
+    """The other variant."""
+
     kind: Literal["plate"] = "plate"
     width_mm: float = Field(gt=0)
 
 
 class Bench(Params):
+    """A document with an optional table and an array of tables."""
+
     rate_hz: float = Field(gt=0)
     settle_s: float = 1.0
     count: int = 3

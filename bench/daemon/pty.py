@@ -45,6 +45,7 @@ class TamperedLink(PtyLink):
     damage: Damage | None = None
 
     def write(self, data: bytes) -> int:
+        """Send what `damage` makes of the bytes; returns how many bytes the caller gave."""
         if self.damage is None:
             return super().write(data)
         super().write(self.damage(data))

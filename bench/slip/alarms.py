@@ -29,6 +29,7 @@ class Rate(NamedTuple):
 
     @property
     def in_words(self) -> str:
+        """The rate with its interval, as "rate (low..high)"."""
         return f"{_short(self.per_hour)} ({_short(self.low)}..{_short(self.high)})"
 
 

@@ -152,6 +152,7 @@ class Each:
     def __call__(
         self, what: str, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], takes_s: Sequence[float]
     ) -> list[Any]:
+        """Run `work` on each task, longest first by `takes_s`; results are in the order of the tasks."""
         order = sorted(range(len(tasks)), key=lambda k: -takes_s[k])
         found: list[Any] = [None] * len(tasks)
         results = self._pool.map(work, *zip(*(tasks[k] for k in order), strict=True))

@@ -1,4 +1,4 @@
-"""The coherent rule on coif1 levels, to the letter of the plan: does it see sooner than ramps do?
+"""The coherent rule on coif1 levels: a comparison of its latency with that of ramps.
 
 A causal undecimated coif1 bank on all channels. At every scan and level the pairs (R1 - R3, R2 - R4) of all
 taxels are summed: a vector (x, y) a level, noise of unit variance each, and kept for as long as the level

@@ -40,8 +40,10 @@ def any_channel(array: Array, coefficients: FloatArray) -> FloatArray:
 
 
 def opposed_channel(array: Array, coefficients: FloatArray) -> FloatArray:
-    """Largest channel where, over all taxels, pairs move against each other more than together: the paper's
-    second peak as `detect.slip_wavelet` reads it."""
+    """Largest channel where, over all taxels, pairs move against each other more than together.
+
+    This is the paper's second peak.
+    """
     shear, normal = array.shear_weights(), array.normal_weights()
     against = np.hypot(*(coefficients @ (shear.sum(axis=1) / np.abs(shear).sum(axis=(1, 2))[:, None]).T).T)
     together = np.abs((coefficients @ normal.T).mean(axis=1))

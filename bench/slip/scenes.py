@@ -75,6 +75,7 @@ class Played:
 
     @property
     def duration_s(self) -> float:
+        """Length of the scene."""
         return len(self.volts) / RATE_HZ
 
     def counts(self, noise_v: float, draw: int) -> NDArray[np.int64]:

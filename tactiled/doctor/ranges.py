@@ -50,6 +50,7 @@ class Range:
 
     @property
     def is_empty(self) -> bool:
+        """True where no period at all is resolved."""
         return self.to_mm <= self.from_mm
 
 
@@ -126,7 +127,7 @@ class _Scene:
         )
 
     def _alike(self, period_mm: float, tilt_deg: float) -> tuple[tuple[float, float], ...]:
-        """This grating and the one that looks most like it; nothing where there is none."""
+        """Find the allowed grating that is hardest to tell from this one: (this, other), or () if none."""
         angle = np.radians(self.direction_deg + tilt_deg)
         k = 2 * np.pi / period_mm * np.array([np.cos(angle), np.sin(angle)])
         others = k + self.rivals.per_mm

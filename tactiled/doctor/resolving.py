@@ -1,7 +1,6 @@
-"""What an array can tell apart by its geometry, before any board is plugged in; here for the published
-procedure, in `waves` for the joint fit.
+"""Limits of the published groove procedure that follow from array geometry and scan rate.
 
-Phase delays between taxels are known modulo the ripple's period. Over a lever l (the difference of two gaps
+The limits of the joint fit are in `waves`. No board is needed. Phase delays between taxels are known modulo the ripple's period. Over a lever l (the difference of two gaps
 of a column, or its one gap where all are equal; `detect.grooves`) and for motion along x, grooves of period
 D at angle a read like those at angle a' with ``tan a' = tan a + k D / (l cos a)``, k any whole number. No two
 angles within +-A are confused as long as::

@@ -69,6 +69,7 @@ class Bucket:
 
     @property
     def n_kept(self) -> int:
+        """Number of arrivals kept, at most `SLOTS`."""
         return len(self._kept)
 
     def is_answered(self, timer_s: float | None, usual_before: float) -> bool:

@@ -40,6 +40,7 @@ class Line:
 
     @property
     def slope(self) -> float:
+        """Mean slope of the line."""
         return (self.y1 - self.y0) / (self.x1 - self.x0)
 
     def at(self, x: float) -> float:

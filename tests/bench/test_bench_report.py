@@ -31,6 +31,8 @@ from bench.report import (
 
 @dataclass(frozen=True)
 class Timing:
+    """What a bench would measure."""
+
     latency_ms: float
     missed: Sequence[bool] = ()
 
@@ -61,6 +63,8 @@ def test_rows_become_a_table() -> None:
 
 
 class Place(NamedTuple):
+    """A measured value inside another."""
+
     row: int
     column: float
 

@@ -1,4 +1,4 @@
-"""Fuzz what reads the line, for as long as one likes: python tests/helpers/fuzz.py --seconds 3600
+"""Fuzz what reads the line: `python tests/helpers/fuzz.py --seconds 3600`.
 
 Streams of good frames, damaged in every way that lines damage and some that only people think of, and plain
 noise go through the decoder of each shipped layout, in both directions, and through the whole pipeline. They

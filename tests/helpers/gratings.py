@@ -21,6 +21,8 @@ def grid(x_mm: list[float], y_mm: list[float]) -> Array:
 
 @dataclass(frozen=True)
 class Grating:
+    """A periodic surface and the response of a taxel to it."""
+
     period_mm: float = 1.2
     angle_deg: float = 20.0
     amplitude: float = 0.05

@@ -24,16 +24,16 @@ UNITS = Path("etc/systemd/system")
 DOWNLOAD_S, COMMAND_S, BOOT_S, OFF_S = 300.0, 60.0, 30.0, 20.0
 
 
-class CannotRun(Exception):
-    """This machine cannot have such a container; says why."""
+class ContainerError(Exception):
+    """No such container on this machine; the message says why."""
 
 
 def check_able() -> None:
-    """Raise `CannotRun` where it is plain from the start."""
+    """Raise `ContainerError` where it is plain from the start."""
     if os.geteuid() != 0:
-        raise CannotRun("containers need root: sudo ./run test tests/system")
+        raise ContainerError("containers need root: sudo ./run test tests/system")
     if missing := [program for program in PROGRAMS if shutil.which(program) is None]:
-        raise CannotRun(f"{', '.join(missing)} missing: apt install systemd-container mmdebstrap")
+        raise ContainerError(f"{', '.join(missing)} missing: apt install systemd-container mmdebstrap")
 
 
 def make_root(root: Path) -> None:
@@ -64,7 +64,7 @@ class Container:
 
     Raises
     ------
-    CannotRun
+    ContainerError
         No systemd comes up in it.
     """
 
@@ -120,7 +120,9 @@ class Container:
                         return
             time.sleep(0.1)
         last = self._log.read_text(errors="replace").strip().splitlines()[-1:]
-        raise CannotRun(f"no systemd came up in systemd-nspawn within {BOOT_S:.0f} s: {last or 'no word'}")
+        raise ContainerError(
+            f"no systemd came up in systemd-nspawn within {BOOT_S:.0f} s: {last or 'no word'}"
+        )
 
     def _enter(self, *command: str, limit_s: float) -> "subprocess.CompletedProcess[str]":
         enter = ["nsenter", "--target", str(self.leader), "--all", "--", *command]
@@ -160,6 +162,6 @@ def _or_cannot(what: str, command: list[str]) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=DOWNLOAD_S, check=False)
     except subprocess.TimeoutExpired:
-        raise CannotRun(f"{what} within {DOWNLOAD_S:.0f} s") from None
+        raise ContainerError(f"{what} within {DOWNLOAD_S:.0f} s") from None
     if done.returncode != 0:
-        raise CannotRun(f"{what}: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")
+        raise ContainerError(f"{what}: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")

@@ -173,7 +173,7 @@ with zmq.Context() as context, context.socket(zmq.SUB) as sock:
 def test_a_storm_of_subscriptions_under_a_memory_limit_costs_others_the_time_of_a_restart(
     setup: Setup, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """libzmq bounds no subscriptions: a limit ends the daemon, as MemoryMax= does, and a client gets on."""
+    """A memory limit ends the daemon, since libzmq bounds no subscriptions, and a client reconnects."""
     items: list[Item] = []
 
     def until_scan(subscription: Subscription, run: object) -> Message:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nspawn import CHECKOUT, UNITS, CannotRun, Container, check_able, make_root, make_wheels, wait_until
+from nspawn import CHECKOUT, UNITS, Container, ContainerError, check_able, make_root, make_wheels, wait_until
 
 from tactiled.client import Fresh, Item, Message, Restarted, Stale, Subscription
 
@@ -33,7 +33,7 @@ def container(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
         with Container(root, wheels) as booted:
             install(booted)
             yield booted
-    except CannotRun as reason:
+    except ContainerError as reason:
         pytest.skip(f"not tested under a real systemd: {reason}")
     finally:
         shutil.rmtree(folder, ignore_errors=True)  # some 600 MB
@@ -72,8 +72,10 @@ def unit(serial: str = LEFT) -> str:
 
 @contextmanager
 def board(container: Container, serial: str) -> Iterator[Path]:
-    """An emulated board in the container, its pty with the group and mode that the udev rule gives; yields
-    the file of what it tells of each scan."""
+    """Run an emulated board in the container and yield the file of its true scans.
+
+    Its pty has the group and mode that the udev rule gives.
+    """
     truth = container.root / f"var/tmp/board-{serial}.jsonl"
     truth.unlink(missing_ok=True)
     name, link = f"board-{serial}", f"/dev/tactiled-{serial}"
@@ -321,8 +323,10 @@ def test_reload_takes_what_the_file_says_now(container: Container) -> None:
 
 
 def test_upgrade_while_running(container: Container, capsys: pytest.CaptureFixture[str]) -> None:
-    """pip replaces the files under a running daemon, which goes on; a restart brings the new one, and a
-    subscriber that was there before is told and goes on by itself."""
+    """Files are replaced under a running daemon, which goes on, and a restart brings the new version.
+
+    A subscriber from before the restart sees the new run and goes on by itself.
+    """
     with started(container), listening(container) as subscription:
         until_fresh_scans(subscription)
         (before,) = container.shown(unit(), "MainPID")

@@ -18,6 +18,7 @@ def _report(line: str) -> None:
 
 
 def main() -> int:
+    """Make the reference data that the command line names."""
     parser = argparse.ArgumentParser(prog="python -m tools.fem", description=__doc__)
     parser.add_argument("mesh", choices=list(MESHES))
     parser.add_argument("run", nargs="*", help=f"compliance, {', '.join(RUNS)}")

@@ -54,7 +54,7 @@ class YeohFit:
 
     @property
     def verdict(self) -> str:
-        """ "stable" everywhere, "stable-where-measured", or "unstable-where-measured"."""
+        """One of "stable" (everywhere), "stable-where-measured" and "unstable-where-measured"."""
         if math.isinf(self.stability.any_state_excess):
             return "stable"
         return "stable-where-measured" if self.stability.covers(*self.stretch) else "unstable-where-measured"

@@ -134,8 +134,11 @@ class Periodic:
     def _looked_up(
         self, held: HeldQuantity, value: FloatArray, onset: TaxelForces
     ) -> tuple[FloatArray, IntArray]:
-        """Part of sliding that the onset has reached (n, t), and level, direction and whether it moves
-        (n, t, 3)."""
+        """Look up the place in the tables.
+
+        Returns the utilisation that the onset has reached (n, t), and level, direction and whether it moves
+        (n, t, 3).
+        """
         pull = -onset.tangential_n
         capacity = self._surface.friction * onset.normal_n
         part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)

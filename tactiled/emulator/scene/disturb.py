@@ -45,7 +45,7 @@ class Disturbances:
         return out
 
     def _vector(self, on: str, time_s: FloatArray, of: Shape | None = None) -> NDArray[np.complex128]:
-        """x + iy of what `of` makes of each; its value, unless said."""
+        """Sum of x + iy over the disturbances of one kind, each given by `of`, by default its value."""
         of = of or _value
         out = np.zeros(np.shape(time_s), dtype=np.complex128)
         for extra in self._disturbances:

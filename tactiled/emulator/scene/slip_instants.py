@@ -73,8 +73,10 @@ class SlipEpisodeTracker:
         shear_n: FloatArray,
         way_mm: FloatArray,
     ) -> None:
-        """Rows (n,); `shear_n` is the size of the total tangential load, ``way_mm (n, 2)`` the skin's
-        place."""
+        """Follow rows (n,).
+
+        `shear_n` is the size of the total tangential load, ``way_mm (n, 2)`` the place of the skin.
+        """
         columns = (time_s, share, load_n, shear_n, way_mm[:, 0], way_mm[:, 1])
         for t, s, load, shear, x, y in zip(*(column.tolist() for column in columns), strict=True):
             self._follow_load(t, shear, _GROWS * load)

@@ -30,7 +30,7 @@ def written(path: Path, monkeypatch: pytest.MonkeyPatch, journal: bool) -> list[
         logger.info("i")
         logger.warning("w")
         try:
-            raise ValueError("two\nlines")
+            raise ValueError("two\nlines")  # noqa: TRY301  a traceback is wanted
         except ValueError:
             logger.exception("e")
     return path.read_text().splitlines()

@@ -257,7 +257,7 @@ def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
 def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
     server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """libzmq never asks about those, and what is rate-limited is told all the same."""
+    """Library libzmq never asks about those, and what is rate-limited is reported all the same."""
     monkeypatch.setattr(complaints_module, "PERIOD_S", 0.5)
     monkeypatch.setattr(network_module, "_TELL_S", 0.1)
     text = (tmp_path / "left.toml").read_text()

@@ -23,7 +23,7 @@ START_S = 100.0  # of every touch
 
 
 def square(n: int) -> Array:
-    """n x n taxels of four resistors."""
+    """Array of n x n taxels of four resistors."""
     sides = [TaxelChannel(name=f"R{k}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]
     places = [3.5 * k for k in range(n)]
     return build(ArrayFile(name=f"square-{n}", grids=[Grid(x_mm=places, y_mm=places)], taxel_channels=sides))

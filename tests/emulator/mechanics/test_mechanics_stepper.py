@@ -63,7 +63,7 @@ def test_memory_is_bounded_and_the_far_past_is_played_again() -> None:
     stepper = GridInterpolator(source, step_s=STEP_S)
     early = stepper.at(np.array([0.5]), slice(None))
     stepper.at(np.arange(0, 150, 1.0), slice(None))
-    held = sum(block.size for block in stepper._blocks.values())  # no other way to see what is kept
+    held = sum(block.size for block in stepper._blocks.values())  # noqa: SLF001  the bound on memory
     assert held <= 3 * 4200
     assert source.resets == 1
     np.testing.assert_array_equal(stepper.at(np.array([0.5]), slice(None)), early)

@@ -186,11 +186,12 @@ class Guest:
         while True:
             try:
                 self.qmp("chardev-remove", id=serial)
-                return
             except RuntimeError:  # the adapter still holds it
                 if time.monotonic() > until_s:
                     raise
                 time.sleep(0.02)
+            else:
+                return
 
     def cut_power(self) -> None:
         self._process.kill()

@@ -1,5 +1,7 @@
-"""In the guest: what a subscriber of each board sees, and when the port's name comes and goes; JSON lines
-with CLOCK_MONOTONIC on the port to the host."""
+"""Report, in the guest, what a subscriber of each board sees and when the port's name comes and goes.
+
+The report is JSON lines with CLOCK_MONOTONIC on the port to the host.
+"""
 
 import json
 import sys

@@ -38,26 +38,32 @@ def begin_quiet(name: str, seed: int) -> tuple[np.random.Generator, Document]:
 
 
 def made(scene: Document) -> Scene:
+    """Check a document and make the scene of it."""
     return Scene.model_validate(scene)
 
 
 def friction_n(scene: Document) -> float:
+    """Friction limit at the load of the first phase, in newtons."""
     return float(scene["surface"]["friction"] * scene["phases"][0]["force_n"])
 
 
 def any_direction_deg(rng: np.random.Generator) -> float:
+    """Draw a direction uniformly from [-180, 180)."""
     return float(rng.uniform(-180.0, 180.0))
 
 
 def turned(direction_deg: float, by_deg: float) -> float:
+    """Add an angle to a direction and wrap the sum to [-180, 180)."""
     return (direction_deg + by_deg + 180.0) % 360.0 - 180.0
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number whose logarithm is uniform between those of `low` and `high`."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def slide_phase(rng: np.random.Generator, **rest: Any) -> Document:
+    """Slide in a random direction."""
     return {"kind": "slide", "direction_deg": any_direction_deg(rng), **rest}
 
 
@@ -74,6 +80,7 @@ def load_phase(rng: np.random.Generator, scene: Document, duration_s: float, of_
 def disturb(
     scene: Document, on: str, shape: str, amplitude: float, start_s: float, duration_s: float, **rest: float
 ) -> None:
+    """Add a disturbance to a document."""
     scene["disturbances"] += [
         {
             "on": on,
