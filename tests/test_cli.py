@@ -84,7 +84,10 @@ def test_a_configuration_with_files_that_are_missing_or_open_to_all_is_not_calle
     path.write_text('[port]\nurl = "x"\n[record]\ndirectory = "none"\n')
     done = tactiled("check-config", "t.toml", cwd=tmp_path)
     assert done.returncode == 0
-    assert "warning: record.directory: none: no such directory; the daemon starts and senses" in done.stderr
+    assert (
+        "warning: record.directory: none: no such directory; the daemon starts without recording"
+        in done.stderr
+    )
     path.write_text('[port]\nurl = "x"\n[publish]\nendpoints = ["tcp://0.0.0.0:9872"]\nkeys = "keys"\n')
     done = tactiled("check-config", "t.toml", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
@@ -125,7 +128,7 @@ def test_an_array_file_is_checked_as_such(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert (told["array"], told["taxels"], told["channels"]) == ("mine", 6, 6)
-    assert "mine.toml: good (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr
+    assert "mine.toml: valid (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["wang2019-3x3", "xyz-two-pads-4x4"])

@@ -34,7 +34,7 @@ def check_config(file: Path | None, schema: bool) -> None:
 
         array = build(tomlfile.load(file, ArrayFile))
         click.echo(json.dumps(array.summary()))
-        click.echo(f"{file}: good ({array.in_words()})", err=True)
+        click.echo(f"{file}: valid ({array.in_words()})", err=True)
         return
     from tactiled.config import load_config
     from tactiled.doctor.unplugged import check_files, resolved_in_words
@@ -42,7 +42,7 @@ def check_config(file: Path | None, schema: bool) -> None:
     setup = load_config(file)
     warnings = check_files(setup, str(file))
     click.echo(json.dumps(setup.config.model_dump(mode="json")))
-    click.echo(f"{file}: good ({setup.array.name}, {setup.layout.name})", err=True)
+    click.echo(f"{file}: valid ({setup.array.name}, {setup.layout.name})", err=True)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     for line in resolved_in_words(setup):

@@ -18,13 +18,13 @@ from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
 from tactiled.wire.layout import Layout
 
-LISTEN_S = 2.0  # twice the second after which a cause is named; 200 scans tell the rate to a per cent
+LISTEN_S = 2.0  # a cause is named after one second; 200 scans give the rate to 1 %
 _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
-_TAIL_BYTES = 4096  # of any layout several seconds of hellos, or dozens of scans
-_SAME_RATE = 0.03  # relative: 200 scans in a window whose ends fall anywhere
-_SURE_SD_S = 2e-3  # after two seconds behind a lazy adapter; 0.1 ms behind a prompt one
+_TAIL_BYTES = 4096  # several hellos or dozens of scans of any layout
+_SAME_RATE = 0.03  # relative; the window of 200 scans is not aligned to scans
+_SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms without
 _NOISY_PART = 0.01
 
 
@@ -42,17 +42,17 @@ class BoardObservation:
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
-    """Findings on the line and the board, whose port must be free, and its scan rate (0 where unknown)."""
+    """Check the line and the board; returns findings and scan rate (0 if unknown). The port must be free."""
     url = setup.config.port.url
     baud = setup.config.port.baud or setup.layout.file.baud
     try:
-        heard = asyncio.run(_listen(setup, url, baud))
-        findings = _judge(heard, setup.layout)
-        if not heard.health.frames and not is_url(url):
-            findings += asyncio.run(_search(setup, url, baud, heard.tail))
+        observed = asyncio.run(_listen(setup, url, baud))
+        findings = _judge(observed, setup.layout)
+        if not observed.health.frames and not is_url(url):
+            findings += asyncio.run(_search(setup, url, baud, observed.tail))
     except PortError as error:
         return [split("line", str(error).removeprefix(f"{url}: "), "fail")], 0.0
-    return findings, heard.health.rate_hz
+    return findings, observed.health.rate_hz
 
 
 async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
@@ -67,7 +67,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     tail = b""
     port = await open_port_in_thread(url, baud)
 
-    def say(commands: list[Command]) -> None:
+    def send(commands: list[Command]) -> None:
         for command in commands:
             link.sending(command, time.monotonic())
             port.write(encoder.encode(command))
@@ -75,7 +75,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     def received(data: bytes) -> None:
         nonlocal tail
         tail = (tail + data)[-_TAIL_BYTES:]
-        say(
+        send(
             link.received(
                 data,
                 time.monotonic(),
@@ -88,13 +88,13 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     try:
         port.attach(received, lost.append)
         pipeline.command("adapter", {"handover_s": port.handover_s}, time.monotonic())
-        say(link.opened(time.monotonic(), _framing(port)))
+        send(link.opened(time.monotonic(), _framing(port)))
         while time.monotonic() < began_s + LISTEN_S and not lost:
             await asyncio.sleep(_STEP_S)
-            say(link.watch(time.monotonic(), _framing(port)))
+            send(link.watch(time.monotonic(), _framing(port)))
         status = link.status(time.monotonic(), started_s=began_s, connects=1, warning=port.warning)
         if found_streaming == [False]:
-            say(session.stop())
+            send(session.stop())
     finally:
         port.detach()
         await asyncio.to_thread(port.close)
@@ -103,16 +103,20 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail)
 
 
-def _judge(heard: BoardObservation, layout: Layout) -> list[Finding]:
-    health, status, hello = heard.health, heard.status, heard.hello
+def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
+    health, status, hello = observed.health, observed.status, observed.hello
     findings = [_bytes(health, status)]
     if status.state == "fault" or (status.state != "running" and health.frames):
         findings.append(split("board", status.reason, "fail"))
     elif hello is not None and health.frames:
-        who = f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, wears {hello.array_id}"
-        findings.append(Finding("board", "ok", f"{who}, speaks {layout.name} {hello.protocol_version}"))
-    if len(heard.scans_s) > 1 and hello is not None:
-        findings += [_rate(heard.scans_s, hello.rate_hz), _clock(health)]
+        identity = (
+            f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, array {hello.array_id}"
+        )
+        findings.append(
+            Finding("board", "ok", f"{identity}, protocol {layout.name} {hello.protocol_version}")
+        )
+    if len(observed.scans_s) > 1 and hello is not None:
+        findings += [_rate(observed.scans_s, hello.rate_hz), _clock(health)]
     if status.warning:
         findings.append(split("line quality", status.warning, "warn"))
     return findings
@@ -121,41 +125,48 @@ def _judge(heard: BoardObservation, layout: Layout) -> list[Finding]:
 def _bytes(health: Health, status: StatusEvent) -> Finding:
     per_s = health.bytes_in / LISTEN_S
     if not health.frames:
-        words = status.reason if status.reason else "no frame passes"
+        words = status.reason if status.reason else "no valid frame"
         return split("line", words, "fail")
     part = health.bytes_discarded / health.bytes_in
     words = f"{per_s:.0f} bytes a second, {health.frames} good frames, {100 * part:.1f} % of bytes damaged"
     if part < _NOISY_PART:
         return Finding("line", "ok", words)
-    return Finding("line", "warn", words, "noise: look at cable, ground and connectors")
+    return Finding("line", "warn", words, "noise: check cable, ground and connectors")
 
 
 def _rate(scans_s: list[float], nominal_hz: float) -> Finding:
     measured_hz = (len(scans_s) - 1) / (scans_s[-1] - scans_s[0])
-    words = f"{measured_hz:.1f} scans a second arrive, the board says {nominal_hz:g}"
+    words = f"{measured_hz:.1f} scans a second arrive, the board states {nominal_hz:g}"
     if abs(measured_hz / nominal_hz - 1) < _SAME_RATE:
         return Finding("rate", "ok", words)
-    return Finding("rate", "warn", words, "scans are lost on the way, or its firmware cannot keep its rate")
-
-
-def _clock(health: Health) -> Finding:
-    words = f"instants of scans are known to {1e3 * health.clock_sd_s:.2f} ms after {LISTEN_S:g} s"
-    if health.clock_sd_s < _SURE_SD_S:
-        return Finding("clock", "ok", words)
     return Finding(
-        "clock", "warn", words, "bytes arrive in bunches: see the latency timer, and load on the host"
+        "rate", "warn", words, "scans are lost on the line, or the firmware does not reach its rate"
     )
 
 
-async def _search(setup: Setup, url: str, baud: int, heard: bytes) -> list[Finding]:
-    """Look for other layouts in what was heard, and listen at other baud rates."""
+def _clock(health: Health) -> Finding:
+    words = f"scan times have a standard deviation of {1e3 * health.clock_sd_s:.2f} ms after {LISTEN_S:g} s"
+    if health.clock_sd_s < _SURE_SD_S:
+        return Finding("clock", "ok", words)
+    return Finding(
+        "clock",
+        "warn",
+        words,
+        "bytes arrive in bunches: check the latency timer of the adapter and the load on the host",
+    )
+
+
+async def _search(setup: Setup, url: str, baud: int, received: bytes) -> list[Finding]:
+    """Look for frames of other layouts in the received bytes, then at other baud rates."""
     layout = setup.layout
     layouts = {setup.config.board.protocol: layout} | other_layouts(layout)
-    if (name := frames_of(heard, layouts)) is not None:
-        return [Finding("search", "fail", f"they are frames of {name}", f'set board.protocol = "{name}"')]
+    if (name := frames_of(received, layouts)) is not None:
+        return [
+            Finding("search", "fail", f"the board sends frames of {name}", f'set board.protocol = "{name}"')
+        ]
     for other in (baud, *(rate for rate in _BAUDS if rate != baud)):
         data = bytearray()
-        with suppress(PortError):  # a rate that the driver does not make
+        with suppress(PortError):  # a rate that the driver does not support
             port = await open_port_in_thread(url, other)
             try:
                 port.attach(data.extend, lambda _: None)
@@ -166,7 +177,7 @@ async def _search(setup: Setup, url: str, baud: int, heard: bytes) -> list[Findi
                 port.detach()
                 await asyncio.to_thread(port.close)
         if (name := frames_of(bytes(data), layouts)) is not None:
-            found = f"frames of {name} pass at {other} baud"
+            found = f"the board sends frames of {name} at {other} baud"
             return [
                 Finding("search", "fail", found, f'set port.baud = {other} and board.protocol = "{name}"')
             ]

@@ -34,12 +34,12 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
         setup = default_config(port or "") if config is None else load_config(config, port)
     except ConfigError as error:
         broken = [Finding("configuration", "fail", f"{error.source}: {fault}") for fault in error.faults]
-        words = "board, array, endpoints, keys and disk: not looked at, for the configuration is broken"
-        broken.append(Finding("the rest", "warn", words, "mend the configuration, then ask again"))
+        words = "board, array, endpoints, keys and disk were not checked because the configuration is invalid"
+        broken.append(Finding("the rest", "warn", words, "correct the configuration, then run doctor again"))
         url = port or _named_port(config)
         return [*broken, *(check_port(url) if url else []), *check_installation()]
     source = str(config) if config is not None else "defaults"
-    return [Finding("configuration", "ok", f"{source}: good"), *_with_setup(setup, speed_mm_s)]
+    return [Finding("configuration", "ok", f"{source}: valid"), *_with_setup(setup, speed_mm_s)]
 
 
 def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:

@@ -44,8 +44,8 @@ def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
     """Check a running daemon; the flag is True if it reads this port."""
     words = f"board {status['board'] or 'unknown'} is {status['state']}"
     if status["state"] != "no-device" and device.is_free(url):
-        what = f"another one runs on these endpoints and does not read {url}: {words}"
-        return Finding("daemon", "fail", what, "give this one endpoints of its own in [publish]"), False
+        what = f"another daemon runs on these endpoints and does not read {url}: {words}"
+        return Finding("daemon", "fail", what, "give each daemon its own endpoints in [publish]"), False
     said = status["reason"] or status.get("warning", "")
     verdict: Severity = "warn" if said else "ok"
     return Finding("daemon", verdict if status["valid"] else "fail", f"runs here: {words}", said), True
@@ -90,7 +90,7 @@ def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
 def check_disk(record: RecordParams) -> list[Finding]:
     """Check free space and permissions of the record directory."""
     if record.directory is None:
-        return [Finding("disk", "ok", "not looked at: record.directory is not set, nothing is recorded")]
+        return [Finding("disk", "ok", "not checked: record.directory is not set, nothing is recorded")]
     directory = Path(record.directory)
     if not directory.is_dir():
         remedy = f"sudo install -d -o USER {directory} (the unit makes its own), or change record.directory"
@@ -112,9 +112,11 @@ def check_installation(root: Path = Path("/")) -> list[Finding]:
     names = ("tactiled@.service", "tactiled.sysusers", "99-tactiled.rules")
     unit, users, rule = (resources.shipped("systemd", name) for name in names)
     if not (root / _SYSTEMD).is_dir():
-        words = "systemd does not run here: the daemon starts by hand, and nothing sets up the port"
+        words = (
+            "systemd does not run here, so the daemon is not started and the port is not set up automatically"
+        )
         return [
-            Finding("systemd", "warn", words, "have tactiled run started by what starts your other services")
+            Finding("systemd", "warn", words, "start `tactiled run` with the service manager of this host")
         ]
     return [
         _installed(

@@ -20,10 +20,12 @@ def check_port(url: str) -> list[Finding]:
     path = Path(url)
     if not path.exists():
         return [
-            Finding("port", "fail", f"{url}: no such port", f"plug the board in, or mend port.url{_others()}")
+            Finding(
+                "port", "fail", f"{url}: no such port", f"plug the board in, or correct port.url{_others()}"
+            )
         ]
     if not path.is_char_device():
-        return [Finding("port", "fail", f"{url}: not a serial port", f"mend port.url{_others()}")]
+        return [Finding("port", "fail", f"{url}: not a serial port", f"correct port.url{_others()}")]
     node = path.resolve()
     return [
         Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there"),
@@ -40,28 +42,32 @@ def _others() -> str:
 
 def _permission(url: str) -> Finding:
     if os.access(url, os.R_OK | os.W_OK):
-        return Finding("permission", "ok", "this user may read and write it")
-    return Finding("permission", "fail", "this user may not use it", device.permission(url))
+        return Finding("permission", "ok", "this user may read and write the port")
+    return Finding("permission", "fail", "this user may not read and write it", device.permission(url))
 
 
 def _holders(url: str) -> Finding:
     who = device.holders(url)
     if who and not all(name.startswith("tactiled ") for name in who):
-        return Finding("in use", "warn", f"open in {', '.join(who)}", "if it is not tactiled, stop it")
-    words = f"open in {', '.join(who)}" if who else "nobody that we can see has it open"
+        return Finding(
+            "in use", "warn", f"open in {', '.join(who)}", "stop that program unless it is tactiled"
+        )
+    words = f"open in {', '.join(who)}" if who else "no visible process has it open"
     return Finding("in use", "ok", words)
 
 
 def _name(url: str) -> Finding:
     stable = device.stable_name(url)
     if stable is None or str(stable) == url or Path(url).is_symlink():
-        return Finding("name", "ok", f"{url} does not move from port to port, as far as can be told")
-    return Finding("name", "warn", f"{url} moves when things are plugged", f'set port.url = "{stable}"')
+        return Finding("name", "ok", f"{url} is a stable name, or has none in /dev/serial/by-id")
+    return Finding(
+        "name", "warn", f"{url} can change when devices are plugged in", f'set port.url = "{stable}"'
+    )
 
 
 def _latency(url: str) -> Finding:
     timer_ms = device.latency_ms(url)
-    if line := device.laziness(url, timer_ms):
+    if line := device.latency_warning(url, timer_ms):
         words, _, remedy = line.partition(": ")
         return Finding("latency timer", "warn", words, remedy)
     words = "the adapter has none" if timer_ms is None else f"{timer_ms} ms"

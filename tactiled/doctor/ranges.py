@@ -1,9 +1,10 @@
-"""Which gratings the joint fit can tell apart, from array, rate and speed, before any board is plugged in.
+"""Range of groove periods that the joint fit resolves, from array, scan rate and speed; needs no board.
 
-At an angle between groove normal and motion (the tilt) and a speed v, grooves of period D ripple with
-``f = v cos(tilt) / D``. Too fast for the scan rate they are aliased; of too slow ones a window holds too few.
-Between, they are ambiguous where another grating of the allowed periods looks alike (`rivals`), and beyond
-the largest tilt the skin slides along them and feels nothing.
+The tilt is the angle between groove normal and motion. At speed v, grooves of period D give ripples of
+frequency ``f = v cos(tilt) / D``. Fine grooves are aliased where f is too high for the scan rate; of coarse
+grooves a window holds too few periods. In between, a grating is ambiguous where another one within the
+limits has nearly the same phases (`rivals`). Beyond `max_tilt_deg` the skin slides along the grooves, which
+then give no ripples.
 """
 
 from dataclasses import dataclass
@@ -17,28 +18,30 @@ from tactiled.detect.grooves.model import ALIASED
 from tactiled.doctor.rivals import Rivals, rivals
 
 Limit = Literal["set", "aliased", "ambiguous", "too-few-periods"]
-# Channels of a real skin stray from their wave by 0.05 rad and more. Of N channels two waves that differ by d
-# (rms) are then told apart by a log-likelihood of N d^2 / (2 0.05^2), and 7 is a wrong answer in a thousand.
-_STRAY_RAD, _NEEDED = 0.05, 7.0
-# Where slip says the direction: its own sigma, and by how much grooves turn friction aside.
+# Phases of the channels of a real skin deviate from a plane wave by 0.05 rad or more. Two waves whose phases
+# differ by d (rms over N channels) then have a log-likelihood ratio of N d^2 / (2 0.05^2); 7 gives one wrong
+# decision in a thousand.
+_PHASE_SD_RAD, _LOG_RATIO = 0.05, 7.0
+# Standard deviation of a direction that slip events give: theirs, and the part of friction across grooves.
 _SLIP_SD_DEG = 3.4
-_SLACK_SIGMAS = 3.0  # by which frequency and wave vector may disagree
+_MOST_SIGMAS = 3.0  # largest disagreement between frequency and wave vector
 TILTS_DEG = (0.0, 30.0, 60.0, 75.0)
-_PERIODS = 60  # tried from the finest to the coarsest
+_N_PERIODS = 60  # examined, geometrically spaced from the finest to the coarsest
 
 
 @dataclass(frozen=True)
 class Range:
-    """Periods that are told at a tilt; none where `to_mm` is not above `from_mm`.
+    """Periods that are resolved at a tilt; none where `to_mm` is not above `from_mm`.
 
     Attributes
     ----------
     tilt_deg : float
         Between groove normal and motion, either way.
     below, above : str
-        What becomes of finer grooves and of coarser ones; "set": `min_period_mm` or `max_period_mm` ends it.
+        Reason why finer and coarser grooves are not resolved; "set": they lie outside `min_period_mm` and
+        `max_period_mm`.
     alike : tuple of (period_mm, angle_deg) pairs
-        Two gratings that cannot be told apart, the first at this tilt; empty where there are none.
+        Two gratings that cannot be distinguished, the first at this tilt; empty where there are none.
     """
 
     tilt_deg: float
@@ -55,8 +58,8 @@ class Range:
 
 
 def ranges(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Range]:
-    """What is told at each of `TILTS_DEG`; a speed of 0 is not known, and then bounds no period."""
-    scene = _Scene(array, params, speed_mm_s)
+    """Compute the resolved periods at each of `TILTS_DEG`; a speed of 0 means unknown and bounds nothing."""
+    motion = _KnownMotion(array, params, speed_mm_s)
     low_mm, high_mm = params.min_period_mm, params.max_period_mm
     found = []
     for tilt_deg in (tilt for tilt in TILTS_DEG if tilt <= params.max_tilt_deg):
@@ -71,17 +74,17 @@ def ranges(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float)
                 first_mm, below = finest_mm, "aliased"
             if coarsest_mm < last_mm:
                 last_mm, above = coarsest_mm, "too-few-periods"
-        found.append(scene.told(Range(tilt_deg, first_mm, last_mm, below, above)))
+        found.append(motion.longest_resolved(Range(tilt_deg, first_mm, last_mm, below, above)))
     return found
 
 
 def has_direction(array: Array, params: JointParams) -> bool:
-    """Whether the direction of motion is configured, or slip can say it."""
+    """Return True where the direction of motion is configured or slip events give it."""
     return params.direction_deg is not None or array.has_shear
 
 
-class _Scene:
-    """An array, and what is known of the motion."""
+class _KnownMotion:
+    """An array and the known part of its motion: direction and speed, each with its uncertainty."""
 
     def __init__(self, array: Array, params: JointParams, speed_mm_s: float) -> None:
         direction_deg = params.direction_deg or 0.0
@@ -92,7 +95,7 @@ class _Scene:
         self.is_tied = speed_mm_s > 0 and self.has_direction
         self.direction_sd = 0.0 if params.direction_deg is not None else float(np.radians(_SLIP_SD_DEG))
         self.speed_sd = params.speed_sd_mm_s / speed_mm_s if speed_mm_s > 0 else 0.0
-        alike_rad = _STRAY_RAD * float(np.sqrt(2 * _NEEDED / array.n_channels))
+        alike_rad = _PHASE_SD_RAD * float(np.sqrt(2 * _LOG_RATIO / array.n_channels))
         lists = []
         if self.is_tied:
             lists.append(rivals(array, params.min_period_mm, alike_rad, direction_deg + 90.0))
@@ -101,19 +104,19 @@ class _Scene:
         both = [np.concatenate([found.per_mm, -found.per_mm]) for found in lists]
         self.rivals = Rivals(np.concatenate(both), np.concatenate([np.tile(r.apart_rad, 2) for r in lists]))
 
-    def told(self, limits: Range) -> Range:
-        """The widest stretch of periods within limits that look like no others."""
+    def longest_resolved(self, limits: Range) -> Range:
+        """Return the longest run of unambiguous periods within limits."""
         if limits.is_empty:
             return limits
-        periods_mm = np.geomspace(limits.from_mm, limits.to_mm, _PERIODS)
+        periods_mm = np.geomspace(limits.from_mm, limits.to_mm, _N_PERIODS)
         alike: list[tuple[tuple[float, float], ...]] = [
             next((pair for sign in (1, -1) if (pair := self._alike(mm, sign * limits.tilt_deg))), ())
             for mm in periods_mm
         ]
-        is_told = np.array([not pair for pair in alike])
-        if is_told.all():
+        is_resolved = np.array([not pair for pair in alike])
+        if is_resolved.all():
             return limits
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], is_told, [0]])))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], is_resolved, [0]])))
         first, end = max(edges.reshape(-1, 2).tolist(), key=lambda run: run[1] - run[0], default=(0, 0))
         example = next(pair for pair in reversed(alike[: first or None]) if pair) if first else ()
         example = example or next(pair for pair in alike[end:] if pair)
@@ -122,7 +125,7 @@ class _Scene:
             float(periods_mm[first]),
             float(periods_mm[max(end - 1, first)]),
             "ambiguous" if first or not end else limits.below,
-            "ambiguous" if end < _PERIODS else limits.above,
+            "ambiguous" if end < _N_PERIODS else limits.above,
             example,
         )
 
@@ -140,7 +143,7 @@ class _Scene:
         if self.is_tied:
             off = np.abs(self.rivals.per_mm @ self.heading)
             slack = np.hypot(along * self.speed_sd, size * self.direction_sd)
-            allowed &= off <= _SLACK_SIGMAS * slack + 1e-6 * size
+            allowed &= off <= _MOST_SIGMAS * slack + 1e-6 * size
         if not allowed.any():
             return ()
         other = others[int(np.argmin(np.where(allowed, self.rivals.apart_rad, np.inf)))]
@@ -152,5 +155,5 @@ def _reading(k: FloatArray) -> tuple[float, float]:
 
 
 def _within_90(angle_deg: float) -> float:
-    """A groove normal has no sense."""
+    """Wrap an angle to [-90, 90): a groove normal has no sign."""
     return float((angle_deg + 90) % 180 - 90)

@@ -1,9 +1,11 @@
 """Limits of the published groove procedure that follow from array geometry and scan rate.
 
-The limits of the joint fit are in `waves`. No board is needed. Phase delays between taxels are known modulo the ripple's period. Over a lever l (the difference of two gaps
-of a column, or its one gap where all are equal; `detect.grooves`) and for motion along x, grooves of period
-D at angle a read like those at angle a' with ``tan a' = tan a + k D / (l cos a)``, k any whole number. No two
-angles within +-A are confused as long as::
+No board is needed. The limits of the joint fit are in `waves`.
+
+Phase delays between taxels are known modulo the period of the ripple. Let l be the lever: the difference of
+the two gaps of a column, or its gap where all are equal. For motion along x, grooves of period D at angle a
+give the same phases as grooves at angle a' with ``tan a' = tan a + k D / (l cos a)`` for any integer k. All
+angles within +-A are unambiguous if::
 
     D > l / cos A        where A >= 45 degrees (the minimum over a of tan a + D / (l cos a) lies inside)
     D > 2 l sin A        where A < 45 degrees (it lies at the border, a = -A)
@@ -23,7 +25,7 @@ _EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
 
 
 def lever_mm(array: Array, column: list[int]) -> tuple[float, bool]:
-    """The lever that tells angles apart in a column, and whether it is a difference of unequal gaps."""
+    """Lever of a column in mm, and True where it is the difference of two unequal gaps."""
     gaps_mm = np.diff(array.y_mm[column])
     if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
         return float(abs(gaps_mm[0] - gaps_mm[1])), True
@@ -31,13 +33,13 @@ def lever_mm(array: Array, column: list[int]) -> tuple[float, bool]:
 
 
 def least_period_mm(lever: float, max_angle_deg: float) -> float:
-    """Finest period at which no two angles within +-`max_angle_deg` are confused."""
+    """Finest period (mm) at which all angles within +-`max_angle_deg` are unambiguous."""
     angle = np.radians(max_angle_deg)
     return float(lever / np.cos(angle) if max_angle_deg >= 45 else 2 * lever * np.sin(angle))
 
 
 def widest_angle_deg(lever: float, period_mm: float) -> float:
-    """Largest A such that no two angles within +-A are confused at this period; the inverse of the above."""
+    """Largest A such that all angles within +-A are unambiguous: the inverse of `least_period_mm`."""
     if period_mm >= np.sqrt(2) * lever:
         return float(np.degrees(np.arccos(lever / period_mm)))
     return float(np.degrees(np.arcsin(period_mm / (2 * lever))))
@@ -46,11 +48,11 @@ def widest_angle_deg(lever: float, period_mm: float) -> float:
 def check_array(
     array: Array, params: GrooveParams | JointParams, rate_hz: float, speed_mm_s: float
 ) -> list[Finding]:
-    """What the array resolves at this rate; a speed of 0 is not known."""
+    """Check which directions, angles and periods the array resolves; a speed of 0 means unknown."""
     shear = (
-        Finding("direction", "ok", f"{array.name} feels shear: the direction of slip can be told")
+        Finding("direction", "ok", f"{array.name} measures shear: slip has a direction")
         if array.has_shear
-        else Finding("direction", "warn", f"{array.name} has no shear channels: direction cannot be told")
+        else Finding("direction", "warn", f"{array.name} has no shear channels: slip has no direction")
     )
     if isinstance(params, JointParams):
         return [shear, *check_waves(array, params, rate_hz, speed_mm_s)]
@@ -61,17 +63,19 @@ def _angles(array: Array, params: GrooveParams) -> Finding:
     columns = array.columns()
     if not columns:
         return Finding(
-            "groove angle", "warn", f"{array.name} has no column of two taxels: no angle of grooves"
+            "groove angle",
+            "warn",
+            f"{array.name} has no column of two taxels: groove angle cannot be measured",
         )
     lever, unequal = lever_mm(array, columns[0])
     least_mm = least_period_mm(lever, params.max_angle_deg)
     by_period = ", ".join(
-        f"{period:g} mm to {widest_angle_deg(lever, period):.0f} deg" for period in (0.5, 0.9, 1.2, 2.0, 5.0)
+        f"{widest_angle_deg(lever, period):.0f} deg at {period:g} mm" for period in (0.5, 0.9, 1.2, 2.0, 5.0)
     )
     gaps = "gaps differ by" if unequal else "equal gaps of"
     words = (
-        f"{gaps} {lever:g} mm: angles within +-{params.max_angle_deg:g} deg are unambiguous from "
-        f"{least_mm:.2f} mm of period on ({by_period})"
+        f"{gaps} {lever:g} mm: angles within +-{params.max_angle_deg:g} deg are unambiguous for periods of "
+        f"{least_mm:.2f} mm and more (largest unambiguous angle: {by_period})"
     )
     if unequal:
         return Finding("groove angle", "ok", words)
@@ -79,22 +83,23 @@ def _angles(array: Array, params: GrooveParams) -> Finding:
         "groove angle",
         "warn",
         words,
-        "lower max_angle_deg to what can occur, or wear an array with unequal gaps (wang2019-3x3: 0.3 mm)",
+        "lower max_angle_deg to the largest angle that occurs, or use an array with unequal gaps "
+        "(wang2019-3x3: they differ by 0.3 mm)",
     )
 
 
 def _sampling(params: GrooveParams, rate_hz: float, speed_mm_s: float) -> Finding:
     top_hz = min(rate_hz / 2, params.low_pass_hz)
     limit = "half the scan rate" if rate_hz / 2 <= params.low_pass_hz else "the low-pass"
-    words = f"ripples are seen up to {top_hz:g} Hz ({limit})"
+    words = f"ripples of up to {top_hz:g} Hz are measured ({limit})"
     if speed_mm_s <= 0:
         return Finding(
             "groove period",
             "ok",
-            f"{words}: periods from speed / {top_hz:g} Hz on, 0.1 mm at 2 mm/s and 20 Hz",
+            f"{words}: the finest period is speed / {top_hz:g} Hz, e.g. 0.1 mm at 2 mm/s and 20 Hz",
         )
     finest_mm = speed_mm_s / top_hz
-    words = f"{words}: at {speed_mm_s:g} mm/s periods from {finest_mm:.2f} mm on"
+    words = f"{words}: the finest period at {speed_mm_s:g} mm/s is {finest_mm:.2f} mm"
     if finest_mm <= params.min_period_mm:
         return Finding("groove period", "ok", words)
     return Finding(

@@ -1,11 +1,11 @@
-"""Pairs of gratings that look alike to an array, from its geometry alone.
+"""Pairs of gratings with nearly equal phases at all taxels of an array, from its geometry alone.
 
-Two plane waves look alike where their phases differ by the same at every taxel, whole turns n aside. That
-depends on the difference dk of their wave vectors alone: over all dk, what is left is least where ``dk . r``
-fits ``2 pi n`` best, which is a straight least-squares fit for each set of whole numbers n. So the rivals of
-a wave are a list: dk, and how far the phases then differ, rms over taxels.
+Two plane waves cannot be distinguished where their phase difference is the same at every taxel, up to whole
+turns n. The phase difference at place r is ``dk . r``, where dk is the difference of the wave vectors. For
+each set of integers n, linear least squares gives the dk whose ``dk . r`` is nearest to ``2 pi n`` plus a
+constant. The result is a list of dk with their residuals, rms over taxels, which holds for every wave.
 
-Where the motion is known, frequency ties the component of k along it, and dk lies across.
+Where the motion is known, the frequency fixes the component of k along it, and dk is across it.
 """
 
 from dataclasses import dataclass
@@ -14,21 +14,21 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 
-_STEP_TURNS = 0.25  # over the array, from one dk to the next: no set of whole numbers is stepped over
-_LIKELY = 0.9  # resultant of the phases on that grid where a fit may leave little
-_SAME_PER_MM = 1e-6  # rad: two fits that are one
+_STEP_TURNS = 0.25  # over the array, from one dk to the next: fine enough to meet every set of integers
+_RESULTANT = 0.9  # mean length of the phase vectors on that grid above which a fit is tried
+_SAME_PER_MM = 1e-6  # radians per millimetre: a smaller dk is zero
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """Differences of wave vectors that the array hardly sees; each stands for its opposite too.
+    """Differences of wave vectors that hardly change the phases; each stands for its negative too.
 
     Attributes
     ----------
     per_mm : (n, 2) float64
-        dk, radians a millimetre; the first is the least.
+        Differences dk in radians per millimetre, shortest first.
     apart_rad : (n,) float64
-        By which phases differ, rms over taxels.
+        Phase difference, rms over taxels.
     """
 
     per_mm: FloatArray
@@ -36,16 +36,17 @@ class Rivals:
 
 
 def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float | None = None) -> Rivals:
-    """All dk between waves of a period or more whose phases differ by no more than `alike_rad`.
+    """Find all dk between allowed waves whose phases differ by at most `alike_rad`.
 
     Parameters
     ----------
     array : Array
     finest_mm : float
-        Waves of that period differ by 4 pi / `finest_mm` at most.
+        Finest allowed period; wave vectors differ by at most ``4 pi / finest_mm``.
     alike_rad : float
+        Largest phase difference, rms over taxels.
     across_deg : float, optional
-        The motion is known, and this is the direction across it; left out: nothing is known of it.
+        Direction across a known motion; left out, the motion is unknown.
     """
     places = np.stack([array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()], axis=1)
     reach = 4 * np.pi / finest_mm
@@ -55,14 +56,14 @@ def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float |
     seen = places @ axes.T
     steps = 2 * np.pi * _STEP_TURNS / np.maximum(np.ptp(seen, axis=0), finest_mm)
     lines = [np.arange(-np.ceil(reach / step), np.ceil(reach / step) + 1) * step for step in steps]
-    lines[0] = lines[0][lines[0] >= 0]  # of dk and its opposite, one
+    lines[0] = lines[0][lines[0] >= 0]  # one of dk and -dk
     tried = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(axes))
     phase = tried @ seen.T
     total = np.exp(1j * phase).mean(axis=1)
-    near = np.abs(total) > _LIKELY
+    near = np.abs(total) > _RESULTANT
     turns = np.round((phase[near] - np.angle(total[near])[:, None]) / (2 * np.pi))
     turns -= turns[:, :1]
-    turns = np.unique(turns[turns.any(axis=1)], axis=0)  # the same whole number everywhere is the same wave
+    turns = np.unique(turns[turns.any(axis=1)], axis=0)  # equal integers mean the same wave
     basis = np.column_stack([seen, np.ones(len(seen))])
     solved = 2 * np.pi * turns @ np.linalg.pinv(basis).T
     apart = np.sqrt(((2 * np.pi * turns - solved @ basis.T) ** 2).mean(axis=1))

@@ -1,4 +1,4 @@
-"""What can be checked of a configuration without its board: for `check-config`."""
+"""Checks of a configuration that need no board, for `check-config`."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from tactiled.doctor.resolving import check_array
 from tactiled.errors import ConfigError
 
 _RATE_HZ = 100.0  # of the published board, where the configuration leaves the rate to the board
-_STARTS = "the daemon starts and senses all the same, and begins to record when this has changed"
+_STARTS = "the daemon starts without recording, and records as soon as this has been corrected"
 
 
 def check_files(setup: Setup, source: str) -> list[str]:
@@ -26,7 +26,7 @@ def check_files(setup: Setup, source: str) -> list[str]:
     Raises
     ------
     ConfigError
-        With such keys the daemon does not start.
+        The daemon does not start with such keys.
     """
     publish, record = setup.config.publish, setup.config.record
     faults, warnings = _check_keys(publish) if publish.keys is not None else ([], [])
@@ -41,23 +41,23 @@ def check_files(setup: Setup, source: str) -> list[str]:
 
 
 def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
-    """Faults with which the daemon does not start, and warnings."""
+    """Return faults with which the daemon does not start, and warnings."""
     folder = Path(publish.keys or "")
     if not any(is_guarded(publish, endpoint) for endpoint in (*publish.endpoints, *publish.control)):
-        words = f"{folder}: not used: other hosts can reach none of the endpoints"
-        return [], [words if folder.is_dir() else f"{folder}: no such folder, and {words}"]
+        words = f"{folder}: not used, because no endpoint can be reached from other hosts"
+        return [], [words if folder.is_dir() else f"{words}; no such folder"]
     make = f"make one: tactiled keys make NAME --folder {folder}"
     pair = folder / "daemon.toml"
     try:
         if folder.exists() and not folder.is_dir():
-            return [f"{folder}: a file and no folder: name another folder in publish.keys, and {make}"], []
+            return [f"{folder}: this is a file: name a folder in publish.keys, and {make}"], []
         if not folder.is_dir():
             return [f"{folder}: no such folder; {make}"], []
         if pair.exists() and not pair.stat().st_mode & 0o077 and not os.access(pair, os.R_OK):
-            return [], [f"{pair}: not looked into: this user may not read it"]
+            return [], [f"{pair}: not checked: this user may not read it"]
         KeyFolder(folder).pair({})
     except OSError as error:
-        return [], [f"{folder}: not looked into: {error.strerror}"]
+        return [], [f"{folder}: not checked: {error.strerror}"]
     except ConfigError as error:
         return [f"{error.source}: {fault}" for fault in error.faults], []
     if not KeyFolder(folder).clients():
@@ -66,7 +66,7 @@ def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
 
 
 def resolved_in_words(setup: Setup) -> list[str]:
-    """Lines on which grooves can be told, at the speed of the file or, where it says none, at any."""
+    """Describe the grooves that are resolved, at the configured speed or, where it is not set, at any."""
     detect = setup.config.detect
     texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
     rate_hz = setup.config.session.rate_hz or _RATE_HZ

@@ -1,4 +1,4 @@
-"""What doctor and check-config say of grooves, in a user's words: periods, angles, speeds (`ranges`)."""
+"""Findings of doctor and check-config on grooves: resolved periods, angles and sliding speeds (`ranges`)."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -16,65 +16,68 @@ _ROUND_MM = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0)  # settin
 
 
 def check_waves(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
-    """What the array resolves at this rate; a speed of 0 is not known."""
-    return [_told(array, params, rate_hz, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
+    """Check which grooves the joint fit resolves; a speed of 0 means unknown."""
+    return [_resolved(array, params, rate_hz, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
 
 
-def _told(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
     name = "grooves"
     direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
     if not has_baseline(channel_layout(array), motion):
-        known = "" if speed_mm_s > 0 else " while the speed is not known"
-        words = f"{array.name} tells no angle of grooves{known}: it has not two taxels along and two across"
-        remedy = "wear an array with taxels in rows and columns"
-        # Of taxels in a row along the motion no speed tells more.
+        known = "" if speed_mm_s > 0 else " at unknown speed"
+        words = (
+            f"{array.name} cannot measure groove angle{known}: that needs two taxels along the motion and "
+            "two across"
+        )
+        remedy = "use an array with taxels in rows and columns"
+        # A known speed does not help taxels that all lie in one row along the motion.
         if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
-            remedy = "tell the speed (detect.texture.speed_mm_s), or " + remedy
+            remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
         return Finding(name, "warn", words, remedy)
     found = ranges(array, params, rate_hz, speed_mm_s)
     values = {"speed_mm_s": speed_mm_s, "rate_hz": rate_hz, "ranges": [asdict(one) for one in found]}
-    known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "speed not known"
-    words = f"{array.name}, {known}, tells {_in_words(found)}"
+    known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "at unknown speed"
+    words = f"{array.name}, {known}, resolves {_in_words(found)}"
     pairs = [one.alike for one in found if one.alike]
     if not pairs:
         return Finding(name, "ok", words, values=values)
     (period_mm, angle_deg), (like_mm, like_deg) = pairs[0]
     words += (
-        f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg looks like {like_mm:.3g} mm at "
-        f"{like_deg:.0f} deg"
+        f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg gives the same phases as {like_mm:.3g} mm "
+        f"at {like_deg:.0f} deg"
     )
     remedies = []
     if speed_mm_s <= 0:
-        remedies.append("tell the speed (detect.texture.speed_mm_s)")
+        remedies.append("set the speed (detect.texture.speed_mm_s)")
     elif params.direction_deg is None:
-        remedies.append("tell the direction (detect.texture.direction_deg)")
+        remedies.append("set the direction (detect.texture.direction_deg)")
     if narrower := _narrower(array, params, rate_hz, speed_mm_s):
         period_mm, tilt_deg = narrower
         remedies.append(
-            f"where grooves are so, set detect.texture.min_period_mm = {period_mm:g} and max_tilt_deg = "
-            f"{tilt_deg:g}: then all are told"
+            f"if no finer or more tilted grooves occur, set detect.texture.min_period_mm = {period_mm:g} and "
+            f"max_tilt_deg = {tilt_deg:g}: all within these limits are unambiguous"
         )
-    remedies.append("wear an array with unequal gaps (wang2019-3x3)")
+    remedies.append("use an array with unequal gaps (wang2019-3x3)")
     return Finding(name, "warn", words, "; or ".join(remedies), values)
 
 
 def _in_words(found: Sequence[Range]) -> str:
-    """Neighbouring tilts of one range together."""
-    said = []
+    """Format ranges, with neighbouring tilts of equal range together."""
+    parts = []
     for periods, group in groupby(
         found, lambda one: "" if one.is_empty else f"{one.from_mm:.2g} to {one.to_mm:.2g} mm"
     ):
         tilts = [f"{one.tilt_deg:g}" for one in group]
         span = tilts[0] if len(tilts) == 1 else f"{tilts[0]} to {tilts[-1]}"
-        said.append(f"{periods or 'no grooves'} at {span} deg")
-    return f"{', '.join(said)} between groove normal and motion"
+        parts.append(f"{periods or 'no grooves'} at {span} deg")
+    return f"{', '.join(parts)} between groove normal and motion"
 
 
 def _narrower(
     array: Array, params: JointParams, rate_hz: float, speed_mm_s: float
 ) -> tuple[float, float] | None:
-    """Least `min_period_mm`, with the largest `max_tilt_deg` for it, that leave nothing ambiguous."""
+    """Find the least `min_period_mm`, and the largest `max_tilt_deg` for it, without ambiguity."""
     for period_mm in _ROUND_MM:
         for tilt_deg in reversed(TILTS_DEG[1:]):
             if params.min_period_mm < period_mm < params.max_period_mm and tilt_deg <= params.max_tilt_deg:
@@ -86,13 +89,13 @@ def _narrower(
 
 
 def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
-    """Which speeds suit the periods that are set."""
+    """Check the speed against the configured periods."""
     name = "sliding speed"
     window_s, low_mm, high_mm = params.criteria.max_window_s, params.min_period_mm, params.max_period_mm
     fastest_mm_s = ALIASED * rate_hz * low_mm
     slowest_mm_s = high_mm * params.min_periods / window_s
     values = {"most_mm_s": fastest_mm_s, "least_mm_s": slowest_mm_s, "most_tilt_deg": params.max_tilt_deg}
-    blind = f"within {90 - params.max_tilt_deg:g} deg of the grooves' own direction none are felt"
+    blind = f"motion within {90 - params.max_tilt_deg:g} deg of the grooves' own direction gives no ripples"
     fast = f"{fastest_mm_s:.3g} mm/s or slower for {low_mm:g} mm"
     slow = f"{slowest_mm_s:.2g} mm/s or faster for {high_mm:g} mm"
     if speed_mm_s <= 0:
@@ -106,7 +109,7 @@ def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
     if speed_mm_s < slowest_mm_s:
         coarsest_mm = speed_mm_s * window_s / params.min_periods
         words.append(f"above {coarsest_mm:.3g} mm a window of {window_s:g} s holds too few ripples: {slow}")
-    said = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
+    text = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
     if speed_mm_s <= fastest_mm_s:
-        return Finding(name, "ok", said, values=values)
-    return Finding(name, "warn", said, f"slide at {fast}, or scan faster (session.rate_hz)", values)
+        return Finding(name, "ok", text, values=values)
+    return Finding(name, "warn", text, f"slide at {fast}, or scan faster (session.rate_hz)", values)

@@ -136,7 +136,7 @@ def test_a_good_set_up_passes_and_the_board_is_left_idle(config: Path, tmp_path:
         assert findings[check].verdict == "ok", findings[check]
 
 
-def test_the_report_says_it_in_lines_and_in_json(
+def test_the_report_is_text_or_json_lines(
     config: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["tactiled", "doctor", "--config", str(config), "--json"])
@@ -161,7 +161,7 @@ def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
     assert any("port.bauds: unknown key" in fault for fault in faults)
     assert any("use rate_hz" in fault for fault in faults)
     assert any("/dev/ttyUSB77: no such port" in fault for fault in faults)
-    assert "not looked at, for the configuration is broken" in by_check(examine(path, None))["the rest"].words
+    assert "not checked" in by_check(examine(path, None))["the rest"].words
     path.write_text(
         f'[port]\nurl = "{tmp_path}/none"\n[record]\ndirectory = "{tmp_path}/nowhere"\n'
         f'[publish]\nendpoints = ["ipc://{tmp_path}/no/such/folder.ipc"]\n'
@@ -179,7 +179,7 @@ def test_a_wrong_baud_rate_is_found_and_the_right_one_named(setup: Setup, tmp_pa
         findings, _ = check_board(setup)
     faults = failed(findings)
     assert any("wrong baud rate (115200 configured)" in fault for fault in faults)
-    assert "search: frames of board-v1 pass at 57600 baud" in faults
+    assert "search: the board sends frames of board-v1 at 57600 baud" in faults
 
 
 def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +190,7 @@ def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: py
     assert by_check(findings)["search"].remedy == 'set board.protocol = "legacy-9"'
 
 
-def test_a_silent_board_is_told_from_a_wrong_one(
+def test_a_silent_board_and_a_wrong_board_have_different_findings(
     setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(board_checks, "_TRY_S", 0.02)
@@ -217,7 +217,7 @@ def test_a_noisy_line_is_a_warning(setup: Setup, tmp_path: Path) -> None:
     assert "noise" in line.remedy
 
 
-def test_what_is_no_port_is_said(tmp_path: Path) -> None:
+def test_a_path_that_is_no_serial_port_fails(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     assert "not a serial port" in failed(check_port(str(tmp_path / "file")))[0]
     assert "is a directory" in failed(check_port(str(tmp_path)))[0]
@@ -232,7 +232,7 @@ def test_permission_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "sudo usermod -aG" in permission.remedy
 
 
-def test_a_name_that_moves_and_a_lazy_adapter_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unstable_port_name_and_a_slow_latency_timer_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device, "stable_name", lambda _: Path("/dev/serial/by-id/usb-FTDI_X-if00"))
     monkeypatch.setattr(device, "latency_ms", lambda _: 16)
     findings = by_check(check_port("/dev/null"))
@@ -241,7 +241,7 @@ def test_a_name_that_moves_and_a_lazy_adapter_are_warnings(monkeypatch: pytest.M
     assert "99-tactiled.rules" in findings["latency timer"].remedy
 
 
-def test_endpoints_taken_by_others_are_told_from_a_daemon_that_runs(setup: Setup) -> None:
+def test_endpoints_bound_by_another_program_fail(setup: Setup) -> None:
     publish = setup.config.publish
     assert failed(check_endpoints(publish, daemon_runs=False)) == []
     with zmq.Context() as context, context.socket(zmq.PUB) as taken:
@@ -251,7 +251,7 @@ def test_endpoints_taken_by_others_are_told_from_a_daemon_that_runs(setup: Setup
     assert "in use" in fault
 
 
-def test_a_daemon_that_reads_another_port_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_a_daemon_that_reads_another_port_is_a_failure(tmp_path: Path) -> None:
     path = tmp_path / "board"
     status = {"board": "TS0002", "state": "running", "reason": "", "valid": True}
     with emulated(path):
@@ -317,19 +317,20 @@ def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Set
     (unused,) = check(folder, "tcp://127.0.0.1:9872")
     assert "not used" in unused
     (missing, none) = check(tmp_path / "none", "tcp://127.0.0.1:9872", directory=str(tmp_path / "disk"))
-    assert "none: no such folder" in missing
+    assert "none: not used" in missing
+    assert "no such folder" in missing
     assert none.startswith(
-        f"record.directory: {tmp_path}/disk: no such directory; the daemon starts and senses"
+        f"record.directory: {tmp_path}/disk: no such directory; the daemon starts without recording"
     )
     (full,) = check(None, "tcp://127.0.0.1:9872", directory=str(tmp_path), min_free_mb=1e12)
-    assert "the daemon starts and senses" in full
+    assert "the daemon starts without recording" in full
     (folder / "daemon.toml").chmod(0o600)
     (folder / "clients/left.toml").unlink()
     (nobody,) = check(folder)
     assert "no client may connect" in nobody
 
 
-def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) -> None:
+def test_installed_files_are_searched_in_the_directories_of_systemd_and_udev(tmp_path: Path) -> None:
     assert [finding.check for finding in check_installation(tmp_path)] == ["systemd"]
     (tmp_path / "run/systemd/system").mkdir(parents=True)
     bare = by_check(check_installation(tmp_path))
@@ -358,7 +359,7 @@ def test_installation_is_looked_for_where_systemd_and_udev_look(tmp_path: Path) 
 
 
 def confused(lever: float, period_mm: float, max_angle_deg: float) -> bool:
-    """Brute force: whether some grooves of this period read like others within the limits."""
+    """Return True where, by brute force, two angles within the limits give equal phases."""
     angles = np.radians(np.linspace(-max_angle_deg, max_angle_deg, 20001))
     step = period_mm / (lever * np.cos(angles))
     return bool(np.any(np.abs(np.tan(angles) + step) <= np.tan(np.radians(max_angle_deg))))
@@ -378,7 +379,7 @@ def test_widest_angle_and_finest_period_are_inverse(lever: float, period: float)
     assert least_period_mm(lever, widest) == pytest.approx(period, rel=1e-6)
 
 
-def test_equal_gaps_are_named_and_unequal_ones_praised() -> None:
+def test_equal_gaps_give_a_warning_and_unequal_gaps_do_not() -> None:
     params = GrooveParams()
     paper, equal = load_array("wang2019-3x3"), load_array("normal-3x3")
     lever, unequal = lever_mm(paper, paper.columns()[0])
@@ -386,11 +387,11 @@ def test_equal_gaps_are_named_and_unequal_ones_praised() -> None:
     assert lever_mm(equal, equal.columns()[0]) == (5.0, False)
     good = by_check(check_array(paper, params, 100.0, 1.0))
     assert {finding.verdict for finding in good.values()} == {"ok"}
-    assert "from 0.71 mm of period on" in good["groove angle"].words
+    assert "periods of 0.71 mm and more" in good["groove angle"].words
     poor = by_check(check_array(equal, params, 100.0, 40.0))
     assert {finding.verdict for finding in poor.values()} == {"warn"}
-    assert "from 11.83 mm" in poor["groove angle"].words
-    assert "periods from 2.00 mm on" in poor["groove period"].words
+    assert "periods of 11.83 mm and more" in poor["groove angle"].words
+    assert "finest period at 40 mm/s is 2.00 mm" in poor["groove period"].words
 
 
 def test_half_the_rate_limits_where_it_is_below_the_low_pass() -> None:
@@ -399,4 +400,4 @@ def test_half_the_rate_limits_where_it_is_below_the_low_pass() -> None:
         words = by_check(check_array(array, params, rate_hz, speed))["groove period"].words
         top = min(rate_hz / 2, 20.0)
         assert f"up to {top:g} Hz" in words
-        assert f"periods from {speed / top:.2f} mm" in words
+        assert f"finest period at {speed:g} mm/s is {speed / top:.2f} mm" in words

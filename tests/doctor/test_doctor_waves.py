@@ -1,4 +1,4 @@
-"""What doctor and check-config say of an array's gratings, against brute force and against the joint fit."""
+"""Resolved gratings of doctor and check-config, against brute force and against the joint fit."""
 
 import json
 from pathlib import Path
@@ -25,14 +25,14 @@ ALONG_X = JointParams(direction_deg=0.0)
 
 
 def apart_rad(array: Array, per_mm: FloatArray) -> float:
-    """By which the phases of two waves differ, a common one taken out by trying all."""
+    """Compute the phase difference of two waves, rms, without a common phase, by brute force."""
     phase = np.stack([array.x_mm, array.y_mm], axis=1) @ per_mm
     tried = phase[:, None] - np.linspace(-np.pi, np.pi, 721)
     return float(np.sqrt((np.angle(np.exp(1j * tried)) ** 2).mean(axis=0)).min())
 
 
 @pytest.mark.parametrize("across_deg", [None, 90.0, 70.0])
-def test_no_pair_of_waves_is_alike_that_is_not_listed(across_deg: float | None) -> None:
+def test_all_pairs_of_indistinguishable_waves_are_listed(across_deg: float | None) -> None:
     rng = np.random.default_rng(4)
     found = rivals(WANG, 1.0, 0.4, across_deg)
     for per_mm, said in zip(found.per_mm, found.apart_rad, strict=True):
@@ -48,7 +48,7 @@ def test_no_pair_of_waves_is_alike_that_is_not_listed(across_deg: float | None) 
             assert near < 0.2  # phases of 0.4 rad over 3 mm
 
 
-def test_the_vernier_tells_what_equal_gaps_cannot() -> None:
+def test_unequal_gaps_resolve_what_equal_gaps_cannot() -> None:
     """3.5 and 3.8 mm: dk = 2 pi / 3.65 mm leaves a residue of 0.15 / 3.65 turns at one row of three."""
     residues = 2 * np.pi * np.array([0.0, 3.5 / 3.65 - 1, 0.0])
     assert rivals(WANG, 2.0, 0.3, 90.0).apart_rad.min() == pytest.approx(np.std(residues), abs=0.005)
@@ -57,7 +57,7 @@ def test_the_vernier_tells_what_equal_gaps_cannot() -> None:
     assert all(one.is_empty and one.alike for one in ranges(EQUAL, ALONG_X, 100.0, 0.0))
 
 
-def test_the_pair_that_is_shown_looks_alike_and_ripples_alike() -> None:
+def test_the_example_pair_has_equal_phases_and_frequency() -> None:
     for speed_mm_s in (0.0, 5.0):
         for one in ranges(EQUAL, ALONG_X, 100.0, speed_mm_s):
             k, other = (
@@ -71,12 +71,12 @@ def test_the_pair_that_is_shown_looks_alike_and_ripples_alike() -> None:
 
 
 def fitted(array: Array, params: JointParams, period_mm: float, angle_deg: float, seed: int) -> WaveFit:
-    """Two seconds with eight ripples at 20 dB, on a skin whose channels stray by 0.05 rad; motion known."""
+    """Two seconds with eight ripples at 20 dB, with phase errors of 0.05 rad per channel; motion known."""
     rng = np.random.default_rng(seed)
     wave = Wave(period_mm, angle_deg, 4 * period_mm / float(np.cos(np.radians(angle_deg))))
     sensed, time_s = sensed_by(array, rng, 20.0, ()), np.arange(200) / 100
-    strays = 0.05 * rng.standard_normal(array.n_channels)
-    ripple = np.cos(2 * np.pi * turns(wave, sensed, time_s) + sensed.phase_rad[sensed.kind, 0] + strays)
+    phase_errors = 0.05 * rng.standard_normal(array.n_channels)
+    ripple = np.cos(2 * np.pi * turns(wave, sensed, time_s) + sensed.phase_rad[sensed.kind, 0] + phase_errors)
     noise = sensed.noise_volts * rng.standard_normal(ripple.shape)
     motion = WaveMotion(wave.speed_mm_s, 0.0, 0.0, 0.0)
     volts = LEVEL_VOLTS + AMPLITUDE_VOLTS * ripple + noise
@@ -84,7 +84,7 @@ def fitted(array: Array, params: JointParams, period_mm: float, angle_deg: float
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_joint_fit_agrees_on_what_is_told(seed: int) -> None:
+def test_the_joint_fit_resolves_the_same_gratings(seed: int) -> None:
     rng = np.random.default_rng(seed)
     narrow = JointParams(direction_deg=0.0, min_period_mm=5.0, max_tilt_deg=30.0)
     told = [(WANG, ALONG_X, 0.6, 60.0), (EQUAL, narrow, 5.5, 20.0)]
@@ -97,7 +97,7 @@ def test_the_joint_fit_agrees_on_what_is_told(seed: int) -> None:
         assert fitted(EQUAL, ALONG_X, period_mm, angle_deg, seed).status == "ambiguous"
 
 
-def test_speed_sets_what_is_too_fine_and_too_coarse() -> None:
+def test_speed_bounds_the_finest_and_the_coarsest_period() -> None:
     zero, thirty, sixty, _ = ranges(WANG, ALONG_X, 100.0, 30.0)
     assert [zero.from_mm, thirty.from_mm] == pytest.approx([30 / 45, 30 / 45 * np.sqrt(0.75)])
     assert [one.below for one in (zero, thirty, sixty)] == ["aliased", "aliased", "set"]
@@ -108,10 +108,10 @@ def test_speed_sets_what_is_too_fine_and_too_coarse() -> None:
     assert Range(0.0, 0.6, 0.5, "aliased", "set").is_empty
 
 
-def test_words_are_a_users() -> None:
+def test_findings_name_periods_speeds_and_options() -> None:
     grooves, speeds = check_waves(WANG, JointParams(), 100.0, 1.5)
     assert grooves.verdict == speeds.verdict == "ok"
-    assert "at 1.5 mm/s, tells 0.5 to 15 mm at 0 deg" in grooves.words
+    assert "at 1.5 mm/s, resolves 0.5 to 15 mm at 0 deg" in grooves.words
     assert "2 mm/s or faster for 20 mm" in speeds.words
     assert "rad" not in grooves.words + speeds.words
     grooves, fast = check_waves(WANG, JointParams(), 100.0, 60.0)
@@ -120,22 +120,22 @@ def test_words_are_a_users() -> None:
     assert fast.remedy.startswith("slide at 22.5 mm/s or slower for 0.5 mm")
     poor, _ = check_waves(EQUAL, ALONG_X, 100.0, 0.0)
     assert poor.verdict == "warn"
-    assert "tells no grooves at 0 to 75 deg" in poor.words
-    assert "looks like" in poor.words
-    assert "tell the speed" in poor.remedy
+    assert "resolves no grooves at 0 to 75 deg" in poor.words
+    assert "the same phases as" in poor.words
+    assert "set the speed" in poor.remedy
     assert "min_period_mm = 5 and max_tilt_deg = 30" in poor.remedy
     assert "unequal gaps" in poor.remedy
 
 
-def test_one_taxel_tells_no_angle() -> None:
+def test_one_taxel_resolves_no_angle() -> None:
     x_mm, y_mm = np.zeros_like(WANG.x_mm), np.zeros_like(WANG.y_mm)
     one = WANG.__class__(**{**vars(WANG), "x_mm": x_mm, "y_mm": y_mm})
     none, _ = check_waves(one, JointParams(), 100.0, 60.0)
     assert none.verdict == "warn"
-    assert "no angle" in none.words
+    assert "cannot measure groove angle" in none.words
 
 
-def test_programs_get_the_numbers() -> None:
+def test_json_findings_contain_the_numbers() -> None:
     grooves, speeds = (
         json.loads(line) for line in as_json(check_waves(WANG, JointParams(), 100.0, 1.5)).splitlines()
     )
@@ -145,7 +145,7 @@ def test_programs_get_the_numbers() -> None:
     assert speeds["values"]["most_mm_s"] == pytest.approx(22.5)
 
 
-def test_check_config_says_it_at_the_speed_of_the_file_or_at_any(
+def test_check_config_uses_the_configured_speed_or_any(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "t.toml"
@@ -154,11 +154,11 @@ def test_check_config_says_it_at_the_speed_of_the_file_or_at_any(
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code
-    good, grooves, speeds = capsys.readouterr().err.splitlines()
-    assert "good" in good
-    assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, tells 0.5 to 15 mm")
+    valid, grooves, speeds = capsys.readouterr().err.splitlines()
+    assert "valid" in valid
+    assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, resolves 0.5 to 15 mm")
     assert speeds.startswith("sliding speed: ")
     path.write_text('[port]\nurl = "/dev/none"\n')
     grooves, speeds = resolved_in_words(load_config(path))
-    assert grooves.startswith("grooves: wang2019-3x3, speed not known, tells 0.5 to 20 mm")
+    assert grooves.startswith("grooves: wang2019-3x3, at unknown speed, resolves 0.5 to 20 mm")
     assert speeds.startswith("sliding speed: slide across grooves at 22.5 mm/s or slower")

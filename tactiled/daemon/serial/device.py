@@ -20,7 +20,7 @@ from serial.tools import list_ports
 
 BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
-PROMPT_MS = 1
+LEAST_LATENCY_MS = 1
 """Least value of the FTDI latency timer, milliseconds."""
 _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
 # struct serial_icounter_struct (linux/serial.h): cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
@@ -51,18 +51,18 @@ def latency_ms(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
     return None
 
 
-def hasten(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
+def shorten_latency(url: str, sys_tty: Path = _SYS_TTY) -> int | None:
     """Set the latency timer to its least value if permitted; returns its value then, None for no timer."""
     before_ms = latency_ms(url, sys_tty)
-    if before_ms is not None and before_ms > PROMPT_MS:
+    if before_ms is not None and before_ms > LEAST_LATENCY_MS:
         with contextlib.suppress(OSError):  # only root may write it; the udev rule sets it for all others
-            _timer(url, sys_tty).write_text(f"{PROMPT_MS}\n")
+            _timer(url, sys_tty).write_text(f"{LEAST_LATENCY_MS}\n")
     return latency_ms(url, sys_tty)
 
 
-def laziness(url: str, timer_ms: int | None) -> str:
+def latency_warning(url: str, timer_ms: int | None) -> str:
     """Return a warning about a latency timer that bunches scans; empty when it does not."""
-    if timer_ms is None or timer_ms <= PROMPT_MS:
+    if timer_ms is None or timer_ms <= LEAST_LATENCY_MS:
         return ""
     return (
         f"{url} hands over bytes every {timer_ms} ms only (latency_timer): install systemd/99-tactiled.rules "

@@ -78,7 +78,7 @@ class SerialPort:
     def __init__(self, device: Any, url: str, latency_ms: int | None = None) -> None:
         self._device = device
         self._url = url
-        self.warning = devices.laziness(url, latency_ms)
+        self.warning = devices.latency_warning(url, latency_ms)
         self.handover_s = None if latency_ms is None else latency_ms / 1000
         try:
             self._fd: int | None = device.fileno()
@@ -191,7 +191,7 @@ def open_port(url: str, baud: int) -> SerialPort:
     if devices.is_url(url):
         return SerialPort(device, url)
     devices.keep_others_out(device.fileno())
-    return SerialPort(device, url, devices.hasten(url))
+    return SerialPort(device, url, devices.shorten_latency(url))
 
 
 async def open_port_in_thread(url: str, baud: int) -> SerialPort:

@@ -45,9 +45,9 @@ def adapter(tmp_path: Path) -> tuple[Path, Path, Path]:
 def test_the_latency_timer_is_found_behind_a_stable_name_and_set(adapter: tuple[Path, Path, Path]) -> None:
     name, sys_tty, timer = adapter
     assert device.latency_ms(str(name), sys_tty) == 16
-    assert device.hasten(str(name), sys_tty) == 1
+    assert device.shorten_latency(str(name), sys_tty) == 1
     assert timer.read_text() == "1\n"
-    assert device.laziness(str(name), 1) == ""
+    assert device.latency_warning(str(name), 1) == ""
 
 
 def test_a_timer_that_we_may_not_set_is_warned_about(
@@ -59,17 +59,17 @@ def test_a_timer_that_we_may_not_set_is_warned_about(
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(Path, "write_text", denied)  # the tests may run as root, whom nothing is denied
-    left_ms = device.hasten(str(name), sys_tty)
+    left_ms = device.shorten_latency(str(name), sys_tty)
     assert left_ms == 16
-    words = device.laziness(str(name), left_ms)
+    words = device.latency_warning(str(name), left_ms)
     assert "every 16 ms only" in words
     assert "99-tactiled.rules" in words
     assert "ttyUSB3/device/latency_timer" in words
 
 
 def test_no_timer_no_complaint(tmp_path: Path) -> None:
-    assert device.hasten("/dev/ttyACM9", tmp_path) is None
-    assert device.laziness("/dev/ttyACM9", None) == ""
+    assert device.shorten_latency("/dev/ttyACM9", tmp_path) is None
+    assert device.latency_warning("/dev/ttyACM9", None) == ""
 
 
 def test_the_stable_name_is_found_from_the_moving_one(adapter: tuple[Path, Path, Path]) -> None:
