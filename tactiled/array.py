@@ -4,10 +4,14 @@ Array frame: x along columns, y along rows, millimetres; azimuths and directions
 A ``side`` channel sits under one side of its taxel. Sliding the skin along +x loads the trailing side,
 so a side channel at azimuth phi answers motion along direction theta as ``-cos(theta - phi)``:
 R1 (180 degrees) rises and R3 (0 degrees) falls. A ``shear_x`` channel rises when the skin slides
-along +x, ``shear_y`` along +y (``sign = -1`` turns one round), ``normal`` with pressure.
+along +x, ``shear_y`` along +y (``sign = -1`` turns one round), ``normal`` with pressure. The array file of a
+pad that is mounted at an angle has the direction of the pad's own x axis (``axes_deg``).
+
+Readings are in the array's own ``unit`` and within its ``range``; its ``zero`` are the readings without load.
 """
 
 import itertools
+import re
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -22,6 +26,15 @@ blas.use_one_thread()  # here, because every module with numerics imports this o
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["side", "normal", "shear_x", "shear_y"]
+Unit = Literal["V", "count", "N", "uT", "kPa"]
+_DEFAULT_RANGE = (-8.0, 8.0)  # volts: beyond the reference of every common converter
+_FIRST = re.compile(r"first (\d+(?:\.\d+)?) s")
+_LONGEST_FIRST_S = 60.0  # these scans are kept in memory
+_SMALLEST, _LARGEST = 1e-6, 1e9  # range in its unit, within which squares and fourth powers are exact enough
+_OWN_AZIMUTH_DEG = {"shear_x": 0.0, "shear_y": 90.0, "normal": float("nan")}
+_AXES_DEG = Field(
+    default=0.0, ge=-360, le=360, description="direction of the pad's own x axis; turns channels, not places"
+)
 
 
 class Grid(Params):
@@ -29,6 +42,7 @@ class Grid(Params):
 
     x_mm: list[float] = Field(min_length=1, description="places of the columns")
     y_mm: list[float] = Field(min_length=1, description="places of the rows")
+    axes_deg: float = _AXES_DEG
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:
@@ -44,6 +58,21 @@ class TaxelPlace(Params):
     x_mm: float
     y_mm: float
     pad: int = Field(default=0, ge=0, description="taxels of one rigid pad share a number")
+    axes_deg: float = _AXES_DEG
+
+
+class ContactLevels(Params):
+    """Pressure responses that mean contact, in the unit of the array."""
+
+    above: float = Field(gt=0, description="pressure response of a taxel in contact")
+    below: float = Field(gt=0, description="contact is lost when every taxel is below")
+    loading_per_s: float = Field(gt=0, description="pressure response that rises faster is loading")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.below > self.above:
+            raise ValueError(f"below is {self.below:g}, which is more than above, {self.above:g}")
+        return self
 
 
 class TaxelChannel(Params):
@@ -72,25 +101,89 @@ class ArrayFile(Params):
 
     name: str = Field(min_length=1, max_length=24, description="as the board's hello says it")
     description: str = ""
+    unit: Unit = Field(default="V", description="unit of the readings")
+    range: tuple[float, float] | None = Field(default=None, description="lowest and highest reading, in unit")
+    full_scale_volts: float | None = Field(
+        default=None, gt=0, le=_LARGEST, description="short for range = [-X, X]; 8.0 where unit is V"
+    )
+    zero: float | list[float] | str = Field(
+        default=0.0,
+        description="readings without a load: one number, one for each channel, or 'first 0.3 s' of the data",
+    )
+    contact: ContactLevels | None = Field(
+        default=None, description="left out: from the noise and the range of the channels"
+    )
     grids: list[Grid] = []
     taxels: list[TaxelPlace] = []
+    taxel_count: int | None = Field(
+        default=None, ge=1, le=4096, description="taxels whose places are unknown"
+    )
     taxel_channels: list[TaxelChannel] = Field(default=[], description="the same for every taxel")
     channels: list[Channel] = Field(default=[], description="or each channel, in wire order")
-    full_scale_volts: float = Field(default=8.0, gt=0, description="no reading is larger than this")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        if bool(self.grids) == bool(self.taxels):
-            raise ValueError("give either [[grids]] or [[taxels]]")
+        if bool(self.grids) + bool(self.taxels) + (self.taxel_count is not None) != 1:
+            raise ValueError(
+                "give either [[grids]] or [[taxels]], or taxel_count where the places are not known"
+            )
         if bool(self.taxel_channels) == bool(self.channels):
             raise ValueError("give either [[taxel_channels]] or [[channels]]")
-        n_taxels = sum(len(g.x_mm) * len(g.y_mm) for g in self.grids) or len(self.taxels)
         for index, channel in enumerate(self.channels):
-            if channel.taxel >= n_taxels:
+            if channel.taxel >= self.n_taxels:
                 raise ValueError(
-                    f"channels[{index}].taxel is {channel.taxel}, but there are {n_taxels} taxels"
+                    f"channels[{index}].taxel is {channel.taxel}, but there are {self.n_taxels} taxels"
                 )
         return self
+
+    @model_validator(mode="after")
+    def _readings(self) -> Self:
+        if self.range is not None and self.full_scale_volts is not None:
+            raise ValueError("full_scale_volts is short for range = [-X, X]: give one of the two")
+        if self.unit != "V" and self.range is None and self.full_scale_volts is None:
+            raise ValueError(
+                f"range is missing: with unit = '{self.unit}', give the lowest and highest reading, "
+                "as in range = [0, 65535]"
+            )
+        low, high = self.limits
+        if not _SMALLEST <= high - low <= 2 * _LARGEST:
+            raise ValueError(
+                f"range is [{low:g}, {high:g}]; the second number must be larger, "
+                f"by {_SMALLEST:g} to {2 * _LARGEST:g}"
+            )
+        if isinstance(self.zero, str):
+            first = _FIRST.fullmatch(self.zero)
+            if first is None or not 0 < float(first[1]) <= _LONGEST_FIRST_S:
+                raise ValueError(
+                    f"zero is '{self.zero}'; give a number, a list, or 'first 0.3 s' "
+                    f"(up to {_LONGEST_FIRST_S:g} s)"
+                )
+            return self
+        zeros = self.zero if isinstance(self.zero, list) else [self.zero]
+        if isinstance(self.zero, list) and len(zeros) != self.n_channels:
+            raise ValueError(f"zero has {len(zeros)} numbers, but there are {self.n_channels} channels")
+        for zero in zeros:
+            if not low <= zero <= high:
+                raise ValueError(f"zero is {zero:g}, outside the range [{low:g}, {high:g}]")
+        return self
+
+    @property
+    def n_taxels(self) -> int:
+        """Number of taxels."""
+        in_grids = sum(len(g.x_mm) * len(g.y_mm) for g in self.grids)
+        return in_grids or len(self.taxels) or self.taxel_count or 0
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels."""
+        return len(self.channels) or self.n_taxels * len(self.taxel_channels)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest reading."""
+        if self.full_scale_volts is not None:
+            return (-self.full_scale_volts, self.full_scale_volts)
+        return _DEFAULT_RANGE if self.range is None else self.range
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +200,21 @@ class Array:
     channel_kind : tuple of str, one for each channel
     channel_name : tuple of str, one for each channel
     azimuth_deg : (channels,) float64
-        NaN where the channel is not a side channel.
+        Place of a side channel around its taxel; direction of motion that raises a shear channel (before its
+        sign); NaN for a normal channel.
     sign : (channels,) float64
-    full_scale_volts : float
-        Upper limit of readings; sets the grid on which sums are exact.
+    has_places : bool
+        False where the places are not known; they are then all 0.
+    unit : str
+        Unit of the readings.
+    low, high : float
+        Limits of the readings; `high` itself is a saturated reading.
+    zero : (channels,) float64
+        Readings without a load.
+    zero_first_s : float
+        Time at the beginning of the data whose mean is the zero instead; 0 for none.
+    contact : ContactLevels or None
+        None where noise and range of the channels decide.
     """
 
     name: str
@@ -122,7 +226,27 @@ class Array:
     channel_name: tuple[str, ...]
     azimuth_deg: FloatArray
     sign: FloatArray
-    full_scale_volts: float
+    has_places: bool
+    unit: Unit
+    low: float
+    high: float
+    zero: FloatArray
+    zero_first_s: float
+    contact: ContactLevels | None
+
+    @property
+    def full_scale(self) -> float:
+        """Largest size of a reading relative to its zero, in `unit`; it sets the grid of exact sums."""
+        if self.zero_first_s or self.zero.any():
+            return self.high - self.low
+        return max(abs(self.low), abs(self.high))
+
+    def in_range(self, readings: FloatArray) -> NDArray[np.bool_]:
+        """Return True for readings that are neither saturated nor NaN.
+
+        The lowest reading counts: unloaded taxels of many sensors read exactly 0.
+        """
+        return np.asarray((readings >= self.low) & (readings < self.high))
 
     @property
     def n_taxels(self) -> int:
@@ -149,16 +273,21 @@ class Array:
             "kinds": sorted(set(self.channel_kind)),
             "x_mm": self.x_mm.tolist(),
             "y_mm": self.y_mm.tolist(),
+            "has_places": self.has_places,
             "channel_names": list(self.channel_name),
-            "full_scale_volts": self.full_scale_volts,
+            "unit": self.unit,
+            "range": [self.low, self.high],
+            "zero": f"first {self.zero_first_s:g} s" if self.zero_first_s else self.zero.tolist(),
         }
 
     def in_words(self) -> str:
         """Return one line on taxels, channels and missing capabilities."""
         pads = len(set(self.pad.tolist()))
+        where = f"on {pads} pad{'s' * (pads > 1)}" if self.has_places else "at unknown places"
         words = (
-            f"array {self.name}: {self.n_taxels} taxels on {pads} pad{'s' * (pads > 1)}, "
-            f"{self.n_channels} channels ({', '.join(sorted(set(self.channel_kind)))})"
+            f"array {self.name}: {self.n_taxels} taxels {where}, "
+            f"{self.n_channels} channels ({', '.join(sorted(set(self.channel_kind)))}), "
+            f"{self.low:g} to {self.high:g} {self.unit}"
         )
         return words if self.has_shear else f"{words}, no shear channels: directions cannot be told"
 
@@ -173,14 +302,13 @@ class Array:
         """
         weights = np.zeros((2, self.n_taxels, self.n_channels))
         channels = np.arange(self.n_channels)
-        kinds = np.array(self.channel_kind)
-        side = kinds == "side"
-        azimuth = np.deg2rad(np.where(side, self.azimuth_deg, 0.0))
+        # A side channel rises where motion comes from.
+        feels_along = np.where(np.array(self.channel_kind) == "side", -1.0, 1.0)
+        feels_along[np.isnan(self.azimuth_deg)] = 0.0
+        azimuth = np.deg2rad(np.nan_to_num(self.azimuth_deg))
         # cos(90 deg) is 6e-17 in floating point; rounding makes such weights exactly zero.
-        weights[0, self.channel_taxel, channels] = np.where(side, -np.cos(azimuth).round(15), 0.0)
-        weights[1, self.channel_taxel, channels] = np.where(side, -np.sin(azimuth).round(15), 0.0)
-        for axis, kind in enumerate(("shear_x", "shear_y")):
-            weights[axis, self.channel_taxel[kinds == kind], channels[kinds == kind]] = 1.0
+        weights[0, self.channel_taxel, channels] = feels_along * np.cos(azimuth).round(15)
+        weights[1, self.channel_taxel, channels] = feels_along * np.sin(azimuth).round(15)
         return weights * self.sign + 0.0  # + 0.0 turns -0 into 0
 
     def normal_weights(self) -> NDArray[np.float64]:
@@ -221,25 +349,38 @@ class Array:
 def build(file: ArrayFile) -> Array:
     """Make an array from a checked file."""
     if file.grids:
-        places = [(x, y, pad) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
+        places = [(x, y, pad, g.axes_deg) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
+    elif file.taxels:
+        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg) for t in file.taxels]
     else:
-        places = [(t.x_mm, t.y_mm, t.pad) for t in file.taxels]
+        places = [(0.0, 0.0, 0, 0.0)] * file.n_taxels
+    x_mm, y_mm, pad, axes_deg = map(np.array, zip(*places, strict=True))
     channels = file.channels or [
         Channel(taxel=taxel, **template.model_dump())
         for taxel in range(len(places))
         for template in file.taxel_channels
     ]
+    taxel = np.array([c.taxel for c in channels], dtype=np.int64)
+    azimuth_deg = np.array([_OWN_AZIMUTH_DEG.get(c.kind, c.azimuth_deg) for c in channels], dtype=np.float64)
+    low, high = file.limits
+    first = _FIRST.fullmatch(file.zero) if isinstance(file.zero, str) else None
     return Array(
         name=file.name,
-        x_mm=np.array([p[0] for p in places]),
-        y_mm=np.array([p[1] for p in places]),
-        pad=np.array([p[2] for p in places], dtype=np.int64),
-        channel_taxel=np.array([c.taxel for c in channels], dtype=np.int64),
+        x_mm=x_mm.astype(np.float64),
+        y_mm=y_mm.astype(np.float64),
+        pad=pad.astype(np.int64),
+        channel_taxel=taxel,
         channel_kind=tuple(c.kind for c in channels),
         channel_name=tuple(f"t{c.taxel}.{c.name}" for c in channels),
-        azimuth_deg=np.array([np.nan if c.azimuth_deg is None else c.azimuth_deg for c in channels]),
+        azimuth_deg=(azimuth_deg + axes_deg[taxel]) % 360.0,
         sign=np.array([float(c.sign) for c in channels]),
-        full_scale_volts=file.full_scale_volts,
+        has_places=file.taxel_count is None,
+        unit=file.unit,
+        low=low,
+        high=high,
+        zero=np.full(len(channels), 0.0 if isinstance(file.zero, str) else file.zero),
+        zero_first_s=0.0 if first is None else float(first[1]),
+        contact=file.contact,
     )
 
 

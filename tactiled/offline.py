@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
-from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ScanEvent
@@ -28,7 +29,8 @@ logger = logging.getLogger(__name__)
 FloatArray = NDArray[np.float64]
 PICTURES = (".png", ".pdf", ".svg")
 _PART_SCANS = 1000  # ten seconds of the published board
-_NO_VOLTS_PART = 2.0  # times full scale: saturated readings are below it, millivolts and counts far above
+# Of the range, beyond its ends: saturated readings are nearer, readings in another unit are farther.
+_NO_READING_PART = 0.5
 
 
 @dataclass
@@ -139,22 +141,33 @@ def _run_table(
             f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
             f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml"
         )
-    impossible = np.argwhere(np.abs(volts) > _NO_VOLTS_PART * log.array.full_scale_volts)
-    if len(impossible):
-        row, channel = impossible[0].tolist()
-        raise DataError(
-            f"{path}: row {row + 1}, channel {channel}: {volts[row, channel]:g} V, but {log.array.name} "
-            f"reads up to {log.array.full_scale_volts:g} V; are these volts? Leave what is no reading empty"
-        )
+    _check_range(path, volts, log.array)
     log.time_s, log.volts = time_s.tolist(), list(volts)
-    suite = build_suite(log.array, params)
+    suite = TunedSuite(log.array, params)
     n_scans = 0
-    for item in to_blocks(time_s, volts, rate_hz, log.array.full_scale_volts):
+    for item in to_blocks(time_s, volts, rate_hz, log.array.in_range(volts)):
         for part in _parts(item):
             yield from suite.process(part)
             n_scans += len(part) if isinstance(part, ScanBlock) else 0
             if reached is not None:
                 reached(n_scans / len(time_s))
+
+
+def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
+    """Refuse readings that are far outside the range of the array: they are in another unit."""
+    low, high, unit = array.low, array.high, array.unit
+    margin = _NO_READING_PART * (high - low)
+    impossible = np.argwhere((readings < low - margin) | (readings > high + margin))
+    if not len(impossible):
+        return
+    row, channel = impossible[0].tolist()
+    of = {"V": "volts", "N": "newtons", "count": "counts"}.get(unit, unit)
+    raise DataError(
+        f"{path}: row {row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but {array.name} "
+        f"reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
+        '(unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
+        "If that is no reading, leave the cell empty"
+    )
 
 
 def _parts(item: ScanBlock | Gap) -> Iterator[ScanBlock | Gap]:

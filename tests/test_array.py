@@ -145,6 +145,19 @@ def test_a_taxel_alone_is_no_line() -> None:
             "channels[0].taxel is 4, but there are 4 taxels",
         ),
         ({"full_scale_volts": 0}, "full_scale_volts: "),
+        ({"unit": "count"}, "range is missing: with unit = 'count'"),
+        ({"unit": "volts"}, "unit: "),
+        ({"range": [5, 5]}, "range is [5, 5]; the second number must be larger"),
+        ({"range": [0, 3], "full_scale_volts": 3.0}, "full_scale_volts is short for range"),
+        ({"zero": "first 3"}, "zero is 'first 3'; give a number, a list, or 'first 0.3 s'"),
+        ({"zero": "first 0 s"}, "zero is 'first 0 s'"),
+        ({"zero": [1.0, 2.0]}, "zero has 2 numbers, but there are 4 channels"),
+        ({"zero": 9.0}, "zero is 9, outside the range [-8, 8]"),
+        (
+            {"contact": {"above": 1.0, "below": 2.0, "loading_per_s": 1.0}},
+            "contact: below is 2, which is more",
+        ),
+        ({"taxel_count": 4}, "give either [[grids]] or [[taxels]], or taxel_count"),
         ({"name": "x" * 25}, "name: "),
     ],
 )
@@ -158,6 +171,35 @@ def test_a_broken_array_file_is_refused_by_its_place(change: dict[str, Any], fau
     with pytest.raises(ConfigError) as caught:
         tomlfile.parse(good | change, ArrayFile, "test.toml")
     assert any(line.startswith(fault) for line in caught.value.faults), caught.value.faults
+
+
+def test_full_scale_volts_is_a_symmetric_range() -> None:
+    pad = {"x_mm": [0.0], "y_mm": [0.0]}
+    channel = {"name": "z", "kind": "normal"}
+    array = array_of(grids=[pad], taxel_channels=[channel], full_scale_volts=3.3)
+    assert (array.unit, array.low, array.high, array.full_scale) == ("V", -3.3, 3.3, 3.3)
+    counts = array_of(grids=[pad], taxel_channels=[channel], unit="count", range=[0, 1023], zero=500)
+    assert counts.full_scale == 1023
+    assert counts.in_range(np.array([0.0, 1022.0, 1023.0, -1.0, np.nan])).tolist() == [True] * 2 + [False] * 3
+
+
+@pytest.mark.parametrize("axes_deg", [0.0, 90.0, 180.0, -90.0, 30.0])
+def test_a_turned_pad_gives_the_direction_in_the_frame_of_the_array(axes_deg: float) -> None:
+    kinds = ("shear_x", "shear_y", "normal")
+    xyz = [{"name": kind, "kind": kind} for kind in kinds]
+    array = array_of(grids=[{"x_mm": [0.0], "y_mm": [0.0], "axes_deg": axes_deg}], taxel_channels=xyz)
+    resistors = array_of(grids=[{"x_mm": [0.0], "y_mm": [0.0], "axes_deg": axes_deg}], taxel_channels=SIDES)
+    theta, turn = np.deg2rad(25.0), np.deg2rad(axes_deg)
+    felt = np.array([np.cos(theta - turn), np.sin(theta - turn), 0.0])  # motion in the frame of the pad
+    np.testing.assert_allclose(array.shear_weights()[:, 0] @ felt, [np.cos(theta), np.sin(theta)], atol=1e-12)
+    sides = np.array([felt[0], felt[1], -felt[0], -felt[1]])  # R1 rises with motion along +x
+    np.testing.assert_allclose(resistors.shear_weights()[:, 0] @ sides / 2, [np.cos(theta), np.sin(theta)])
+
+
+def test_places_may_be_unknown() -> None:
+    array = array_of(taxel_count=3, taxel_channels=[{"name": "z", "kind": "normal"}])
+    assert (array.n_taxels, array.n_channels, array.has_places) == (3, 3, False)
+    assert "at unknown places" in array.in_words()
 
 
 def test_an_unknown_name_lists_the_shipped_arrays() -> None:

@@ -245,6 +245,15 @@ def test_what_cannot_be_run_says_why(
         detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
 
 
+def test_a_log_in_counts_names_the_key_that_mends_it(tmp_path: Path) -> None:
+    time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
+    write_csv(tmp_path / "log.csv", time_s[:100], np.rint(38_000 + 1000 * volts[:100]))
+    with pytest.raises(
+        DataError, match=r'38\d* V, but .* -8 to 8 V; are these volts\? .*unit = "count" and range'
+    ):
+        detect_file(tmp_path / "log.csv")
+
+
 @pytest.mark.parametrize("reading", [1e300, -1e300, 3000.0])
 def test_what_no_channel_can_read_is_refused_and_not_called_a_contact(
     reading: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]

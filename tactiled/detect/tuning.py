@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
 from tactiled.events.types import ContactEvent, Event, SlipEvent, Suppressed
@@ -23,9 +24,11 @@ from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
 _LEAST_TARE_SCANS = 10  # below 20 Hz, half a second holds too few scans for a mean
-# Means of both halves may differ by this (volts): well above creep of 0.01 V/s in a quarter of a second and
-# what is left of 5 mV rms of noise (1.4 mV), well below what a touch brings in the time.
-_STILL_VOLTS = 0.01
+# Means of both halves may differ by this part of the contact level: 10 mV of 0.25 V on the 2019 array, which
+# is well above creep of 0.01 V/s in a quarter of a second and what is left of 5 mV rms of noise (1.4 mV), and
+# well below what a touch brings in the time.
+_STILL_OF_CONTACT = 1 / 25
+_STILL_OF_RANGE = 1 / 1024  # where the array file gives no contact level
 _KEPT_INTERVALS = 8  # a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 
 
@@ -78,7 +81,8 @@ class TunedSuite:
         self.params = self._configured
         """Parameters in use."""
         self.baseline_volts: FloatArray | None = None
-        """Zero (channels,) that is subtracted from each scan; None before any tare."""
+        """Zero (channels,) of the last tare; None before any tare, while the array's own is subtracted."""
+        self._start = StartZero(self._array.zero_first_s)
         self.speed_mm_s: float | None = None
         """Speed last set; None while that of the configuration is used."""
         self.next_index = 0
@@ -98,9 +102,17 @@ class TunedSuite:
         else:
             self._remember(item)
             self.next_index = int(item.index[-1]) + 1
-            if self.baseline_volts is not None:
-                item = replace(item, volts=item.volts - self.baseline_volts)
-        return self._mark_suppressed(self._suite.process(item))
+        ready = self._start.process(item)
+        return self._mark_suppressed([e for part in ready for e in self._suite.process(self._zeroed(part))])
+
+    def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
+        """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
+        zero = self.baseline_volts
+        if zero is None:
+            zero = self._start.zero if self._array.zero_first_s else self._array.zero
+        if isinstance(item, Gap) or zero is None or not zero.any():
+            return item
+        return replace(item, volts=item.volts - zero)
 
     def tare(self, *, force: bool) -> tuple[str, list[Event]]:
         """Take the mean of the last `TARE_S` as zero; refused under load unless forced."""
@@ -118,9 +130,12 @@ class TunedSuite:
             channels = np.flatnonzero(~valid.all(axis=0)).tolist()
             return f"no valid readings of channels {channels}: mend them first", []
         half = n_wanted // 2
-        drift_volts = np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max()
-        if drift_volts > _STILL_VOLTS and not force:
-            return f"readings still move by {drift_volts * 1000:.0f} mV: wait until they rest", []
+        drift = float(np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max())
+        array = self._array
+        level, range_ = array.contact, array.high - array.low
+        still = range_ * _STILL_OF_RANGE if level is None else level.above * _STILL_OF_CONTACT
+        if drift > still and not force:
+            return f"readings still move by {drift:.2g} {array.unit}: wait until they rest", []
         events = self._insert_gap()
         self.baseline_volts = volts.mean(axis=0)
         return "", events
@@ -128,6 +143,7 @@ class TunedSuite:
     def forget_zero(self) -> None:
         """Discard the zero, as for another board; a gap always precedes the block that follows."""
         self.baseline_volts = None
+        self._start = StartZero(self._array.zero_first_s)
 
     def set_speed(self, speed_mm_s: float) -> None:
         """Set the sliding speed from the next scan on."""

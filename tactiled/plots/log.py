@@ -118,7 +118,7 @@ def _draw_coefficients(
 ) -> None:
     slip = params.wang2019.slip
     largest = slip.threshold_volts
-    for block in to_blocks(time_s, volts, None, array.full_scale_volts):
+    for block in to_blocks(time_s, volts, None, array.in_range(volts)):
         if not isinstance(block, ScanBlock):
             continue
         level = level_at(block.rate_hz, slip)

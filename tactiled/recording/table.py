@@ -74,7 +74,7 @@ def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
 
 
 def to_blocks(
-    time_s: FloatArray, volts: FloatArray, rate_hz: float | None, full_scale_volts: float
+    time_s: FloatArray, volts: FloatArray, rate_hz: float | None, valid: NDArray[np.bool_]
 ) -> list[ScanBlock | Gap]:
     """Split a log into blocks at missing scans.
 
@@ -85,8 +85,8 @@ def to_blocks(
     volts : (n, channels) float64
     rate_hz : float or None
         Scan rate; None to use the median interval.
-    full_scale_volts : float
-        Readings beyond it are marked invalid.
+    valid : (n, channels) bool
+        False for readings that are missing or saturated.
     """
     spacing_s = float(np.median(np.diff(time_s)))
     rate_hz = rate_hz or 1 / spacing_s
@@ -111,7 +111,7 @@ def to_blocks(
                 time_s=time_s[part],
                 time_sd_s=np.zeros(n),
                 index=index[part],
-                valid=np.abs(volts[part]) < full_scale_volts,  # NaN compares False
+                valid=valid[part],
                 rate_hz=rate_hz,
                 channel_offset_s=np.zeros(volts.shape[1]),
                 late=np.zeros(n, dtype=np.bool_),

@@ -39,7 +39,7 @@ def read_recording(path: Path, array: str | None = None) -> Recording:
             f"{path}: {volts.shape[1]} channels, but array {worn.name} has {worn.n_channels}; say which "
             "array with --array NAME or --array FILE.toml"
         )
-    return Recording(path.name, worn, tuple(to_blocks(time_s, volts, None, worn.full_scale_volts)))
+    return Recording(path.name, worn, tuple(to_blocks(time_s, volts, None, worn.in_range(volts))))
 
 
 def _from_mcap(path: Path) -> Recording:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.contact import ContactParams, ContactTracker
+from tactiled.detect.signal.contact import ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock
@@ -113,7 +114,7 @@ class Collector:
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Flags (n,) of scans in which some taxel is above the contact threshold."""
-    tracker = ContactTracker(array, ContactParams(), block.rate_hz)
+    tracker = ContactTracker(array, PUBLISHED_CONTACT, block.rate_hz)
     return tracker.measure(block, Quantiser(array).process(block)).touches
 
 
@@ -146,7 +147,7 @@ def check_motion(recording: Recording) -> None:
 
 
 def _too_short(recording: Recording, held_s: float) -> str:
-    least_v = ContactParams().contact_volts
+    least_v = PUBLISHED_CONTACT.contact_volts
     if held_s == 0 and not recording.touching_s():
         return (
             f"no contact in {recording.seconds:.1f} s (no taxel above {least_v:g} V): grip an object and "

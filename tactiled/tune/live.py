@@ -11,7 +11,7 @@ from tactiled.array import Array, load_array
 from tactiled.client.commander import Commander
 from tactiled.client.items import Fresh, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
-from tactiled.detect.signal.contact import ContactParams
+from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
 from tactiled.tune.hold import LOADING_S, Collector, Recording
@@ -126,7 +126,7 @@ class _Feed:
     def until_touch(self, array: Array) -> None:
         """Wait until an object is in contact."""
         until_s = time.monotonic() + _GRIP_S
-        least_v = ContactParams().contact_volts
+        least_v = PUBLISHED_CONTACT.contact_volts
         weights = array.normal_weights()
         while time.monotonic() < until_s:
             scans = self.listen(0.1)

@@ -27,7 +27,7 @@ def test_csv_and_npz_are_the_same_table(tmp_path: Path) -> None:
 
 def test_holes_in_a_table_become_gaps() -> None:
     time_s = np.delete(np.arange(100) * 0.01, [30, 31, 60])
-    items = to_blocks(time_s, np.zeros((97, 2)), None, 8.0)
+    items = to_blocks(time_s, np.zeros((97, 2)), None, np.ones((97, 2), dtype=np.bool_))
     assert [item.n_missing for item in items if isinstance(item, Gap)] == [2, 1]
     assert sum(len(item) for item in items if isinstance(item, ScanBlock)) == 97
     last = items[-1]
@@ -101,6 +101,7 @@ def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
 def test_missing_readings_are_invalid_numbers_not_zeros(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("time_s,a,b\n0,1,\n0.01,nan,2\n")
-    (block,) = to_blocks(*read_table(path), None, 8.0)
+    time_s, volts = read_table(path)
+    (block,) = to_blocks(time_s, volts, None, np.isfinite(volts))
     assert isinstance(block, ScanBlock)
     assert block.valid.tolist() == [[True, False], [False, True]]

@@ -1,10 +1,11 @@
 """Contact gate with the states none, loading, holding and sliding.
 
-Wang, Chen, Mei 2019 call voltages above 0.5 V clear enough to analyse: a taxel whose pressure response
-(mean of its four resistors, or its normal channel) exceeds that is in contact. A reading of one resistor
-alone is a fault and no contact: a press loads all four, and shear relieves two at most. Loading and
-holding are distinguished by the slope of the array's pressure response, a least-squares line over a short
-window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
+A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels)
+exceeds a level: that of the parameters, else that of the array file, else one above the noise of its own
+channels and a small part of their range. A reading of one side channel alone is a fault and no contact: a
+press loads all four, and shear relieves two at most. Loading and holding are distinguished by the slope of
+the array's pressure response, a least-squares line over a short window. A falling pressure is neither: the
+state stays and only the count of steady scans starts anew.
 
 `ContactTracker` is the state machine. `ContactGate` makes a detector of it. Sliding cannot be seen from
 pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.noise import GROUP_SCANS, RestNoise
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
@@ -28,20 +30,33 @@ from tactiled.tomlfile import Params
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
 _LEAST_SIDES = 3  # of two readings that differ, the wrong one cannot be identified
+# Levels where neither the parameters nor the array file give any.
+# Noise at rest is stated up to two times too small (`RestNoise`): this leaves 6 standard deviations.
+_CONTACT_SDS = 12.0
+# Part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes is less.
+_CONTACT_OF_RANGE = 1 / 1024
+_RELEASE_OF_CONTACT = 0.6  # as the levels of the 2019 array, 0.15 V of 0.25 V
+# Per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of the 2019
+# paper, 20 N in 8 s, is 12 % of its final load per second.
+_LOADING_OF_LOAD = 0.03
+_LOADING_OF_CONTACT = 0.12  # per second; as on the 2019 array, 0.03 V/s of 0.25 V
+_LOADING_SDS = 10.0  # of the slope by the noise at rest, which may be stated two times too small
 
 
 class ContactParams(Params):
     """Thresholds for contact and for a steady load."""
 
-    contact_volts: float = Field(
-        default=0.5, gt=0, description="pressure response of a taxel in contact; 0.5 V in the 2019 paper"
+    contact_volts: float | None = Field(
+        default=None,
+        gt=0,
+        description="pressure response of a taxel in contact, in the unit of the array; left out, as the "
+        "next two: as the array file says, else from the noise and the range of the channels",
     )
-    release_volts: float = Field(
-        default=0.35, gt=0, description="contact is lost when every taxel is below; lower than contact_volts"
+    release_volts: float | None = Field(
+        default=None, gt=0, description="contact is lost when every taxel is below; lower than contact_volts"
     )
-    # 20 N in 8 s, the paper's slowest press, is about 0.1 V/s; creep in a hold is below 0.01 V/s.
-    loading_volts_s: float = Field(
-        default=0.03, gt=0, description="mean pressure response rising faster than this is loading"
+    loading_volts_s: float | None = Field(
+        default=None, gt=0, description="mean pressure response rising faster than this is loading"
     )
     slope_window_s: float = Field(default=0.3, gt=0, le=1, description="window of the slope's line fit")
     settle_s: float = Field(default=0.2, ge=0, le=10, description="steady for so long before it is a hold")
@@ -55,19 +70,23 @@ class PressureMeasurement:
     ----------
     taxel_touches : (n, taxels) bool
     touches, released : (n,) bool
-        Some taxel above `contact_volts`; every taxel below `release_volts`.
+        Some taxel above the contact level; every taxel below the release level.
     slope_volts_s : (n,) float64
         Slope of the pressure response, for each taxel in contact.
+    loading_volts_s : (n,) float64
+        Slope above which the load rises.
     """
 
     taxel_touches: NDArray[np.bool_]
     touches: NDArray[np.bool_]
     released: NDArray[np.bool_]
     slope_volts_s: FloatArray
+    loading_volts_s: FloatArray
 
-    def rows(self) -> Iterator[tuple[bool, bool, float]]:
+    def rows(self) -> Iterator[tuple[bool, bool, float, float]]:
         """Iterate over the arguments of `ContactTracker.step`, scan by scan."""
-        return zip(self.touches.tolist(), self.released.tolist(), self.slope_volts_s.tolist(), strict=True)
+        columns = (self.touches, self.released, self.slope_volts_s, self.loading_volts_s)
+        return zip(*(column.tolist() for column in columns), strict=True)
 
 
 class ContactTransition(NamedTuple):
@@ -75,6 +94,40 @@ class ContactTransition(NamedTuple):
 
     previous: ContactState
     state: ContactState
+
+
+class _Levels:
+    """Levels of contact, release and loading, given or derived, in the unit of the array."""
+
+    def __init__(self, array: Array, params: ContactParams) -> None:
+        own = array.contact
+        self._contact = params.contact_volts or (own.above if own else None)
+        self._release = params.release_volts or (own.below if own else None)
+        self._loading = params.loading_volts_s or (own.loading_per_s if own else None)
+        self._least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
+        is_derived = None in (self._contact, self._release, self._loading)
+        self._rest = RestNoise(array.n_channels) if is_derived else None
+        self.n_blind = GROUP_SCANS if is_derived else 0
+        """Scans at the beginning for which the noise is not known."""
+
+    def noise(self, held: HeldReadings) -> FloatArray:
+        """Standard deviation (n, channels) of the noise in steps; 0 where all levels are given."""
+        return np.zeros((1, held.steps.shape[1])) if self._rest is None else self._rest.process(held)
+
+    def contact(self, noise: FloatArray) -> FloatArray | float:
+        """Return the level of contact for the noise (n, taxels)."""
+        return self._contact or np.maximum(self._least_contact, _CONTACT_SDS * noise)
+
+    def release(self, noise: FloatArray) -> FloatArray | float:
+        """Return the level of release for the noise (n, taxels)."""
+        return self._release or _RELEASE_OF_CONTACT * self.contact(noise)
+
+    def loading(self, load: FloatArray, slope_sd: FloatArray) -> FloatArray:
+        """Return the slope (n,) above which the load rises."""
+        if self._loading is not None:
+            return np.full(len(load), self._loading)
+        least = _LOADING_OF_CONTACT * self._least_contact
+        return np.maximum(np.maximum(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
 
 
 class ContactTracker:
@@ -92,7 +145,7 @@ class ContactTracker:
     """
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
-        self._params = params
+        self._levels = _Levels(array, params)
         self._grid = Quantiser(array)
         weights = array.normal_weights()
         self._signs = np.sign(weights).T.copy()  # (channels, taxels): whole, so that sums are exact
@@ -111,9 +164,12 @@ class ContactTracker:
         self._slope_scale = (
             self._grid.volts_per_step / self._denominator * rate_hz * 2 / float(self._line @ self._line)
         )
+        # Standard deviation of the slope for a standard deviation of 1 of the total.
+        self._slope_noise = self._slope_scale * float(np.sqrt(self._line @ self._line))
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self.state: ContactState = "none"
         self._is_first = True
+        self._n_blind = self._levels.n_blind  # scans before the levels are known
         self._totals: FloatArray | None = None
         self._steady = 0
         self._steady_before = 0  # length of the steady stretch before this unsteady one
@@ -135,13 +191,21 @@ class ContactTracker:
             steps = np.where(counts, self._grid.round(block.volts), 0.0)
             readings = counts.astype(np.float64) @ self._counted
         pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
-        taxel_touches = pressure > self._params.contact_volts
-        n_touching = taxel_touches.sum(axis=1)
+        levels = self._levels
+        noise = levels.noise(held)
+        taxel_noise = noise[:, self._own].max(axis=2) * self._grid.volts_per_step
+        taxel_touches = pressure > levels.contact(taxel_noise)
+        n_touching = np.maximum(taxel_touches.sum(axis=1), 1)
+        total_noise = np.sqrt(((noise * self._total_weights) ** 2).sum(axis=1))
         return PressureMeasurement(
             taxel_touches=taxel_touches,
-            touches=n_touching > 0,
-            released=(pressure < self._params.release_volts).all(axis=1),
-            slope_volts_s=self._slope(held.steps) / np.maximum(n_touching, 1),
+            touches=taxel_touches.any(axis=1),
+            released=(pressure < levels.release(taxel_noise)).all(axis=1),
+            slope_volts_s=self._slope(held.steps) / n_touching,
+            loading_volts_s=levels.loading(
+                load=np.where(taxel_touches, pressure, 0.0).sum(axis=1) / n_touching,
+                slope_sd=total_noise * self._slope_noise / n_touching,
+            ),
         )
 
     def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
@@ -160,9 +224,14 @@ class ContactTracker:
         slope: FloatArray = np.correlate(seen, self._line, "valid") * self._slope_scale
         return slope
 
-    def step(self, touches: bool, released: bool, slope_volts_s: float) -> ContactTransition | None:
+    def step(
+        self, touches: bool, released: bool, slope_volts_s: float, loading_volts_s: float
+    ) -> ContactTransition | None:
         """Process one scan and return the change of state, if any."""
-        self._follow_load(slope_volts_s)
+        if self._n_blind > 0:
+            self._n_blind -= 1
+            return None
+        self._follow_load(abs(slope_volts_s) <= loading_volts_s)
         is_first, self._is_first = self._is_first, False
         if self.state == "none":
             if touches and is_first:
@@ -173,12 +242,12 @@ class ContactTracker:
             return self._go("none")
         if self.state == "loading" and self._steady >= self._settle_scans:
             return self._go("holding")
-        if self.state == "holding" and slope_volts_s > self._params.loading_volts_s:
+        if self.state == "holding" and slope_volts_s > loading_volts_s:
             return self._go("loading")
         return None
 
-    def _follow_load(self, slope_volts_s: float) -> None:
-        if abs(slope_volts_s) <= self._params.loading_volts_s:
+    def _follow_load(self, is_steady: bool) -> None:
+        if is_steady:
             self._steady += 1
             return
         if self._steady >= self._settle_scans:

@@ -45,7 +45,7 @@ class Quantiser:
     """
 
     def __init__(self, array: Array) -> None:
-        self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale_volts))
+        self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
         self.volts_per_step = self.full_scale_volts / 2**READING_BITS
         self._n_channels = array.n_channels
         self.reset()

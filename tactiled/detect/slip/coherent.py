@@ -75,8 +75,7 @@ class CoherentParams(Params):
         le=5,
         description="shear over pressure below which nothing is gross; left out: as the array's kind has it",
     )
-    # Half of the paper's "clear enough": the mean of four resistors is clear enough at 10 mV of noise each.
-    contact: ContactParams = ContactParams(contact_volts=0.25, release_volts=0.15)
+    contact: ContactParams = ContactParams()
 
     @property
     def shear(self) -> float:

@@ -9,8 +9,9 @@ long as noise and load stay within it.
    repeats a code in at most 0.4 of them, so that `_LONG` repeats in a row come by chance once in 1e15 scans;
    noise that only flips the last bit turns back in a quarter at most. Where noise stops everywhere, as
    when a motor stops, most channels rest, and none is stuck.
-2. It stayed while a press moved the others of its taxel, all of them and one way, by `_PRESSED_VOLTS` or
-   more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side; a press leaves none.
+2. It stayed while a press moved the others of its taxel, all of them and one way, by the pressure that ends
+   a contact or more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side; a press
+   leaves none.
 
 A channel works again with its first reading that differs, and not because the press is over.
 """
@@ -24,7 +25,7 @@ from tactiled.detect.signal.quantise import Quantiser
 _HISTORY, _TURNED = 128, 52  # 0.4 of all: 3.3 standard deviations above a last bit that flips
 _LONG = 40  # 0.4^40 is 1e-16
 _MOST = 1 / 3  # of the channels: where more rest, the noise has stopped
-_PRESSED_VOLTS = 0.15  # what `contact` takes for the least of a press
+_PRESSED_OF_RANGE = 0.01  # where the array file has no pressure that ends a contact (0.15 of +-8 V)
 _LEAST_SIDES = 3
 
 
@@ -37,7 +38,10 @@ class StuckChannelDetector:
     """
 
     def __init__(self, array: Array) -> None:
-        self._pressed_steps = _PRESSED_VOLTS / Quantiser(array).volts_per_step
+        pressed = (
+            _PRESSED_OF_RANGE * (array.high - array.low) if array.contact is None else array.contact.below
+        )
+        self._pressed_steps = pressed / Quantiser(array).volts_per_step
         self._sign = array.sign
         n = array.n_channels
         self._sides = _sides(array)

@@ -55,6 +55,11 @@ from tactiled.tomlfile import Params
 DETECTOR = "wang2019"
 
 
+# Voltages above 0.5 V are clear enough to analyse, the paper says. 20 N in 8 s, its slowest press, is about
+# 0.1 V/s; creep in a hold is below 0.01 V/s.
+PUBLISHED_CONTACT = ContactParams(contact_volts=0.5, release_volts=0.35, loading_volts_s=0.03)
+
+
 class SlipParams(Params):
     """Parameters of the published rule; the defaults are for volts at any rate from 20 Hz to 1 kHz."""
 
@@ -77,7 +82,7 @@ class SlipParams(Params):
     turn_deg: float = Field(
         default=30.0, ge=10, le=180, description="change of direction from which on a slip is a new one"
     )
-    contact: ContactParams = ContactParams()
+    contact: ContactParams = PUBLISHED_CONTACT
 
 
 def level_at(rate_hz: float, params: SlipParams) -> int:

@@ -1,0 +1,126 @@
+"""Arrays in any unit with any zero: contact, slip and tare are those of the same touch in volts."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from touches import Touch, contact_states
+
+from tactiled.array import Array, load_array
+from tactiled.detect.signal.contact import ContactGate
+from tactiled.detect.signal.noise import RestNoise
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.zero import StartZero
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
+from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.samples.block import ScanBlock, regular_block
+
+WANG = load_array("wang2019-3x3")
+TOUCH = Touch(slide_s=4.0, stop_s=8.0)
+
+
+def wang_in(unit: str, low: float, high: float, zero: str) -> Array:
+    """The 2019 array with readings in another unit, without declared contact levels."""
+    text = Path(__file__).parents[3].joinpath("config/arrays/wang2019-3x3.toml").read_text()
+    text = text[: text.index("# Pressure responses")]
+    text = text.replace(
+        'name = "wang2019-3x3"', f'name = "x"\nunit = "{unit}"\nrange = [{low}, {high}]\nzero = {zero}'
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.toml"
+        path.write_text(text)
+        return load_array(str(path))
+
+
+def told(array: Array, block: ScanBlock, size: int = 10_000) -> list[Event]:
+    suite = TunedSuite(array, DetectParams())
+    return [e for n in range(0, len(block), size) for e in suite.process(block[n : n + size])]
+
+
+@pytest.mark.parametrize(
+    ("unit", "low", "high", "zero", "scale", "offset"),
+    [
+        ("count", 0, 65535, "38000", 5000.0, 38000.0),
+        ("count", 0, 65535, '"first 0.3 s"', 5000.0, 38000.0),
+        ("count", 0, 4095, '"first 0.3 s"', 500.0, 200.0),
+        ("uT", -5000, 5000, '"first 0.3 s"', 300.0, -800.0),
+        ("N", -20, 20, "0.0", 2.0, 0.0),
+    ],
+)
+def test_the_same_touch_in_another_unit_is_the_same_contact_and_slip(
+    unit: str, low: float, high: float, zero: str, scale: float, offset: float
+) -> None:
+    volts = TOUCH.volts(WANG, 100.0)
+    expected = [e for e in told(WANG, regular_block(volts, 100.0)) if isinstance(e, SlipEvent)]
+    readings = offset + scale * volts
+    if unit == "count":
+        readings = np.rint(readings)
+    array = wang_in(unit, low, high, zero)
+    events = told(array, regular_block(readings, 100.0, valid=array.in_range(readings)))
+    slips = [e for e in events if isinstance(e, SlipEvent)]
+    assert [(e.state, e.kind) for e in slips] == [(e.state, e.kind) for e in expected]
+    for found, true in zip(slips, expected, strict=True):
+        assert found.onset_s == pytest.approx(true.onset_s, abs=0.03)
+        if found.state == "onset":
+            assert found.direction_deg == pytest.approx(true.direction_deg, abs=3.0)
+    contact = [e for e in events if isinstance(e, ContactEvent)]
+    assert contact[0].state == "loading"
+    assert contact[0].time_s == pytest.approx(0.5, abs=0.25)  # TOUCH presses from 0.5 s on
+    assert contact[-1].state == "none"
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 300])
+def test_events_do_not_depend_on_chunks_where_levels_and_zero_come_from_the_data(size: int) -> None:
+    array = wang_in("count", 0, 65535, '"first 0.3 s"')
+    block = regular_block(np.rint(38000 + 5000 * TOUCH.volts(WANG, 100.0)), 100.0)
+    assert told(array, block, size) == told(array, block)
+
+
+def test_noise_alone_is_no_contact_whatever_its_size() -> None:
+    array = wang_in("count", 0, 65535, "0.0")
+    for sd in (0.3, 5.0, 100.0, 2000.0):
+        noise = sd * np.random.default_rng(1).normal(size=(20_000, 36))
+        gate = ContactGate(array)
+        assert contact_states(gate.process(regular_block(np.rint(noise), 100.0))) == []
+
+
+def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> None:
+    rng = np.random.default_rng(2)
+    sd = np.where(np.arange(3000) < 1000, 10.0, 200.0)[:, np.newaxis]
+    steps = np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis])
+    found = RestNoise(4).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_)))
+    assert (found[:15] == 2.0**23).all()  # unknown
+    assert (found[15:] < 14.0).all()
+    assert (found[15:] > 3.0).all()
+    assert (np.diff(found, axis=0) <= 0).all()
+
+
+def test_a_tare_replaces_the_zero_of_the_array() -> None:
+    array = wang_in("count", 0, 65535, "38000")
+    suite = TunedSuite(array, DetectParams())
+    rng = np.random.default_rng(3)
+    assert suite.process(regular_block(45_000 + rng.normal(0, 3, (200, 36)), 100.0)) != []
+    reason, _ = suite.tare(force=True)
+    assert reason == ""
+    resting = regular_block(45_000 + rng.normal(0, 3, (200, 36)), 100.0, start_s=2.0, index=200)
+    assert suite.process(resting) == []
+
+
+def test_a_start_zero_leaves_out_what_is_invalid() -> None:
+    volts = np.array([[1.0, 7.0], [np.nan, 8.0], [3.0, 9.0], [50.0, 50.0]])
+    valid = np.array([[True, False], [True, False], [True, False], [True, True]])
+    start = StartZero(0.03)
+    block = regular_block(volts, 100.0, valid=valid)
+    assert start.process(block[:2]) == []
+    assert len(start.process(block[2:])) == 2
+    assert start.zero is not None
+    assert start.zero.tolist() == [2.0, 0.0]
+
+
+def test_the_grid_reaches_over_the_range_from_the_zero() -> None:
+    assert Quantiser(wang_in("count", 0, 65535, "38000")).full_scale_volts == 2**16
+    assert Quantiser(WANG).full_scale_volts == 8.0
+    assert Quantiser(replace(WANG, low=0.0, high=0.5)).full_scale_volts == 0.5
