@@ -15,6 +15,7 @@ from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import ServiceParams
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
+from tactiled.detect.worker import Worker
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, load_board
@@ -63,9 +64,9 @@ class Setup:
     layout: Layout
     array: Array
 
-    def make_pipeline(self) -> Pipeline:
-        """Make a pipeline with this configuration."""
-        return Pipeline(self.layout, self.array, self.config.pipeline)
+    def make_pipeline(self, worker: Worker | None = None) -> Pipeline:
+        """Make a pipeline with this configuration; `worker` takes long computations."""
+        return Pipeline(self.layout, self.array, self.config.pipeline, worker=worker)
 
     def recording_header(self) -> Header:
         """Header of recordings made with this configuration."""

@@ -4,13 +4,15 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.suite import DetectParams
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
+from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent
 from tactiled.samples.assembler import Assembler, SampleParams
@@ -63,6 +65,8 @@ class Health:
     rate_hz: float
     contact: ContactState
     slipping: bool
+    fits_late: int
+    """Number of groove fits that were not ready at the scan at which they were due."""
 
 
 class Pipeline:
@@ -76,17 +80,25 @@ class Pipeline:
     live : bool
         True for live data and exact replays: scans that were handed over late are marked, and events that
         rest on them are not valid. False for the analysis of a file, in which no scan is late.
+    worker : Worker, optional
+        Takes long computations; without one they are computed in place, with the same events.
     """
 
     def __init__(
-        self, layout: Layout, array: Array, params: PipelineParams | None = None, *, live: bool = True
+        self,
+        layout: Layout,
+        array: Array,
+        params: PipelineParams | None = None,
+        *,
+        live: bool = True,
+        worker: Worker | None = None,
     ) -> None:
         params = params or PipelineParams()
         self.layout = layout
         self.array = array
         self._decoder = Decoder(layout)
         self._assembler = Assembler(layout, params.samples, params.baud, live=live)
-        self.tuning = TunedSuite(array, params.detect)
+        self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker))
         self.reset()
 
     def reset(self) -> None:
@@ -94,9 +106,12 @@ class Pipeline:
         self._decoder.reset()
         self._assembler.reset()
         self.tuning.reset()
+        self.late_fits: list[int] = []
+        """Due scans of the groove fits that were not ready in the last `receive_data`."""
         self._tuned_for = ""
         self.hello: Hello | None = None
         self._frames = 0
+        self._fits_late = 0
         self._corrupt: Counter[str] = Counter()
         self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
         self._contact: ContactState = "none"
@@ -138,6 +153,8 @@ class Pipeline:
                 self._assembler.answered(frame, now_s)
                 out.append(frame)
         out += self._run(self._assembler.flush(), now_s)
+        self.late_fits = self.tuning.take_late_fits()
+        self._fits_late += len(self.late_fits)
         return out
 
     def disconnected(self) -> None:
@@ -180,6 +197,7 @@ class Pipeline:
             rate_hz=self._assembler.rate_hz,
             contact=self._contact,
             slipping=self._slipping,
+            fits_late=self._fits_late,
         )
 
     def command(self, name: str, arguments: Mapping[str, Any], now_s: float) -> tuple[str, list[Event]]:
@@ -192,7 +210,8 @@ class Pipeline:
         name : str
             ``"tare"``, ``"speed"``, ``"inhibit"``, ``"expect-load-change"`` or ``"thresholds"``
             (protocols/control.md); ``"adapter"``, which only the port says: its ``handover_s``; ``"ping"``,
-            just before the daemon sends one: its ``token``.
+            just before the daemon sends one: its ``token``; ``"late-fit"``, which only a recording says: the
+            ``index`` of the scan at which a fit was due and not ready.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -218,6 +237,8 @@ class Pipeline:
             self._assembler.adapter(arguments["handover_s"])
         elif name == "ping":
             self._assembler.pinged(arguments["token"], now_s)
+        elif name == "late-fit":
+            tuning.expect_late_fit(arguments["index"])
         elif name == "thresholds":
             reason, events = tuning.set_thresholds(arguments["values"])
         else:

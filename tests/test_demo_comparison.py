@@ -34,7 +34,9 @@ def onsets(slide: TrueSlip, *, error_s: float = 0.01, direction_deg: float = 1.0
     return [incipient, dataclasses.replace(incipient, time_s=gross_s, kind="gross", onset_s=gross_s)]
 
 
-TEXTURE = TextureEvent(time_s=T0_S + 18.0, status="ok", period_mm=1.202, angle_deg=30.1)
+TEXTURE = TextureEvent(
+    time_s=T0_S + 18.0, answered_s=T0_S + 18.0, status="ok", period_mm=1.202, angle_deg=30.1
+)
 FIRST, LAST = onsets(FLAT), onsets(GROOVES)
 ALL: list[Event] = [*FIRST, *LAST, TEXTURE]
 
@@ -97,7 +99,7 @@ def test_a_texture_where_there_are_no_grooves_is_wrong() -> None:
         ([*FIRST, *onsets(GROOVES, error_s=0.07), TEXTURE], "gross at"),
         ([*FIRST, *LAST, dataclasses.replace(TEXTURE, period_mm=1.22)], "period"),
         ([*FIRST, *LAST, dataclasses.replace(TEXTURE, angle_deg=29.0)], "angle"),
-        ([*FIRST, *LAST, dataclasses.replace(TEXTURE, time_s=T0_S + 18.8)], "answer after"),
+        ([*FIRST, *LAST, dataclasses.replace(TEXTURE, answered_s=T0_S + 18.8)], "answer after"),
         ([*FIRST, *LAST, dataclasses.replace(TEXTURE, status="low-snr")], "period"),
     ],
 )

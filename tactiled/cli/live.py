@@ -23,6 +23,7 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
     need_board(config, port)
     need_toml(config)
     from tactiled.config import Setup, default_config, load_config
+    from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.service import ServiceParams, run_service
@@ -39,10 +40,13 @@ def run(config: Path | None, port: str | None, recording: Path | None, verbose: 
 
     set_up(10 if verbose else 20)
     setup = load()
-    with Recorder(setup.config.record, setup.recording_header(), recording) as recorder:
+    with (
+        BackgroundWorker() as worker,
+        Recorder(setup.config.record, setup.recording_header(), recording) as recorder,
+    ):
         code = run_service(
             setup.config.service,
-            setup.make_pipeline(),
+            setup.make_pipeline(worker),
             setup.layout,
             setup.array,
             None if config is None else again,

@@ -28,6 +28,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     need_board(config, port)
     need_toml(config)
     from tactiled.config import default_config, load_config
+    from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.service import run_service
@@ -35,8 +36,11 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
     service = setup.config.service.without_publishing()
-    pipeline = setup.make_pipeline()
-    with Recorder(setup.config.record, setup.recording_header(), file) as recorder:
+    with (
+        BackgroundWorker() as worker,
+        Recorder(setup.config.record, setup.recording_header(), file) as recorder,
+    ):
+        pipeline = setup.make_pipeline(worker)
         recorder.check()
         run_service(service, pipeline, setup.layout, setup.array, recorder=recorder, duration_s=duration_s)
     n_scans = pipeline.health().scans

@@ -91,6 +91,7 @@ class Service:
         self._layout = layout
         self._reload = reload
         link = make_link(pipeline, params.session, self._baud, other_layouts(layout))
+        self._link = link
         session = link.session
         self._connection = connection = Connection(params.port.url, self._baud)
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
@@ -160,6 +161,7 @@ class Service:
 
     async def _watch(self) -> None:
         """Check the line and publish the status, at 10 Hz in every state."""
+        link = self._link
         next_s = time.monotonic()
         while True:
             now_s = time.monotonic()
@@ -168,6 +170,7 @@ class Service:
             self._outlets.notifier.alive(now_s)
             next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ticks are skipped
             await asyncio.sleep(next_s - time.monotonic())
+            link.load.turn(time.monotonic() - next_s)
 
     def _changed(self, now_s: float) -> None:
         self._report.changed(now_s, leaving=self._end.done())

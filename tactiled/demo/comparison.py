@@ -176,7 +176,7 @@ def _compare_grooves(
     answer_s, period_mm, angle_deg = math.inf, math.inf, math.inf
     if answers:
         first = answers[0]
-        answer_s, period_mm, angle_deg = first.time_s - t0_s, first.period_mm, first.angle_deg
+        answer_s, period_mm, angle_deg = first.answered_s - t0_s, first.period_mm, first.angle_deg
     begin_s = slide.gross_s or slide.onset_s
     out.add(f"{name}: answer after", 0.0, answer_s - begin_s, MAX_ANSWER_S, "s")
     period = grooves.period_mm

@@ -189,7 +189,7 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
             if event.status == "ok"
             else ""
         )
-        _say(f"{time_s - t0_s:6.2f} s  said: texture {event.status}", words)
+        _say(f"{event.answered_s - t0_s:6.2f} s  said: texture {event.status}", words)
 
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
@@ -202,6 +202,7 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
             fields[f"{name}_s"] = fields.pop(name) - unix_offset_s
         return SlipEvent(**fields)
     if topic == "texture":
+        fields["answered_s"] = fields.pop("answered") - unix_offset_s
         fields["candidates"] = tuple(Candidate(**c) for c in fields["candidates"])
         return TextureEvent(**fields)
     return None

@@ -16,6 +16,7 @@ from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
+from tactiled.detect.worker import InPlace, Worker
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -95,6 +96,14 @@ class TextureEstimator(Protocol):
         """Return the events that the item completes; `slip` has the slip events of the same item."""
         ...
 
+    def expect_late_fit(self, due_index: int) -> None:
+        """Treat the fit that is due at a scan as not ready, as it was in the live run."""
+        ...
+
+    def take_late_fits(self) -> list[int]:
+        """Return the due scans of the fits that were not ready since the last call."""
+        ...
+
 
 class DetectorPair:
     """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
@@ -150,20 +159,21 @@ class DetectorFactories(NamedTuple):
     Attributes
     ----------
     slip, texture : callable
-        Make the detector for an array from the parameters of all detectors.
+        Make the detector for an array from the parameters of all detectors. The texture estimator may hand
+        long computations to the worker.
     """
 
     slip: Callable[[Array, DetectParams], SlipDetector]
-    texture: Callable[[Array, DetectParams], TextureEstimator]
+    texture: Callable[[Array, DetectParams, Worker], TextureEstimator]
 
 
 _COHERENT = DetectorFactories(
     slip=lambda array, params: CoherentSlip(array, params.slip),
-    texture=lambda array, params: JointTexture(array, params.texture),
+    texture=lambda array, params, worker: JointTexture(array, params.texture, worker),
 )
 _WANG2019 = DetectorFactories(
     slip=lambda array, params: WaveletSlip(array, params.wang2019.slip),
-    texture=lambda array, params: PaperTexture(array, params.wang2019.texture),
+    texture=lambda array, params, _: PaperTexture(array, params.wang2019.texture),
 )
 REGISTRY: Mapping[Setting, DetectorFactories] = {
     "fast": _COHERENT,
@@ -174,12 +184,21 @@ REGISTRY: Mapping[Setting, DetectorFactories] = {
 """Detectors of each setting; settings that share detectors differ in their parameters."""
 
 
-def build_suite(array: Array, params: DetectParams) -> Suite:
+def build_suite(array: Array, params: DetectParams, worker: Worker | None = None) -> Suite:
     """Make the detectors of a setting, with short gaps interpolated."""
-    return BridgedSuite(build_methods(array, params))
+    return BridgedSuite(build_methods(array, params, worker))
 
 
-def build_methods(array: Array, params: DetectParams) -> DetectorPair:
-    """Make the detectors of a setting without interpolation: every gap reaches them."""
+def build_methods(array: Array, params: DetectParams, worker: Worker | None = None) -> DetectorPair:
+    """Make the detectors of a setting without interpolation: every gap reaches them.
+
+    Parameters
+    ----------
+    array : Array
+    params : DetectParams
+    worker : Worker, optional
+        Takes long computations; without one they are computed in place.
+    """
     factories = REGISTRY[params.setting]
-    return DetectorPair(factories.slip(array, params), factories.texture(array, params))
+    texture = factories.texture(array, params, worker or InPlace())
+    return DetectorPair(factories.slip(array, params), texture)

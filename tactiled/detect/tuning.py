@@ -151,6 +151,15 @@ class TunedSuite:
             self.speed_mm_s = speed_mm_s
             self._pass_speed()
 
+    def expect_late_fit(self, due_index: int) -> None:
+        """Treat the fit that is due at a scan as not ready, as it was in the live run."""
+        if self._suite.texture is not None:
+            self._suite.texture.expect_late_fit(due_index)
+
+    def take_late_fits(self) -> list[int]:
+        """Return the due scans of the fits that were not ready since the last call."""
+        return self._suite.texture.take_late_fits() if self._suite.texture is not None else []
+
     def inhibit(self, now_s: float, duration_s: float) -> None:
         """Suppress slips for `duration_s` from now on; 0 ends the interval now."""
         self._inhibited.announce(now_s, duration_s)

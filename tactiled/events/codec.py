@@ -15,7 +15,7 @@ from tactiled.events.types import Event
 
 MESSAGE_VERSION = 1
 # Instants become epoch seconds, under names without the unit.
-_RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
+_RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected", "answered_s": "answered"}
 
 
 def topic_of(board: str, event_topic: str) -> str:

@@ -95,6 +95,8 @@ class TextureEvent(Event):
 
     topic: ClassVar[str] = "texture"
     status: TextureStatus
+    answered_s: float
+    """Instant of the scan at which this was reported; `time_s` is the end of the window that was used."""
     period_mm: float = 0.0
     period_sd_mm: float = 0.0
     angle_deg: float = 0.0
@@ -107,6 +109,11 @@ class TextureEvent(Event):
     snr_db: float = 0.0
     candidates: tuple[Candidate, ...] = ()
     estimator: str = ""
+
+    @property
+    def evidence_s(self) -> float:
+        """Instant of the scan at which this was reported."""
+        return self.answered_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +180,10 @@ class StatusEvent(Event):
     """Remaining seconds for which slips are published as not valid, on the request of a client."""
     scans_overrun: int = 0
     """Part of `scans_missing`: the board missed the scan instant and flagged it; the line is in order."""
+    loop_lag_s: float = 0.0
+    """Longest time since the last status for which the daemon could not react to anything."""
+    fits_late: int = 0
+    """Number of groove fits that were not ready at the scan at which they were due."""
     sent: Sent = Sent()
     """Messages that a subscriber without losses has received by now."""
 

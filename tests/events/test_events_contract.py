@@ -15,7 +15,7 @@ from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event
 
 KINDS = pytest.mark.parametrize("kind", EVENT_TYPES.values(), ids=EVENT_TYPES)
-RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected"}
+RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected", "answered_s": "answered"}
 HEAD = {"v": "int", "timestamp": "float64", "seq": "int", "board": "str", "run": "int"}
 
 

@@ -11,7 +11,7 @@ FLOATS = st.one_of(st.sampled_from([0.0, -0.0, 1.0]), st.floats(-1e15, 1e15))
 INTEGERS = st.integers(0, 2**63 - 1)
 NONNEGATIVE = {
     "period_mm", "speed_mm_s", "frequency_hz", "window_s", "rate_hz", "uptime_s", "volts_per_count", "weight",
-    "free_mb", "inhibited_s",
+    "free_mb", "inhibited_s", "loop_lag_s",
 }  # fmt: skip
 SPECIAL: dict[str, st.SearchStrategy[Any]] = {
     "confidence": st.floats(0, 1),

@@ -17,9 +17,13 @@ ARRAY = load_array("wang2019-3x3")
 
 def test_a_log_shows_answers_and_refusals() -> None:
     events = [
-        TextureEvent(time_s=1.0, status="too-few-periods"),
-        TextureEvent(time_s=2.0, status="ok", period_mm=1.2, period_sd_mm=0.001, angle_deg=30.0),
-        TextureEvent(time_s=3.0, status="ok", period_mm=1.21, period_sd_mm=0.0004, angle_deg=30.1),
+        TextureEvent(time_s=1.0, answered_s=1.0, status="too-few-periods"),
+        TextureEvent(
+            time_s=2.0, answered_s=2.0, status="ok", period_mm=1.2, period_sd_mm=0.001, angle_deg=30.0
+        ),
+        TextureEvent(
+            time_s=3.0, answered_s=3.0, status="ok", period_mm=1.21, period_sd_mm=0.0004, angle_deg=30.1
+        ),
     ]
     axes = Figure().subplots(1, 2)
     draw_answers(axes[0], axes[1], events, 1.0)
@@ -35,7 +39,13 @@ def a_ripple(angle_deg: float, direction_deg: float) -> tuple[np.ndarray, np.nda
     wave, time_s = Wave(1.2, angle_deg, 2.0, direction_deg), np.arange(200) / 100
     hz = abs(wave.frequency_hz)
     event = TextureEvent(
-        time_s=1.99, status="ok", period_mm=1.2, angle_deg=angle_deg, frequency_hz=hz, window_s=2.0
+        time_s=1.99,
+        answered_s=1.99,
+        status="ok",
+        period_mm=1.2,
+        angle_deg=angle_deg,
+        frequency_hz=hz,
+        window_s=2.0,
     )
     return time_s, 1.0 + wave_volts(wave, sensed, time_s), event
 
@@ -77,7 +87,7 @@ def test_map_has_grooves_taxels_and_motion() -> None:
 
 def test_the_answer_in_words() -> None:
     _, _, event = a_ripple(30.0, 0.0)
-    refused = TextureEvent(time_s=1.0, status="ambiguous")
+    refused = TextureEvent(time_s=1.0, answered_s=1.0, status="ambiguous")
     assert answer_in_words([], []) == ""
     assert answer_in_words([refused, refused], []) == "grooves: no answer (ambiguous 2)"
     told = replace(event, period_sd_mm=0.001, angle_sd_deg=0.1, estimator="joint")

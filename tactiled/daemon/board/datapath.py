@@ -121,7 +121,9 @@ class DataPath:
         commands = self._link.received(data, now_s, self._outlets.found, self._outlets.received)
         self._outlets.notifier.alive(now_s)
         self.act(commands)
-        self._outlets.metrics.handled(time.monotonic() - now_s)
+        turn_s = time.monotonic() - now_s
+        self._outlets.metrics.handled(turn_s)
+        self._link.load.turn(turn_s)
 
     def _deadline(self) -> None:
         self._timer = None

@@ -21,6 +21,7 @@ def status_event(
     started_s: float,
     connects: int,
     inhibited_s: float,
+    loop_lag_s: float,
     warning: str,
 ) -> StatusEvent:
     """Make the status event of `now_s`; `valid` requires a running board and a fresh newest scan."""
@@ -58,6 +59,8 @@ def status_event(
         slipping=health.slipping,
         uptime_s=now_s - started_s,
         inhibited_s=inhibited_s,
+        loop_lag_s=loop_lag_s,
+        fits_late=health.fits_late,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
 from tactiled.daemon.board.health import status_event
+from tactiled.daemon.board.load import HostLoad
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import Event, ScanEvent, StatusEvent
@@ -41,11 +42,17 @@ class BoardLink:
     session : Session
     line : LineWatch
         The one that `session` was made with.
+
+    Attributes
+    ----------
+    load : HostLoad
+        Takes the turns of the event loop.
     """
 
     def __init__(self, pipeline: Pipeline, session: Session, line: LineWatch) -> None:
         self.pipeline = pipeline
         self.session = session
+        self.load = HostLoad()
         self._line = line
         self._patience_s = SILENT_S
 
@@ -148,23 +155,27 @@ class BoardLink:
         return f"no byte for {silent_s:.0f} s: opened anew"
 
     def warnings(self, port_warning: str = "") -> dict[str, str]:
-        """Return the faults that do not stop the scans, by cause: ``"line"``, ``"clock"``, ``"port"``."""
+        """Return the faults that do not stop the scans, by cause: line, clock, port, host."""
         found = {
             "line": self._line.warning(),
             "clock": self.pipeline.health().clock_warning,
             "port": port_warning,
+            "host": self.load.warning(),
         }
         return {cause: words for cause, words in found.items() if words}
 
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
         """Make the status event; `warning` is the warning of the port."""
+        health = self.pipeline.health()
+        loop_lag_s = self.load.status(now_s, health.fits_late)
         return status_event(
             self.session,
-            self.pipeline.health(),
+            health,
             now_s=now_s,
             started_s=started_s,
             connects=connects,
             inhibited_s=self.pipeline.tuning.inhibited_s(now_s),
+            loop_lag_s=loop_lag_s,
             warning="; ".join(self.warnings(warning).values()),
         )
 

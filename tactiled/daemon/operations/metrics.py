@@ -81,6 +81,7 @@ class Metrics:
         self._line_errors = line_errors
         self._latency = Histogram(_LATENCY_S)
         self._handling = Histogram(_HANDLING_S)
+        self._lag = Histogram(_HANDLING_S)
         self._status: StatusEvent | None = None
         self._recording: RecordingEvent | None = None
         self._dropped = 0
@@ -95,6 +96,7 @@ class Metrics:
             self._slips[event.kind, event.suppressed] += 1
         elif isinstance(event, StatusEvent):
             self._status = event
+            self._lag.add(event.loop_lag_s)
         elif isinstance(event, RecordingEvent):
             self._recording = event
 
@@ -118,6 +120,8 @@ class Metrics:
         yield "scans_total", "counter", "Scans the board took, by what became of them.", _by("result", scans)
         became = {"framed": health.bytes_framed, "discarded": health.bytes_discarded}
         yield "bytes_total", "counter", "Bytes received, by what became of them.", _by("result", became)
+        what = "Groove fits that were not ready at the scan at which they were due."
+        yield "fits_late_total", "counter", what, _one(health.fits_late)
         yield "board_restarts_total", "counter", "How often the board booted.", _one(health.restarts)
         if (errors := self._line_errors()) is not None:
             counts = {"framing": errors.framing, "overrun": errors.overrun}
@@ -143,6 +147,8 @@ class Metrics:
     def _delivery(self) -> Iterator[tuple[str, Kind, str, list[Sample]]]:
         what = "From a scan's instant to its handling."
         yield "scan_latency_seconds", "histogram", what, list(self._latency.samples())
+        what = "Longest turn of the event loop in each tenth of a second."
+        yield "loop_lag_seconds", "histogram", what, list(self._lag.samples())
         what = "From bytes in hand to messages sent."
         yield "handling_seconds", "histogram", what, list(self._handling.samples())
         slips: list[Sample] = [

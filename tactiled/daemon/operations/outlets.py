@@ -75,7 +75,10 @@ class Outlets:
     def received(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
         """Record a read of the port and the outputs of the pipeline for it."""
         if self._recorder is not None:
-            read = Read(now_s, self._clock.offset_s, data)
+            hello, offset_s = self._pipeline.hello, self._clock.offset_s
+            for index in self._pipeline.late_fits:  # before the read, so that a replay knows of them in time
+                self._recorder.commanded("late-fit", {"index": index}, (), hello, now_s, offset_s)
+            read = Read(now_s, offset_s, data)
             self._recorder.received(read, outputs, self._pipeline.hello)
 
     def disconnected(self, now_s: float) -> None:

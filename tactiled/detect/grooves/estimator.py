@@ -4,6 +4,8 @@
 
 * A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. It is
   fitted every `hop_s`, counted in scans, so the arithmetic does not depend on how scans were chunked.
+* Each fit is handed to a worker, and its answer is reported `answer_after_s` after the end of its window, at
+  a fixed scan. A fit that is not ready by then is reported as "stale".
 * The first answer comes when the number of periods and both standard deviations meet the criteria, or when
   the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
   the window is full and after every further full length, and at the end of a slip that had no answer.
@@ -15,7 +17,10 @@
   both, weighted by their shares of the ripple's power.
 """
 
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,6 +32,7 @@ from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, chann
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
+from tactiled.detect.worker import InPlace, Job, Worker
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -75,6 +81,12 @@ class JointParams(WaveParams):
         default=None, gt=0, le=50, description="ripple periods in the window that an earlier answer needs"
     )
     hop_s: float = Field(default=0.2, ge=0.02, le=10, description="interval between fits")
+    answer_after_s: float = Field(
+        default=0.4,
+        ge=0,
+        le=10,
+        description="time from the end of a window to its answer; the fit is computed meanwhile",
+    )
     settle_s: float = Field(default=0.3, ge=0, le=60, description="time from detected slip to the window")
     speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: unknown, to be estimated")
     speed_sd_mm_s: float = Field(default=0.0, ge=0, description="standard deviation of the speed")
@@ -92,6 +104,56 @@ class JointParams(WaveParams):
         return PRESETS[self.preset]._replace(**{name: x for name, x in given.items() if x is not None})
 
 
+class _Span(NamedTuple):
+    """End and length of the scans that a fit used, and the mean of the speeds that were set (0: unknown)."""
+
+    end_s: float
+    window_s: float
+    given_speed_mm_s: float
+
+
+class _Window:
+    """Scans of one slip in one direction, and what was answered of them."""
+
+    def __init__(self, n_scans: int, n_channels: int) -> None:
+        self.scans = ScanWindow(n_scans, n_channels)
+        self.n_scans = 0
+        self.n_pending = 0
+        self.has_answer = False
+        self.last = WaveFit("no-slip")
+        self.end: SlipEnd | None = None
+
+    def span(self, end_s: float, rate_hz: float) -> _Span:
+        """Describe the scans in the window."""
+        given_mm_s = float(np.abs(self.scans.speeds_mm_s).mean()) if self.scans.sign else 0.0
+        return _Span(end_s, len(self.scans) / rate_hz, given_mm_s)
+
+
+@dataclass(frozen=True, eq=False)
+class _PendingFit:
+    """A fit that was handed over.
+
+    Attributes
+    ----------
+    job : Job
+    due_index : int
+        Scan at which the answer is reported.
+    window : _Window
+    span : _Span
+    is_refusal_due : bool
+        True where a refusal is reported also without an answer before it.
+    is_full : bool
+        True where the window had its full length.
+    """
+
+    job: Job[WaveFit]
+    due_index: int
+    window: _Window
+    span: _Span
+    is_full: bool
+    is_refusal_due: bool
+
+
 class JointTexture:
     """Report texture events by the joint fit.
 
@@ -99,6 +161,8 @@ class JointTexture:
     ----------
     array : Array
     params : JointParams
+    worker : Worker, optional
+        Computes the fits; by default they are computed in place.
 
     Examples
     --------
@@ -121,32 +185,30 @@ class JointTexture:
     ... )
     >>> events = JointTexture(array, JointParams(speed_mm_s=2.0)).process(block, [slip])
     >>> for event in (events[0], events[-1]):
-    ...     print(f"{event.time_s:.2f} s: {event.period_mm:.3f} mm, {event.angle_deg:.1f} degrees")
-    1.09 s: 1.200 mm, 20.0 degrees
+    ...     print(f"{event.answered_s:.2f} s: {event.period_mm:.3f} mm, {event.angle_deg:.1f} degrees")
+    1.49 s: 1.200 mm, 20.0 degrees
     1.89 s: 1.200 mm, 20.0 degrees
     """
 
-    def __init__(self, array: Array, params: JointParams | None = None) -> None:
+    def __init__(self, array: Array, params: JointParams | None = None, worker: Worker | None = None) -> None:
         self._layout = channel_layout(array)
         self._n_channels = array.n_channels
         self._full_scale_volts = Quantiser(array).full_scale_volts
         self._params = params or JointParams()
+        self._worker = worker or InPlace()
         self.reset()
 
     def reset(self) -> None:
         """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s)
+        self._pending: deque[_PendingFit] = deque()
+        self._told_late: set[int] = set()
+        self._late: list[int] = []
         self._end_slip()
 
     def _end_slip(self) -> None:
         self._slip_speed_sign = 0.0
-        self._clear_window()
-
-    def _clear_window(self) -> None:
-        self._scans = ScanWindow(0, self._n_channels)
-        self._n_scans = 0
-        self._has_answer = False
-        self._last = WaveFit("no-slip")
+        self._window: _Window | None = None
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Set the speed from a scan on, or from the next scan if that one is past.
@@ -155,18 +217,28 @@ class JointTexture:
         """
         self._gate.set_speed(speed_mm_s, from_index)
 
+    def expect_late_fit(self, due_index: int) -> None:
+        """Treat the fit that is due at a scan as not ready, as it was in the live run."""
+        self._told_late.add(due_index)
+
+    def take_late_fits(self) -> list[int]:
+        """Return the due scans of the fits that were not ready since the last call."""
+        late, self._late = self._late, []
+        return late
+
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
         """Return the events that an item completes.
 
         Parameters
         ----------
         item : ScanBlock or Gap
-            A gap discards the window; the estimator then waits for the next slip.
+            A gap discards the window and the fits of it; the estimator then waits for the next slip.
         slip : sequence of Event
             Events of the slip detector for the same item; other topics are ignored.
         """
         if isinstance(item, Gap):
             self._gate.close()
+            self._pending.clear()
             self._end_slip()
             return []
         events: list[Event] = []
@@ -174,77 +246,110 @@ class JointTexture:
             if isinstance(piece, SlidingScans):
                 events += self._gather(piece.block, piece.speeds_mm_s)
                 continue
-            if isinstance(piece, SlipEnd) and not self._has_answer:
-                events.append(self._event(piece.time_s, len(self._scans) / piece.rate_hz, self._last))
+            if isinstance(piece, SlipEnd):
+                events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
+                window = self._window or _Window(0, self._n_channels)
+                window.end = piece
+                events += self._refusal(window, piece.time_s)
             self._end_slip()
-        return events
+        return events + self._answer(item)
 
     def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
-        """Fill the window up to each hop, and fit there."""
+        """Fill the window up to each hop, answer what is due there, and hand over the next fit."""
         events: list[Event] = []
-        n_hop = self._n_hop(block.rate_hz)
-        n_window = max(1, round(self._params.criteria.max_window_s * block.rate_hz))
+        n_hop = self._n_scans(self._params.hop_s, block.rate_hz)
+        n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
         done = 0
         while done < len(block):
             sign = np.sign(speeds[done])
-            if self._n_scans and sign != self._scans.sign:
-                self._clear_window()
-            if not self._n_scans:
+            window = self._window
+            if window is None or sign != window.scans.sign:
+                window = self._window = _Window(n_window, self._n_channels)
                 self._slip_speed_sign = self._slip_speed_sign or float(sign)
-                self._scans = ScanWindow(n_window, self._n_channels)
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
-            n = min(n_hop - self._n_scans % n_hop, len(block) - done, *changes[:1].tolist())
+            n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
             good = part.valid & (np.abs(part.volts) <= self._full_scale_volts)
-            self._scans.append(part, good, speeds[done : done + n])
-            self._n_scans += n
+            window.scans.append(part, good, speeds[done : done + n])
+            window.n_scans += n
             done += n
-            if self._n_scans % n_hop == 0:
-                events += self._hop(part[-1:])
+            if window.n_scans % n_hop == 0:
+                events += self._answer(part)
+                self._hand_over(window, part[-1:], n_hop)
+                events += self._answer(part)  # where nothing is to be waited for
         return events
 
-    def _n_hop(self, rate_hz: float) -> int:
-        return max(1, round(self._params.hop_s * rate_hz))
+    def _n_scans(self, duration_s: float, rate_hz: float) -> int:
+        return max(1, round(duration_s * rate_hz))
 
-    def _hop(self, newest: ScanBlock) -> list[Event]:
-        """Fit the window and return the event due, if any."""
-        criteria, scans = self._params.criteria, self._scans
-        fit = self._fit(newest)
-        is_good = (
-            fit.status == "ok"
-            and fit.period_sd_mm <= criteria.period_sd_mm
-            and fit.angle_sd_deg <= criteria.angle_sd_deg
-            and fit.frequency_hz * len(scans) / newest.rate_hz >= criteria.answer_periods
-        )
-        is_full = self._n_scans >= scans.size
-        if fit.status == "ok":
-            is_reported = is_good or is_full or self._has_answer
-        else:
-            n_hop = self._n_hop(newest.rate_hz)
-            n_hops_full = -(-scans.size // n_hop)
-            is_reported = self._has_answer or (is_full and self._n_scans // n_hop % n_hops_full == 0)
-        self._has_answer = is_reported and fit.status == "ok"
-        self._last = fit
-        if not is_reported:
-            return []
-        return [self._event(float(newest.time_s[-1]), len(scans) / newest.rate_hz, fit)]
-
-    def _fit(self, newest: ScanBlock) -> WaveFit:
-        scans = self._scans
-        if newest.late[-1]:
-            return WaveFit("stale")
-        return fit_wave(
-            scans.volts,
-            scans.time_s,
+    def _hand_over(self, window: _Window, newest: ScanBlock, n_hop: int) -> None:
+        """Hand a copy of the window to the worker."""
+        scans, time_s = window.scans, float(newest.time_s[-1])
+        work = partial(
+            fit_wave,
+            scans.volts.copy(),
+            scans.time_s.copy(),
             newest.channel_offset_s,
             self._layout,
-            self._motion(),
+            self._motion(scans),
             self._params,
-            scans.good,
+            scans.good.copy(),
             np.abs(scans.speeds_mm_s),
         )
+        is_full = window.n_scans >= scans.size
+        n_hops_full = -(-scans.size // n_hop)
+        window.n_pending += 1
+        self._pending.append(
+            _PendingFit(
+                job=InPlace().submit(_stale) if newest.late[-1] else self._worker.submit(work),
+                due_index=int(newest.index[-1]) + round(self._params.answer_after_s * newest.rate_hz),
+                window=window,
+                span=window.span(time_s, newest.rate_hz),
+                is_full=is_full,
+                is_refusal_due=is_full and window.n_scans // n_hop % n_hops_full == 0,
+            )
+        )
 
-    def _motion(self) -> WaveMotion:
+    def _answer(self, block: ScanBlock) -> list[Event]:
+        """Report the fits that are due at the scans of a block."""
+        events: list[Event] = []
+        while self._pending and self._pending[0].due_index <= block.index[-1]:
+            pending = self._pending.popleft()
+            window = pending.window
+            window.n_pending -= 1
+            answered_s = float(block.time_s[np.searchsorted(block.index, pending.due_index)])
+            fit = pending.job.result()
+            if fit is None or pending.due_index in self._told_late:
+                self._told_late.discard(pending.due_index)
+                self._late.append(pending.due_index)
+                fit = WaveFit("stale")
+            if self._is_reported(pending, fit):
+                window.has_answer = fit.status == "ok"
+                events.append(_event(pending.span, fit, answered_s, self._params))
+            window.last = fit
+            events += self._refusal(window, answered_s)
+        return events
+
+    def _is_reported(self, pending: _PendingFit, fit: WaveFit) -> bool:
+        """Return True for an answer that is good enough, and for a refusal that is due."""
+        if fit.status != "ok":
+            return pending.window.has_answer or pending.is_refusal_due
+        criteria = self._params.criteria
+        is_good = (
+            fit.period_sd_mm <= criteria.period_sd_mm
+            and fit.angle_sd_deg <= criteria.angle_sd_deg
+            and fit.frequency_hz * pending.span.window_s >= criteria.answer_periods
+        )
+        return is_good or pending.is_full or pending.window.has_answer
+
+    def _refusal(self, window: _Window, answered_s: float) -> list[Event]:
+        """Report why a slip that has ended, and whose fits are all in, had no answer."""
+        end = window.end
+        if end is None or window.n_pending or window.has_answer:
+            return []
+        return [_event(window.span(end.time_s, end.rate_hz), window.last, answered_s, self._params)]
+
+    def _motion(self, scans: ScanWindow) -> WaveMotion:
         slip = self._gate.slip
         assert slip is not None
         direction_deg = slip.direction_deg
@@ -253,27 +358,33 @@ class JointTexture:
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
             forward = 1.0
-        if self._scans.sign * forward < 0:
+        if scans.sign * forward < 0:
             direction_deg += 180.0
-        speed_mm_s = float(np.abs(self._scans.speeds_mm_s).mean())
+        speed_mm_s = float(np.abs(scans.speeds_mm_s).mean())
         return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
-    def _event(self, time_s: float, window_s: float, fit: WaveFit) -> TextureEvent:
-        is_given = self._scans.sign != 0 and (fit.uses_given_speed or fit.speed_mm_s == 0)
-        speed_mm_s = float(np.abs(self._scans.speeds_mm_s).mean()) if is_given else fit.speed_mm_s
-        return TextureEvent(
-            time_s=time_s,
-            status=fit.status,
-            period_mm=fit.period_mm,
-            period_sd_mm=fit.period_sd_mm,
-            angle_deg=fit.angle_deg,
-            angle_sd_deg=fit.angle_sd_deg,
-            speed_mm_s=speed_mm_s,
-            speed_sd_mm_s=self._params.speed_sd_mm_s if is_given else fit.speed_sd_mm_s,
-            speed_source="given" if is_given else "estimated" if speed_mm_s > 0 else "none",
-            frequency_hz=fit.frequency_hz,
-            window_s=window_s,
-            snr_db=fit.snr_db,
-            candidates=fit.gratings if fit.second else fit.candidates,
-            estimator=ESTIMATOR,
-        )
+
+def _stale() -> WaveFit:
+    return WaveFit("stale")
+
+
+def _event(span: _Span, fit: WaveFit, answered_s: float, params: JointParams) -> TextureEvent:
+    is_given = span.given_speed_mm_s > 0 and (fit.uses_given_speed or fit.speed_mm_s == 0)
+    speed_mm_s = span.given_speed_mm_s if is_given else fit.speed_mm_s
+    return TextureEvent(
+        time_s=span.end_s,
+        answered_s=answered_s,
+        status=fit.status,
+        period_mm=fit.period_mm,
+        period_sd_mm=fit.period_sd_mm,
+        angle_deg=fit.angle_deg,
+        angle_sd_deg=fit.angle_sd_deg,
+        speed_mm_s=speed_mm_s,
+        speed_sd_mm_s=params.speed_sd_mm_s if is_given else fit.speed_sd_mm_s,
+        speed_source="given" if is_given else "estimated" if speed_mm_s > 0 else "none",
+        frequency_hz=fit.frequency_hz,
+        window_s=span.window_s,
+        snr_db=fit.snr_db,
+        candidates=fit.gratings if fit.second else fit.candidates,
+        estimator=ESTIMATOR,
+    )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.window import NormalEquations
+from tactiled.detect.worker import pause
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +126,7 @@ def sweep(square: FloatArray, n: int) -> FloatArray:
     """
     square = square.copy()
     for i in range(n):
+        pause()
         pivot = 1.0 / square[i, i]
         row = square[i] * pivot
         column = square[:, i].copy()
@@ -150,6 +152,7 @@ def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: Plan
     # channels.
     on = np.zeros((3, n_harmonics, 2, n_harmonics, 2, *psi.shape))
     for h in range(n_harmonics):
+        pause()
         times = h + 1.0
         alpha = times * psi + own[h]
         here = np.array([np.cos(alpha), -np.sin(alpha)])

@@ -11,6 +11,7 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout
+from tactiled.detect.worker import pause
 
 # Squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
 MOST_ALIKE = 0.9
@@ -110,6 +111,7 @@ class Phasors:
         log = np.log(variance)
         total = np.zeros(len(size))
         for part in (left.real, left.imag):
+            pause()
             by_kind = (log + part**2 / variance) @ self.is_kind  # (mismatches, pairs, kinds)
             total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
         return total
@@ -150,6 +152,7 @@ class Phasors:
         """
         total = np.full(len(left), -self.is_kind.shape[1] / 2 * np.log(2 * len(self.z)))
         for mine in self._together:
+            pause()
             z = np.stack([left[:, kind] for kind in mine], axis=-1)  # (pairs, taxels, kinds)
             n_kinds = z.shape[-1]
             u = np.concatenate([z.real, z.imag], axis=-1)
@@ -159,6 +162,7 @@ class Phasors:
             load = vector[..., -1] * np.sqrt(np.maximum(value[:, -1:] - 1, 0) * least)  # (pairs, parts)
             rest = np.broadcast_to(least, load.shape)
             for _ in range(_FACTOR_STEPS):
+                pause()
                 weighed = load / rest
                 spread = 1 / (1 + (weighed * load).sum(axis=-1))
                 factor = spread[:, np.newaxis] * (u @ weighed[..., np.newaxis])[..., 0]  # (pairs, taxels)

@@ -36,6 +36,7 @@ from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.search import GRID_STEP_RAD, channel_phasors
 from tactiled.detect.grooves.solve import LARGEST_STEP_RAD
 from tactiled.detect.grooves.window import DetrendedWindow
+from tactiled.detect.worker import pause
 from tactiled.events.types import Candidate
 
 # Rows of the grid of pairs computed at a time, so that the intermediate results fit into a processor's cache.
@@ -248,6 +249,7 @@ def _peaks(phasors: Phasors, grid: FloatArray) -> tuple[NDArray[np.int64], NDArr
         explained = np.zeros((len(grid[some]), len(grid[later])))
         alike = np.zeros_like(explained)
         for n, by_steps, with_last, seen, own in groups:
+            pause()
             steps = np.concatenate([np.zeros(len(explained) - 1), by_steps[: explained.shape[1]]])
             overlap = sliding_window_view(steps, explained.shape[1])[::-1].copy()  # 0 below the diagonal
             overlap[:, -1] = with_last[some]
@@ -279,6 +281,7 @@ def _refined(phasors: Phasors, motion: WaveMotion, tried: PairTrials, radius_mm:
     along_least, along_most = tried.along - reach, tried.along + reach
     for most in _MOST_KEPT:
         for _ in range(_REFINEMENT_STEPS):
+            pause()
             move, _ = _move(phasors, motion.heading, tried, slack > 0, heading_error_most > 0)
             size = np.abs(move[:, [0, 2, 3]]).max(axis=1) * radius_mm
             move *= (LARGEST_STEP_RAD / np.maximum(size, LARGEST_STEP_RAD))[:, np.newaxis]
@@ -307,6 +310,7 @@ def _move(
     gradient = np.zeros((2, 2, n_pairs))
     explained = np.zeros(n_pairs)
     for place, z in phasors.groups:
+        pause()
         along, across = place @ heading, place @ [-heading[1], heading[0]]
         times = np.stack([np.ones(len(place)), along, across])
         wave = np.exp(1j * (place @ k.transpose(1, 2, 0)))  # (2, places, pairs)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.worker import pause
 from tactiled.samples.block import ScanBlock
 
 # Phase rate. Lines that are less than this apart cannot be resolved in one window: 0.75 of its periods.
@@ -262,6 +263,7 @@ class NormalEquations:
 
 def normal_equations(window: DetrendedWindow, phase_rate: float, n_harmonics: int) -> NormalEquations:
     """Normal equations of a window at one phase rate."""
+    pause()
     wave = np.exp(1j * phase_rate * window.travel)
     rows = []
     power = np.ones_like(wave)

@@ -106,6 +106,13 @@ class PaperTexture:
         """Set the speed from a scan on, or from the next scan if that one is past."""
         self._gate.set_speed(speed_mm_s, from_index)
 
+    def expect_late_fit(self, due_index: int) -> None:
+        """Do nothing: every fit is computed in place."""
+
+    def take_late_fits(self) -> list[int]:
+        """Return no scans: every fit is computed in place."""
+        return []
+
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
         """Return the events that an item completes.
 
@@ -194,6 +201,7 @@ class PaperTexture:
     def _event(self, time_s: float, window_s: float, found: GrooveEstimate) -> TextureEvent:
         return TextureEvent(
             time_s=time_s,
+            answered_s=time_s,
             status=found.status,
             period_mm=found.period_mm,
             period_sd_mm=found.period_sd_mm,

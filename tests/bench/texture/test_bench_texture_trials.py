@@ -40,6 +40,7 @@ def answer(wave: Wave, period_mm: float = 0.0, angle_deg: float = 0.0) -> Textur
     """Answer that is off the truth by so much, its sigmas 0.001 mm and 0.01 degrees."""
     return TextureEvent(
         time_s=0.0,
+        answered_s=0.0,
         status="ok",
         period_mm=wave.period_mm + period_mm,
         period_sd_mm=0.001,

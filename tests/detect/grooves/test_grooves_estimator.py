@@ -268,7 +268,7 @@ def test_ten_million_scans_of_one_slide_do_not_change_the_answer() -> None:
     slide = Slide((grating,), speed_mm_s=speed_mm_s, duration_s=n / 100)
     block = regular_block(slide.volts(column), 100.0)
     late = np.ones(n, dtype=np.bool_)
-    params = JointParams(speed_mm_s=speed_mm_s, max_window_s=3.0, hop_s=10.0, settle_s=0.0)
+    params = JointParams(speed_mm_s=speed_mm_s, max_window_s=3.0, hop_s=10.0, settle_s=0.0, answer_after_s=0)
     texture, fresh = JointTexture(column, params), JointTexture(column, params)
     slip = Ride(np.zeros(1)).slip()
     n_events = 0

@@ -1,0 +1,56 @@
+"""Load of the host: longest turn of the event loop, and groove fits that were late."""
+
+from collections import deque
+
+_WINDOW_S = 10.0  # a warning stays for as long after its cause as that of the line
+# A stall of a board at 100 Hz is declared after five scans: a loop that is busy for longer delays that, too.
+_LONG_TURN_S = 0.05
+
+
+class HostLoad:
+    """Keep the longest turn of the event loop since the last status, and late fits of the last 10 s."""
+
+    def __init__(self) -> None:
+        self._longest_s = 0.0
+        self._turns: deque[tuple[float, float]] = deque()
+        self._late: deque[tuple[float, int]] = deque([(0.0, 0)])
+
+    def turn(self, duration_s: float) -> None:
+        """Take the duration of one turn, or how much too late a timer fired."""
+        self._longest_s = max(self._longest_s, duration_s)
+
+    def status(self, now_s: float, fits_late: int) -> float:
+        """Return the longest turn since the last call in seconds.
+
+        Parameters
+        ----------
+        now_s : float
+        fits_late : int
+            Number of late fits since the start.
+        """
+        longest_s, self._longest_s = self._longest_s, 0.0
+        if longest_s > _LONG_TURN_S:
+            self._turns.append((now_s, longest_s))
+        while self._turns and self._turns[0][0] < now_s - _WINDOW_S:
+            self._turns.popleft()
+        if fits_late != self._late[-1][1]:
+            self._late.append((now_s, fits_late))
+        while len(self._late) > 1 and self._late[1][0] < now_s - _WINDOW_S:
+            self._late.popleft()
+        return longest_s
+
+    def warning(self) -> str:
+        """Return what is wrong and its cause; empty for nothing."""
+        words = []
+        if self._turns:
+            longest_ms = 1e3 * max(duration_s for _, duration_s in self._turns)
+            words.append(
+                f"the daemon could not react for up to {longest_ms:.0f} ms: other processes or virtual "
+                "machines use this host's processors"
+            )
+        if late := self._late[-1][1] - self._late[0][1]:
+            words.append(
+                f"{late} groove fits were not ready in time: the host is too slow or too busy; raise "
+                "texture.hop_s and texture.answer_after_s, or stop other processes"
+            )
+        return "; ".join(words)

@@ -1,0 +1,115 @@
+"""Worker thread for groove fits, at low priority beside the event loop."""
+
+import contextlib
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+from tactiled.detect.worker import Job, set_pause
+
+T = TypeVar("T")
+
+# The event loop's thread, at the usual priority, comes first. Not SCHED_IDLE: a thread that is not scheduled
+# at all may hold the interpreter lock (the loop then waited 300 ms).
+_NICE = 10
+# The lock is given away every so often, for at least so long: the event loop then waits for 0.1 ms at most,
+# instead of the 5 ms after which the interpreter would take the lock from this thread.
+_PAUSE_EVERY_S = 1e-4
+_PAUSE_S = 2e-5
+
+
+class _GivenUpError(Exception):
+    """The result of the running job is no longer wanted."""
+
+
+class _ThreadJob(Generic[T]):
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
+        self._result: T | None = None
+        self._error: Exception | None = None
+        self.is_wanted = True
+
+    def run(self) -> None:
+        """Compute the result, and keep it or the error."""
+        try:
+            self._result = self._work()
+        except _GivenUpError:
+            pass
+        except Exception as error:  # raised in the thread that takes the result
+            self._error = error
+
+    def result(self) -> T | None:
+        """Return the result, or None where it is not ready, and stop computing it."""
+        self.is_wanted = False
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+
+class BackgroundWorker:
+    """Compute jobs in a thread, the newest first; a job that was given up is ended or never begun.
+
+    Use it as a context manager; the thread ends with the block.
+    """
+
+    def __enter__(self) -> Self:
+        self._changed = threading.Condition()
+        self._waiting: deque[_ThreadJob[object]] = deque()
+        self._running: _ThreadJob[object] | None = None
+        self._is_open = True
+        self._thread = threading.Thread(target=self._run, name="groove fits", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._changed:
+            self._is_open = False
+            self._changed.notify()
+        self._thread.join()
+
+    def submit(self, work: Callable[[], T]) -> Job[T]:
+        """Hand over a computation."""
+        job = _ThreadJob(work)
+        with self._changed:
+            # Without those that were given up meanwhile: a host that is too slow keeps no list of them.
+            self._waiting = deque(other for other in self._waiting if other.is_wanted)
+            self._waiting.append(job)  # type: ignore[arg-type] # results pass through unchanged
+            self._changed.notify()
+        return job
+
+    @property
+    def is_busy(self) -> bool:
+        """True while a job is computed or waits."""
+        with self._changed:
+            return self._running is not None or any(job.is_wanted for job in self._waiting)
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError):  # a container may forbid it; the pauses matter more
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+        self._next_pause_s = 0.0
+        set_pause(self._pause)
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or not self._is_open)
+                if not self._is_open:
+                    return
+                self._running = self._waiting.pop()
+            if self._running.is_wanted:
+                self._running.run()
+            with self._changed:
+                self._running = None
+
+    def _pause(self) -> None:
+        assert self._running is not None  # a pause belongs to a job
+        if not (self._is_open and self._running.is_wanted):
+            raise _GivenUpError
+        now_s = time.perf_counter()
+        if now_s >= self._next_pause_s:
+            time.sleep(_PAUSE_S)
+            self._next_pause_s = time.perf_counter() + _PAUSE_EVERY_S

@@ -1,0 +1,64 @@
+"""Computations that a detector hands over, and takes back at a scan that is fixed beforehand.
+
+A groove fit takes as long as several scans. Live it runs beside the event loop; offline and in a replay it is
+computed in place. Because the result is used at the same scan everywhere, the events are the same everywhere.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+
+_pauses = threading.local()
+
+
+def pause() -> None:
+    """Let other threads run; called by long computations about every tenth of a millisecond.
+
+    Small-array numpy keeps the interpreter lock, and another thread that wants it waits up to 5 ms. Does
+    nothing in a thread that has not called `set_pause`.
+    """
+    if (action := getattr(_pauses, "action", None)) is not None:
+        action()
+
+
+def set_pause(action: Callable[[], None]) -> None:
+    """Set what `pause` does in the calling thread; an exception that it raises ends the computation."""
+    _pauses.action = action
+
+
+class Job(Protocol[T_co]):
+    """A computation that was handed over."""
+
+    def result(self) -> T_co | None:
+        """Return the result, or None where it is not ready; it is then given up."""
+        ...
+
+
+class Worker(Protocol):
+    """Something that computes jobs."""
+
+    def submit(self, work: Callable[[], T]) -> Job[T]:
+        """Hand over a computation that depends on nothing that changes."""
+        ...
+
+
+class _Deferred(Generic[T]):
+    """Job that is computed when its result is taken."""
+
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
+
+    def result(self) -> T:
+        """Compute and return the result."""
+        return self._work()
+
+
+class InPlace:
+    """Worker of offline analysis and replay: computes in the calling thread, and is never late."""
+
+    def submit(self, work: Callable[[], T]) -> Job[T]:
+        """Keep a computation until its result is taken."""
+        return _Deferred(work)

@@ -1,0 +1,135 @@
+"""The worker thread: same results as in place, none waited for, none computed in vain."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from recordings import SOURCE, simulated_reads
+
+from tactiled.daemon.operations.background import BackgroundWorker
+from tactiled.detect.grooves import estimator
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.worker import pause
+from tactiled.events.types import Event, ScanEvent, TextureEvent
+from tactiled.pipeline import Pipeline, PipelineParams
+from tactiled.recording.contents import Read
+
+PARAMS = PipelineParams(detect=DetectParams.model_validate({"texture": {"preset": "quick", "hop_s": 0.5}}))
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    deadline_s = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.001)
+
+
+def test_a_job_gives_its_result_and_an_error_comes_to_the_caller() -> None:
+    with BackgroundWorker() as worker:
+        done = threading.Event()
+
+        def fail() -> None:
+            done.set()
+            raise ZeroDivisionError
+
+        good, bad = worker.submit(lambda: 7), worker.submit(fail)
+        assert done.wait(20)
+        until(lambda: not worker.is_busy, "idle")
+        assert good.result() == 7
+        with pytest.raises(ZeroDivisionError):
+            bad.result()
+
+
+def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
+    with BackgroundWorker() as worker:
+        began = threading.Event()
+
+        def endless() -> int:
+            while True:
+                began.set()
+                pause()
+
+        job = worker.submit(endless)
+        assert began.wait(20)
+        waiting = [worker.submit(lambda: 1) for _ in range(3)]
+        assert [each.result() for each in waiting] == [None] * 3
+        assert job.result() is None
+        assert worker.submit(lambda: 2) is not None
+        until(lambda: not worker.is_busy, "the endless job has ended")
+
+
+def test_leaving_the_block_ends_a_running_job() -> None:
+    with BackgroundWorker() as worker:
+        began = threading.Event()
+
+        def endless() -> None:
+            while True:
+                began.set()
+                pause()
+
+        worker.submit(endless)
+        assert began.wait(20)
+    assert not any(thread.name == "groove fits" for thread in threading.enumerate())
+
+
+def events_of(pipeline: Pipeline, reads: list[Read], late: dict[int, list[int]] | None = None) -> list[Event]:
+    """Events with fits in place; `late` holds the late fits of a live run, by the read they belong to."""
+    events: list[Event] = []
+    for number, read in enumerate(reads):
+        for index in (late or {}).get(number, ()):
+            pipeline.command("late-fit", {"index": index}, read.arrival_s)
+        events += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
+    return events
+
+
+@pytest.fixture(scope="module")
+def reads() -> list[Read]:
+    """The demo's scene up to its second slide, over grooves."""
+    return simulated_reads(19.0)
+
+
+def test_events_are_those_of_fits_in_place(reads: list[Read]) -> None:
+    in_place = events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
+    assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in in_place)
+    with BackgroundWorker() as worker:
+        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
+        beside: list[Event] = []
+        for read in reads:
+            beside += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
+            until(lambda: not worker.is_busy, "the fit is done")  # the scans come faster than in real time
+        assert pipeline.health().fits_late == 0
+    assert beside == in_place
+
+
+def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
+    reads: list[Read], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three fits do not end: all scans pass meanwhile, and the replay has the same refusals."""
+    is_blocked = threading.Event()
+    is_blocked.set()
+
+    def slow(*args: Any) -> Any:
+        while is_blocked.is_set():
+            pause()
+        return fit_wave(*args)
+
+    late: dict[int, list[int]] = {}
+    live: list[Event] = []
+    with monkeypatch.context() as patched, BackgroundWorker() as worker:
+        patched.setattr(estimator, "fit_wave", slow)
+        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
+        for number, read in enumerate(reads):
+            live += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
+            if pipeline.late_fits:
+                late[number] = pipeline.late_fits
+            if len(late) == 3:
+                is_blocked.clear()
+                until(lambda: not worker.is_busy, "the fit is done")
+    health = pipeline.health()
+    assert health.fits_late == 3
+    assert health.scans == sum(isinstance(e, ScanEvent) for e in live) > 1500
+    assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in live)
+    assert events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads, late) == live
