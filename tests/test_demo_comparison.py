@@ -130,6 +130,7 @@ def test_a_host_that_kept_up_is_not_too_slow() -> None:
         ),
         (Host(scans=2000, late=800, oldest_s=1.58), "800 of 2000 scans were late, the latest 1.58 s old"),
         (Host(scans=2000, lost=300), "300 scans were lost on the way"),
+        (Host(scans=2000, fits_late=12), "12 groove fits were not ready in time"),
     ],
 )
 def test_a_host_that_did_not_keep_up_is_named_with_numbers(host: Host, words: str) -> None:

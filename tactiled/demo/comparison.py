@@ -20,10 +20,10 @@ MAX_ANSWER_S = 3.0  # from the slide's begin to a texture
 REFINED_S = 3.0  # then the demo goes on for so long: its picture shows how the answer settles
 # An onset nearer than this to a true one is an estimate of it; the slips of a scene are seconds apart.
 _SAME_SLIP_S = 1.0
-# Share of scans that came too late to be acted on. The daemon fits grooves on its own thread, which makes up
-# to an eighth of the demo's scans late on two idle cores; the answers stay right. With two thirds late (six
-# busy processes beside it) answers are given up as stale.
-MAX_LATE_SHARE = 0.3
+# Share of scans that came too late to be acted on. On an idle host there are none.
+MAX_LATE_SHARE = 0.05
+# Groove fits that were not ready in time: with a second of them, answers come later than the demo allows.
+MAX_LATE_FITS = 5
 # Share of scans that never came. Single ones are bridged; with one in twenty, answers are given up as stale.
 MAX_LOST_SHARE = 0.05
 
@@ -40,6 +40,8 @@ class Host:
         Scans received; of these, those that the daemon called late; and those that never came.
     oldest_s : float
         Largest age of a scan when the daemon had handled it.
+    fits_late : int
+        Groove fits that were not ready in time.
     missed : int
         Scan instants that the emulated board missed because it was not computed in time.
     held_s : float
@@ -50,13 +52,14 @@ class Host:
     late: int = 0
     lost: int = 0
     oldest_s: float = 0.0
+    fits_late: int = 0
     missed: int = 0
     held_s: float = 0.0
 
     def __str__(self) -> str:
         return (
             f"{self.scans} scans, {self.late} of them late (the latest {self.oldest_s:.2f} s old), "
-            f"{self.lost} lost, {self.missed} missed by the emulated board"
+            f"{self.lost} lost, {self.missed} missed by the emulated board, {self.fits_late} groove fits late"
         )
 
     def too_slow(self) -> str:
@@ -67,6 +70,8 @@ class Host:
             shown.append(f"the emulated board missed {self.missed} scan instants (overrun){held}")
         if self.late > MAX_LATE_SHARE * self.scans:
             shown.append(f"{self.late} of {self.scans} scans were late, the latest {self.oldest_s:.2f} s old")
+        if self.fits_late > MAX_LATE_FITS:
+            shown.append(f"{self.fits_late} groove fits were not ready in time")
         if self.lost - self.missed > MAX_LOST_SHARE * self.scans:
             shown.append(f"{self.lost - self.missed} scans were lost on the way")
         return "; ".join(shown)

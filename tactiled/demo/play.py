@@ -171,6 +171,8 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
         host.lost += 0 if seen.next_index is None else max(message["index"] - seen.next_index, 0)
         seen.next_index = message["index"] + 1
         return
+    if topic == "status":
+        seen.host.fits_late = message["fits_late"]
     if topic == "info":
         seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)

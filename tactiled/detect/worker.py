@@ -4,14 +4,14 @@ A groove fit takes as long as several scans. Live it runs beside the event loop;
 computed in place. Because the result is used at the same scan everywhere, the events are the same everywhere.
 """
 
-import threading
 from collections.abc import Callable
+from contextvars import ContextVar
 from typing import Generic, Protocol, TypeVar
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
-_pauses = threading.local()
+_pause: ContextVar[Callable[[], None] | None] = ContextVar("pause", default=None)
 
 
 def pause() -> None:
@@ -20,13 +20,13 @@ def pause() -> None:
     Small-array numpy keeps the interpreter lock, and another thread that wants it waits up to 5 ms. Does
     nothing in a thread that has not called `set_pause`.
     """
-    if (action := getattr(_pauses, "action", None)) is not None:
+    if (action := _pause.get()) is not None:
         action()
 
 
 def set_pause(action: Callable[[], None]) -> None:
     """Set what `pause` does in the calling thread; an exception that it raises ends the computation."""
-    _pauses.action = action
+    _pause.set(action)
 
 
 class Job(Protocol[T_co]):
