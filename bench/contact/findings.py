@@ -6,8 +6,9 @@ from typing import Literal
 import numpy as np
 from scipy.signal import find_peaks
 
-from bench.contact.score import LOAD_N, FloatArray
+from bench.contact.score import LOAD_N
 from bench.report import table
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.progress import ProgressBar

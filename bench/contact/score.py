@@ -13,13 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.scene.contact import RUNGS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
 from tools.fem.reference import ReferenceRun, load_reference
-
-FloatArray = NDArray[np.float64]
 
 MODELS = ("lumped", "periodic", "compliance")
 GROOVED = ("periodic", "compliance")  # those that can play grooves

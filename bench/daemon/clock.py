@@ -8,9 +8,9 @@ timed twice: with the daemon's pings, which the board answers, and without.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.report import BenchOptions, BenchReport, rms, seeds_in_words, table
+from tactiled.array import FloatArray
 from tactiled.daemon.board.pinging import Pinging
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
@@ -24,7 +24,6 @@ from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
 from tactiled.wire.layout import load_layout
 
-FloatArray = NDArray[np.float64]
 _ORIGIN_S = 1000.0
 _ANSWER_S = (1e-4, 1e-3)  # the emulated board's own
 _SETTLED_S = 10.0  # errors count from here on, as the target is stated

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.paper.play import FloatArray, ScenePlay, play
+from bench.paper.play import ScenePlay, play
 from bench.report import NONE, ratio, rms, spread, table
+from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.events.types import SlipEvent

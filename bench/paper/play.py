@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import load_array
+from tactiled.array import FloatArray, load_array
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.scene.description import GroovedPlate, Scene, SlidePhase
@@ -14,8 +13,6 @@ from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.wire.layout import load_layout
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Slip detection: latency, false alarms, direction."""
+"""Slip detectors on physical scenes: latency, false alarms, cost."""

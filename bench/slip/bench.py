@@ -1,59 +1,107 @@
-"""``./run bench slip``: how soon a slip is said, how often one that was none, and what both cost.
+"""``./run bench slip``: detection latency, false alarms, errors of direction and onset, cost.
 
-Physical scenes with known truth (`slip_scenes`), played without noise and read at several noises. Every
-detector (`slip_rivals`) is set to the same rate of false alarms in a hold; the bound is an oracle that knows
-the shape of the coming onset (`slip_oracle`). Thresholds and levels are tuned on seeds of their own
-(`TUNE_SEED` and following); what is reported is of seeds that nothing was set on (`REPORT_SEED`), and of
-families that nothing was set on beside (`families.HELD_OUT_SLIPPING`, `HELD_OUT_QUIET`).
+Scenes that obey physics, with known truth (`scenes`), are played without noise and read at several noises.
+Every detector (`detectors`) is set to the same rate of false alarms in a hold; the bound is an oracle that
+knows the shape of the coming onset (`oracle`). Thresholds and levels are tuned on seeds of their own
+(`TUNE_SEED` and following). Reported are seeds on which nothing was set (`REPORT_SEED`), and families on
+which nothing was set (`families.HELD_OUT_SLIPPING`, `HELD_OUT_QUIET`).
 """
 
 import itertools
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from bench.pool import workers
-from bench.report import BenchOptions, BenchReport
-from bench.slip.cost import costs
-from bench.slip.latency import fastest_level, measure
-from bench.slip.noise import oracle_tail, rule_maxima, rule_pieces, rule_tails
+from bench.report import BenchOptions, BenchReport, aims_table, seeds_in_words
+from bench.slip import tables
+from bench.slip.aims import AIMS, SettingFound
+from bench.slip.cost import DetectorCost, detector_costs
+from bench.slip.detectors import PER_HOUR, Tuning, compared_detectors, sweep
+from bench.slip.growth import GROWTHS, LATENCIES_S
+from bench.slip.noise import NoiseTail, n_pieces, oracle_tail, rule_maxima, rule_tails
 from bench.slip.oracle import Oracle
-from bench.slip.quiet import HELD, Quiet, count, quiet_families
-from bench.slip.report import Measured, numbers_of, text_of
-from bench.slip.rest import rests, tasks
-from bench.slip.rivals import Knobs, rivals, sweep
-from bench.slip.scenes import Played, play, slipping_families, tuned_families
-from tactiled.emulator.scene.families import QUIET, Family
+from bench.slip.quiet import (
+    GROUPS,
+    HOLD,
+    QUIET_NOISES_V,
+    QuietReading,
+    QuietScene,
+    family_exceedances,
+    read_quiet,
+)
+from bench.slip.resting import LOADS, RestingLoad, read_load
+from bench.slip.scenes import (
+    ALL_QUIET,
+    ALL_SLIPPING,
+    HOLD_EXTRA_S,
+    NOISES_V,
+    TUNED_SLIPPING,
+    PlayedScene,
+    play,
+)
+from bench.slip.slips import CURVE_PER_HOUR, SlipReading, fastest_level, read_slips
+from tactiled.detect.slip.coherent import SETTINGS
+from tactiled.emulator.scene.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET
 from tactiled.progress import ProgressBar
+
+R = TypeVar("R")
 
 NOISE_SEED = 2001  # of the holds that thresholds come from
 TUNE_SEED = 1001
 # Constants of the coherent detector were set on family seeds below 200 and from 1001 to 1024: none of those
 # is reported.
 REPORT_SEED = 5001
-_ORACLE_SHAPES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
-# Seconds of one core, for the bar: a second of a held object, an hour of noise for all rules, a slip for all
-# detectors.
-_HELD_S, _NOISE_S, _SLIP_S = 0.1, 3.0, 0.5
-_REST_S = 1.5  # a load that rests, for all settings
+_ORACLE_FAMILIES = ("0.25 mm/s", "20 mm/s", "turning", "partial-contact", "accelerating-slide")
+# Seconds that two workers take for a job, for the progress bar: a piece of noise, a slip for the tuned values
+# and for all detectors, a scene without slip, a resting load.
+_PIECE_S, _TUNE_S, _SLIP_S, _QUIET_S, _LOAD_S = 0.3, 0.2, 0.4, 0.9, 0.8
 
 
 @dataclass(frozen=True)
-class Sizes:
-    """How much is measured: seeds, hours of white noise, readings of each scene without slip."""
+class SlipSizes:
+    """Seeds of each family, hours of white noise, readings of each scene without slip."""
 
-    tune: int
-    slips: int
-    quiet: int
+    n_tune: int
+    n_slips: int
+    n_quiet: int
     noise_hours: float
-    readings: int
-    cost_scans: int
+    n_draws: int
+    n_cost_scans: int
 
 
-QUICK = Sizes(tune=1, slips=2, quiet=1, noise_hours=0.5, readings=1, cost_scans=500)
-FULL = Sizes(tune=2, slips=10, quiet=7, noise_hours=4.0, readings=3, cost_scans=3000)
+QUICK = SlipSizes(n_tune=1, n_slips=2, n_quiet=1, noise_hours=0.5, n_draws=1, n_cost_scans=500)
+FULL = SlipSizes(n_tune=2, n_slips=10, n_quiet=7, noise_hours=4.0, n_draws=3, n_cost_scans=3000)
+
+
+@dataclass(frozen=True)
+class SlipFound:
+    """Everything that was measured."""
+
+    sizes: SlipSizes
+    tuning: Tuning
+    oracle: NoiseTail
+    slips: Sequence[SlipReading]
+    quiet: Sequence[QuietScene]
+    loads: Sequence[RestingLoad]
+    costs: Mapping[str, DetectorCost]
+
+    @property
+    def quiet_readings(self) -> list[QuietReading]:
+        """Readings of all scenes without slip."""
+        return [reading for scene in self.quiet for reading in scene.readings]
+
+    def of_setting(self, name: str, *, is_held_out: bool) -> SettingFound:
+        """Readings of one setting on the families tuned on, or held out."""
+        in_group = GROUPS["held out" if is_held_out else "tuned on"]
+        quiet = [
+            one
+            for one in self.quiet_readings
+            if one.detector == name and one.noise_v in QUIET_NOISES_V and in_group(one.family)
+        ]
+        return SettingFound(name, [slip for slip in self.slips if slip.is_held_out == is_held_out], quiet)
 
 
 def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
@@ -62,118 +110,161 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     The speed-accuracy curve is measured only where the picture, or all numbers, are written.
     """
     with_sweep = options.plot is not None or options.json is not None
-    found = _measured(progress, QUICK if options.quick else FULL, with_sweep=with_sweep)
+    found = _measure(progress, QUICK if options.quick else FULL, with_sweep=with_sweep)
+    exceedances = family_exceedances(found.quiet)
 
     def draw(path: Path) -> None:
         from bench.slip.picture import draw_slip  # matplotlib is an extra
 
-        draw_slip(path, found.cases, found.quiet, found.knobs)
+        draw_slip(path, found.slips, found.quiet_readings, exceedances, found.tuning)
 
-    return BenchReport([text_of(found)], numbers_of(found), draw)
+    numbers = {
+        "sizes": found.sizes,
+        "window_level": found.tuning.window_level,
+        "tails": _named(found.tuning.tails),
+        "oracle_tail": found.oracle,
+        "curve_per_hour": CURVE_PER_HOUR,
+        "slips": [vars(slip) | {"rule_s": _named(slip.rule_s)} for slip in found.slips],
+        "quiet": found.quiet_readings,
+        "exceedances": {"latencies_s": LATENCIES_S, "growths": GROWTHS, "families": exceedances},
+        "loads": found.loads,
+        "costs": found.costs,
+    }
+    return BenchReport(_sections(found), numbers, draw)
 
 
-def _measured(progress: ProgressBar, sizes: Sizes, *, with_sweep: bool) -> Measured:
-    tune_seeds = range(TUNE_SEED, TUNE_SEED + sizes.tune)
-    slip_seeds = range(REPORT_SEED, REPORT_SEED + sizes.slips)
-    quiet_seeds = range(REPORT_SEED, REPORT_SEED + sizes.quiet)
-    tuned, slips, quiet = tuned_families(), slipping_families(), quiet_families()
-    to_tune = [(name, seed) for name in tuned for seed in tune_seeds]
-    to_measure = [(name, seed) for name in slips for seed in slip_seeds]
-    to_count = [(name, seed) for name in quiet for seed in quiet_seeds]
-    to_rest = tasks(range(REPORT_SEED, REPORT_SEED + sizes.slips))
-    work = [
-        _NOISE_S * sizes.noise_hours,
-        sum(_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune),
-        sum(_play_s(slips[name], seed) + _SLIP_S for name, seed in to_measure),
-        sum(_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count),
-        _REST_S * len(to_rest),
-    ]
-    progress.begin(sum(work))
+def _named(by_rule: Mapping[tuple[str, int], R]) -> dict[str, R]:
+    return {f"{rule}, level {level}": value for (rule, level), value in by_rule.items()}
+
+
+def _measure(progress: ProgressBar, sizes: SlipSizes, *, with_sweep: bool) -> SlipFound:
+    pieces = [(piece, NOISE_SEED) for piece in range(n_pieces(sizes.noise_hours))]
+    tune = list(itertools.product(TUNED_SLIPPING, range(TUNE_SEED, TUNE_SEED + sizes.n_tune)))
+    slips = list(itertools.product(ALL_SLIPPING, range(REPORT_SEED, REPORT_SEED + sizes.n_slips)))
+    # A hold takes the longest: it comes first, so that no worker waits for it at the end.
+    quiet_families = sorted(ALL_QUIET, key=lambda family: family != HOLD)
+    quiet = list(itertools.product(quiet_families, range(REPORT_SEED, REPORT_SEED + sizes.n_quiet)))
+    loads = list(itertools.product(LOADS, range(REPORT_SEED, REPORT_SEED + sizes.n_slips)))
+    progress.begin(
+        _PIECE_S * len(pieces)
+        + _TUNE_S * len(tune)
+        + _SLIP_S * len(slips)
+        + _QUIET_S * len(quiet)
+        + _LOAD_S * len(loads)
+    )
     with workers() as pool:
-        each = Each(pool, progress)
-        pieces = rule_pieces(sizes.noise_hours)
-        tails = rule_tails(
-            each(
-                "noise",
-                rule_maxima,
-                [(piece, NOISE_SEED) for piece in range(pieces)],
-                [work[0] / pieces] * pieces,
-            )
-        )
-        shapes = [Oracle(_first_that_slips(name, tuned[name])) for name in _ORACLE_SHAPES]
+
+        def each(
+            name: str, job_s: float, work: Callable[..., R], jobs: Sequence[tuple[object, ...]]
+        ) -> list[R]:
+            results = []
+            for result in pool.map(work, *zip(*jobs, strict=True)):
+                progress.advance(name, job_s)
+                results.append(result)
+            return results
+
+        tails = rule_tails(each("noise", _PIECE_S, rule_maxima, pieces))
+        shapes = [Oracle(_first_with_slip(family)) for family in _ORACLE_FAMILIES]
         oracle = oracle_tail(shapes, sizes.noise_hours, NOISE_SEED)
-        untuned = Knobs(tails, {})
-        cases = each(
-            "slips to tune on",
-            measure,
-            [(name, seed, untuned, oracle, ()) for name, seed in to_tune],
-            [_play_s(tuned[name], seed) + _SLIP_S / 4 for name, seed in to_tune],
+        tuned = each("slips to tune on", _TUNE_S, partial(read_slips, Tuning(tails, {}), oracle, ()), tune)
+        tuning = Tuning(tails, fastest_level(list(itertools.chain(*tuned)), "any channel"))
+        names = (*compared_detectors(tuning), *(sweep() if with_sweep else ()))
+        slip_readings = each("slips", _SLIP_S, partial(read_slips, tuning, oracle, names), slips)
+        quiet_scenes = each(
+            "scenes without slip", _QUIET_S, partial(read_quiet, tuning, names, sizes.n_draws), quiet
         )
-        knobs = Knobs(tails, fastest_level(list(itertools.chain(*cases)), "any channel"))
-        names = [*rivals(knobs), *(sweep() if with_sweep else ())]
-        cases = each(
-            "slips",
-            measure,
-            [(name, seed, knobs, oracle, names) for name, seed in to_measure],
-            [_play_s(slips[name], seed) + _SLIP_S for name, seed in to_measure],
-        )
-        without = Quiet()
-        for part in each(
-            "scenes without slip",
-            count,
-            [(name, seed, sizes.readings, knobs, names) for name, seed in to_count],
-            [_play_s(quiet[name], seed) + _count_s(name, sizes.readings) for name, seed in to_count],
-        ):
-            without.add(part)
-        resting = each("loads that rest", rests, to_rest, [_REST_S] * len(to_rest))
-    return Measured(
-        seeds={
-            "tune": list(tune_seeds),
-            "slips": list(slip_seeds),
-            "quiet": list(quiet_seeds),
-            "noise": [NOISE_SEED],
-        },
-        noise_hours=sizes.noise_hours,
-        knobs=knobs,
-        oracle=oracle,
-        cases=list(itertools.chain(*cases)),
-        quiet=without,
-        resting=list(itertools.chain(*resting)),
-        cost=costs(play(HELD, QUIET[HELD], TUNE_SEED), knobs, scans=sizes.cost_scans),
+        load_readings = each("loads at rest", _LOAD_S, read_load, loads)
+    return SlipFound(
+        sizes,
+        tuning,
+        oracle,
+        list(itertools.chain(*slip_readings)),
+        sorted(quiet_scenes, key=lambda scene: list(ALL_QUIET).index(scene.family)),
+        list(itertools.chain(*load_readings)),
+        detector_costs(play(HOLD, QUIET[HOLD], TUNE_SEED), tuning, sizes.n_cost_scans),
     )
 
 
-class Each:
-    """Work for a pool: the longest first, so that no worker waits for the last; results in order."""
-
-    def __init__(self, pool: Executor, progress: ProgressBar) -> None:
-        self._pool, self._progress = pool, progress
-
-    def __call__(
-        self, what: str, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], takes_s: Sequence[float]
-    ) -> list[Any]:
-        """Run `work` on each task, longest first by `takes_s`; results are in the order of the tasks."""
-        order = sorted(range(len(tasks)), key=lambda k: -takes_s[k])
-        found: list[Any] = [None] * len(tasks)
-        results = self._pool.map(work, *zip(*(tasks[k] for k in order), strict=True))
-        for k, result in zip(order, results, strict=True):
-            found[k] = result
-            self._progress.advance(what, takes_s[k])
-        return found
+def _first_with_slip(family: str) -> PlayedScene:
+    """First tuning seed with gross slip: a taxel in the middle that sticks keeps a turn from being gross."""
+    played = (play(family, TUNED_SLIPPING[family], seed) for seed in itertools.count(TUNE_SEED))
+    return next(one for one in played if one.slip is not None)
 
 
-def _play_s(family: Family, seed: int) -> float:
-    """About what it takes to play a scene."""
-    scene = family(seed)
-    return _HELD_S * (scene.duration_s if scene.held_object is not None else 0.1 * scene.duration_s)
+def _sections(found: SlipFound) -> list[str]:
+    detectors, sizes = compared_detectors(found.tuning), found.sizes
+    names, settings = list(detectors), [name for name, one in detectors.items() if one.is_setting]
+    tuned = [slip for slip in found.slips if not slip.is_held_out]
+    held_out = [slip for slip in found.slips if slip.is_held_out]
+    quiet = found.quiet_readings
+    exceedances = family_exceedances(found.quiet)
+    levels = ", ".join(f"{found.tuning.window_level[noise]} at {1e3 * noise:g} mV" for noise in NOISES_V)
+    read = [one for one in quiet if one.detector == settings[0]]
+    in_words = "; ".join(
+        f"{name} is set to {params.false_alarms_per_hour:g} false alarms an hour of a hand that moves "
+        f"without announcement: the growth of shear must be {params.shear:.2g} of the pressure, and noise "
+        f"may raise {params.noise_per_hour:.2g} alarms an hour"
+        for name, params in SETTINGS.items()
+    )
 
+    def aims(*, is_held_out: bool) -> str:
+        return aims_table(AIMS, {name: found.of_setting(name, is_held_out=is_held_out) for name in settings})
 
-def _count_s(family: str, readings: int) -> float:
-    """About what it takes to read a scene; a hold is long, and has more noises and the faults."""
-    return (0.4 + 0.15 * readings) * (35.0 if family == HELD else 1.0)
-
-
-def _first_that_slips(name: str, family: Family) -> Played:
-    """Of the tuning seeds: a middle taxel that holds on keeps a turn from being gross."""
-    played = (play(name, family, seed) for seed in itertools.count(TUNE_SEED))
-    return next(p for p in played if p.slip is not None)
+    families = ", ".join([*dict.fromkeys(slip.family for slip in tuned), *QUIET])
+    return [
+        f"Tuned on {seeds_in_words(sizes.n_tune, TUNE_SEED)} and {sizes.noise_hours:g} h of white noise "
+        f"(seed {NOISE_SEED}). Reported are {seeds_in_words(sizes.n_slips, REPORT_SEED)} (slips) and "
+        f"{seeds_in_words(sizes.n_quiet, REPORT_SEED)} (no slips). The detector's constants were set on "
+        f"other seeds of the families {families}. Held out, nothing set on them: "
+        f"{', '.join(HELD_OUT_SLIPPING | HELD_OUT_QUIET)}.",
+        f"Thresholds: {PER_HOUR:g} false alarm an hour in a hold. Level of the plain window: {levels}. Every "
+        f"hold is {HOLD_EXTRA_S:g} s longer than its family's.",
+        f"{sum(bool(scene.readings) for scene in found.quiet)} scenes without slip were read for "
+        f"{sum(one.hours for one in read):.1f} h, line faults included, at {len(QUIET_NOISES_V)} noises (the "
+        f"hold at {len(NOISES_V)}); readings that differ by noise alone excluded, for "
+        f"{sum(one.distinct_hours for one in read):.1f} h.",
+        f"Settings: {in_words}.",
+        "Aims, families tuned on.",
+        aims(is_held_out=False),
+        "Aims, families held out.",
+        aims(is_held_out=True),
+        "Bound on every detector of growing shear: the growth of shear over pressure that slips have reached "
+        "at the latencies of the aims, and how often an hour unannounced motion without slip and without "
+        "noise grows by as much in that time.",
+        tables.bound_table(tuned, [exceedances[name] for name in exceedances if GROUPS["tuned on"](name)]),
+        "Latency of the first event: from the beginning of shear (growth by 0.2 % of the grip) to the end of "
+        "the scan that completed the evidence; negative where shear had grown by less. before gross: of "
+        "slips that take 50 ms or more to become gross. incipient: median / p95 since 10 % slipped (number "
+        "of such events). gross: median distance from 90 %. early, on the press: false alarms before the "
+        "shear. Families tuned on:",
+        tables.latency_table(tuned, names),
+        "Families held out:",
+        tables.latency_table(held_out, names),
+        "Latency of the first event in steady slides by speed and noise, median / p95.",
+        tables.speed_table(found.slips, names),
+        f"Latency of the first event by family, median / p95, at {1e3 * tables.FAMILY_NOISE_V:g} mV.",
+        tables.family_table(found.slips, names),
+        "The largest latencies of each detector.",
+        tables.worst_table(found.slips, names),
+        "Errors of direction, onset (against the beginning of shear) and gross instant, and the part within "
+        "one stated sigma.",
+        tables.estimate_table(found.slips, names),
+        "False alarms an hour, the mean of the families, with the 95 % interval of the counts; a motion "
+        "counts once, however often it is read. announced: the daemon is told of the motion of gripper and "
+        "arm as it begins.",
+        tables.hourly_table(quiet, settings),
+        "False alarms a minute by family; announced: those that remain with announcements; gross: those that "
+        "report gross slip; correct: reports of incipient slip where a part of the contact slips. A false "
+        "slip without end hides all that follow. Settings are read at every draw of the noise, the others "
+        "at one.",
+        tables.quiet_table(quiet, names),
+        "False alarms in holds, of as many as the rate allows in that time. A false slip on the press "
+        "without end hides all that follow.",
+        tables.hold_table(quiet, detectors),
+        "Loads that grow to a part of the friction limit and rest there, or swing: how many are reported as "
+        "gross slip. The shear of a slip grows and stops in the same way. Below them: how many slips are "
+        "reported as gross, and how many of the others as ended while they go on.",
+        tables.resting_table(found.loads, found.slips),
+        "Cost, 36 channels.",
+        tables.cost_table(found.costs),
+    ]

@@ -1,4 +1,4 @@
-"""What wires and bytes do to readings that are otherwise a quiet hold: streams that must raise no slip."""
+"""Faults of wires and bytes on a quiet hold: streams that must not raise a slip."""
 
 from collections.abc import Callable
 
@@ -14,10 +14,11 @@ Fault = Callable[[Counts, np.random.Generator], Stream]
 
 _EVERY_S = 5.0  # mean time between faults
 _TOP = 2**ADC_BITS - 1
+_RESTART_S = 0.5  # absence of the board in a restart, which the gap does not state
 
 
 def emi_spikes(counts: Counts, rng: np.random.Generator) -> Stream:
-    """A spark beside the cable: some neighbouring channels of one scan jump, either way, by up to a volt."""
+    """Let some neighbouring channels of one scan jump, up or down, by up to a volt: a spark."""
     struck, channels = counts.copy(), counts.shape[1]
     for scan in _instants(len(counts), rng):
         first, n = rng.integers(channels), rng.integers(1, 7)
@@ -27,7 +28,7 @@ def emi_spikes(counts: Counts, rng: np.random.Generator) -> Stream:
 
 
 def stuck_bits(counts: Counts, rng: np.random.Generator) -> Stream:
-    """A bit of one channel reads 1 for a second or so."""
+    """Let a bit of one channel read 1 for 0.1 to 2 s."""
     struck = counts.copy()
     for scan in _instants(len(counts), rng):
         while_stuck = slice(scan, scan + int(rng.uniform(0.1, 2.0) * RATE_HZ))
@@ -36,12 +37,12 @@ def stuck_bits(counts: Counts, rng: np.random.Generator) -> Stream:
 
 
 def gaps(counts: Counts, rng: np.random.Generator) -> Stream:
-    """Scans are lost: one, or up to half a second."""
+    """Lose 1 to 50 scans at a time."""
     return _cut(counts, rng, lambda: Gap(int(np.exp(rng.uniform(0, np.log(50)))), "missing", 0))
 
 
 def restarts(counts: Counts, rng: np.random.Generator) -> Stream:
-    """The board reboots and counts anew: nobody knows how long it was away; here half a second."""
+    """Restart the board, which then counts from 0."""
     return _cut(counts, rng, lambda: Gap(0, "restart", 0))
 
 
@@ -54,19 +55,19 @@ FAULTS: dict[str, Fault] = {
 
 
 def _instants(n: int, rng: np.random.Generator) -> list[int]:
-    """Scans at which something happens: a Poisson process, not in the first five seconds."""
+    """Scans with a fault: a Poisson process, after the first five seconds."""
     length_s = n / RATE_HZ - _EVERY_S
     times_s = _EVERY_S + rng.uniform(0, length_s, rng.poisson(length_s / _EVERY_S))
     return sorted((times_s * RATE_HZ).astype(int).tolist())
 
 
-def _cut(counts: Counts, rng: np.random.Generator, cause: Callable[[], Gap]) -> Stream:
+def _cut(counts: Counts, rng: np.random.Generator, new_gap: Callable[[], Gap]) -> Stream:
     whole, stream, start = block_of(counts), Stream(), 0
     for scan in _instants(len(counts), rng):
-        gap = cause()
+        gap = new_gap()
         if scan <= start:
             continue
-        begin = scan + (gap.n_missing or round(0.5 * RATE_HZ))
-        stream += [whole[start:scan], Gap(gap.n_missing, gap.cause, begin)]
-        start = begin
+        after = scan + (gap.n_missing or round(_RESTART_S * RATE_HZ))
+        stream += [whole[start:scan], Gap(gap.n_missing, gap.cause, after)]
+        start = after
     return [*stream, whole[start:]] if start < len(counts) else stream[:-1]

@@ -1,9 +1,9 @@
-"""Threshold rules on wavelet coefficients: the plain sliding window, and others to draw the curve from.
+"""Threshold rules on wavelet coefficients: the plain sliding window, and others for the curves.
 
-A rule turns the coefficients of one level into one number a scan, in units of what noise alone makes of one
-channel's coefficient. Coefficients come from the causal bank, which equals the newest coefficients of
-`pywt.swt` on a sliding window that its circular border has not touched (`window_coefficients`, the plain
-form; a test holds the two together).
+A rule makes one number of each scan from the coefficients of one level, in units of the noise of one
+channel's coefficient. The coefficients are those of the causal bank, which equal the newest coefficients of
+`pywt.swt` on a sliding window that the circular border does not affect (`window_coefficients`, the plain
+form; a test compares the two).
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 LEVELS = (1, 2, 3, 4, 5, 6)
-# An alarm is one as long as crossings follow each other within this: the same for every rule and the oracle.
+# Crossings that follow each other within this are one alarm: the same for every rule and the oracle.
 HOLD_OFF_S = 0.2
 
 Rule = Callable[[Array, FloatArray], FloatArray]
@@ -34,15 +34,15 @@ Statistic = Callable[[WaveletCoefficients], FloatArray]
 
 
 def any_channel(array: Array, coefficients: FloatArray) -> FloatArray:
-    """Largest channel, as published: (n, channels) to (n,)."""
+    """Largest channel (n,) of coefficients (n, channels), as published."""
     del array
     return np.asarray(np.abs(coefficients).max(axis=1))
 
 
 def opposed_channel(array: Array, coefficients: FloatArray) -> FloatArray:
-    """Largest channel where, over all taxels, pairs move against each other more than together.
+    """Largest channel where, over all taxels, pairs change more in opposition than together.
 
-    This is the paper's second peak.
+    This is the paper's second peak, as `detect.slip_wavelet` takes it.
     """
     shear, normal = array.shear_weights(), array.normal_weights()
     against = np.hypot(*(coefficients @ (shear.sum(axis=1) / np.abs(shear).sum(axis=(1, 2))[:, None]).T).T)
@@ -59,7 +59,7 @@ def strongest_pair(array: Array, coefficients: FloatArray) -> FloatArray:
 
 
 def whole_array(array: Array, coefficients: FloatArray) -> FloatArray:
-    """Length of the vector (R1 - R3, R2 - R4), summed over all taxels: one common direction."""
+    """Length of the vector (R1 - R3, R2 - R4) summed over all taxels, which have one common direction."""
     weights = array.shear_weights().sum(axis=1)
     scaled = weights / np.linalg.norm(weights, axis=1, keepdims=True)
     return np.asarray(np.hypot(*(coefficients @ scaled.T).T))
@@ -72,8 +72,7 @@ RULES: dict[str, Rule] = {
     "whole array": whole_array,
 }
 
-
-COHERENT = ("coherent levels", 0)  # the key of `slip_levels`, which is of no one level
+COHERENT = ("coherent levels", 0)  # key of `CoherentLevels`, which has no single level
 
 
 def coefficient_sd_v(level: int, noise_v: float) -> float:
@@ -82,74 +81,73 @@ def coefficient_sd_v(level: int, noise_v: float) -> float:
 
 
 def traces(array: Array, block: ScanBlock, noise_v: float) -> dict[tuple[str, int], FloatArray]:
-    """Every rule at every level, (n,) each, in units of sigma; 0 where the filter does not see scans only."""
-    answer = SwtBank(array, BankParams(levels=LEVELS)).process(block)
+    """Every rule at every level, (n,) each, in units of sigma; 0 where the filter is not filled."""
+    found = SwtBank(array, BankParams(levels=LEVELS)).process(block)
     out = {}
     for k, level in enumerate(LEVELS):
-        scaled = answer.volts[:, k] / coefficient_sd_v(level, noise_v)
-        scaled = np.where(answer.usable[:, k], scaled, 0.0)
+        scaled = found.volts[:, k] / coefficient_sd_v(level, noise_v)
+        scaled = np.where(found.usable[:, k], scaled, 0.0)
         for name, rule in RULES.items():
             out[name, level] = rule(array, scaled)
-    out[COHERENT] = CoherentLevels(array, read_sd_v(noise_v)).score(answer)
+    out[COHERENT] = CoherentLevels(array, read_sd_v(noise_v)).score(found)
     return out
 
 
 def window_coefficients(window: FloatArray, level: int) -> FloatArray:
-    """Newest coefficient of each channel that the border of a window (n, channels) has not touched.
+    """Newest coefficient of each channel that the border of a window (n, channels) does not affect.
 
-    The plain way: the whole transform of the window at each scan. `pywt.swt` wants a length that 2^level
-    divides; its coefficient `delay_scans` before the end is the last that the circular border leaves alone.
+    This is the plain way: the whole transform of the window at each scan. `pywt.swt` needs a length that
+    2^level divides; its coefficient `delay_scans` before the end is the last without the circular border.
     """
     details = [pywt.swt(channel, "coif1", level=level)[0][1] for channel in window.T]
     return np.array([detail[-1 - delay_scans(level)] for detail in details])
 
 
 class ThresholdRule:
-    """A slip event whenever a rule's statistic is large, told nothing of contact: a `Detector`.
+    """Detector that reports a slip where a rule's statistic is large, in contact or not.
 
     Parameters
     ----------
-    array : Array
     levels : tuple of int
-        Of the bank; the last says where in the past an onset may lie.
-    begin : callable
-        Begins anew: what then makes one number a scan, (n,), of the bank's answers in turn.
-    threshold : float
-    name : str
+        Of the bank; the filter of the last one bounds the stated onset.
+    new_statistic : callable
+        Makes a function from successive outputs of the bank to one number for each scan, (n,).
     """
 
     def __init__(
         self,
         array: Array,
         levels: tuple[int, ...],
-        begin: Callable[[], Statistic],
+        new_statistic: Callable[[], Statistic],
         threshold: float,
         name: str,
     ) -> None:
-        self._begin, self._threshold, self._name = begin, threshold, name
+        self._new_statistic, self._threshold, self._name = new_statistic, threshold, name
         self._levels = levels
         self._weights = array.shear_weights().sum(axis=1)
         self._bank = SwtBank(array, BankParams(levels=levels))
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Return to the initial state."""
         self._bank.reset()
-        self._statistic = self._begin()
+        self._statistic = self._new_statistic()
         self._crossed_s = -np.inf
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """One onset for each run of crossings."""
-        answer = self._bank.process(item)
+        """Report one onset for each run of crossings."""
+        coefficients = self._bank.process(item)
         if isinstance(item, Gap):
             self.reset()
             return []
-        statistic = self._statistic(answer)
+        statistic = self._statistic(coefficients)
         events: list[Event] = []
         for n in np.flatnonzero(statistic >= self._threshold):
             now_s = float(item.time_s[n])
             if now_s - self._crossed_s > HOLD_OFF_S:
-                events.append(self._onset(now_s, item.rate_hz, answer.volts[n, -1], float(statistic[n])))
+                events.append(
+                    self._onset(now_s, item.rate_hz, coefficients.volts[n, -1], float(statistic[n]))
+                )
             self._crossed_s = now_s
         return events
 
@@ -175,18 +173,18 @@ class ThresholdRule:
 
 
 def window_rule(array: Array, level: int, threshold_volts: float) -> ThresholdRule:
-    """Any channel at one level: the plain sliding window."""
+    """Detector of the plain sliding window: any channel at one level."""
 
-    def largest(answer: WaveletCoefficients) -> FloatArray:
-        return any_channel(array, np.where(answer.usable[:, 0], answer.volts[:, 0], 0.0))
+    def largest(found: WaveletCoefficients) -> FloatArray:
+        return any_channel(array, np.where(found.usable[:, 0], found.volts[:, 0], 0.0))
 
     return ThresholdRule(array, (level,), lambda: largest, threshold_volts, "pywt-swt-window")
 
 
 def coherent_rule(array: Array, noise_v: float, threshold: float) -> ThresholdRule:
-    """All of `COHERENT_LEVELS` at once, told the noise."""
+    """Detector on all of `COHERENT_LEVELS` at once, for a known noise."""
 
-    def begin() -> Statistic:
+    def new_statistic() -> Statistic:
         return CoherentLevels(array, read_sd_v(noise_v)).score
 
-    return ThresholdRule(array, COHERENT_LEVELS, begin, threshold, "coherent-levels")
+    return ThresholdRule(array, COHERENT_LEVELS, new_statistic, threshold, "coherent-levels")

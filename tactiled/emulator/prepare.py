@@ -6,8 +6,8 @@
 import sys
 from collections.abc import Callable
 
-from tactiled.array import Array, load_array
-from tactiled.emulator.mechanics.base import FloatArray, Rung, Surface
+from tactiled.array import Array, FloatArray, load_array
+from tactiled.emulator.mechanics.base import Rung, Surface
 from tactiled.emulator.mechanics.period import SHIPPED, is_solved, solved_tables, write_tables
 from tactiled.emulator.mechanics.periodic import STEP_S, Foresight
 from tactiled.emulator.scene.contact import choose_rung, explain

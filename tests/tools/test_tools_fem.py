@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics import taxel_shape
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.skin import load_compliance
@@ -23,8 +23,6 @@ from tools.fem.readout import EDGE_MM, read_out, side_parts
 from tools.fem.reference import COLUMNS, load_reference, reference_names
 from tools.fem.rubber import CellwiseYeoh
 from tools.fem.runs import LOAD_N, RUNS, produce
-
-FloatArray = NDArray[np.float64]
 
 TINY = Fineness(4, 1, 1, 1, 1, 1, 1)
 SHIPPED = [(name, run) for name in MESHES for run in reference_names(name)]

@@ -22,14 +22,12 @@ Stored in float32; symmetric to the last bit.
 import json
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.resources import shipped
 from tools.fem.linear import surface_response
 from tools.fem.mesh import MATERIALS, MESHES, TaxelMesh, taxel_mesh
 from tools.fem.readout import EDGE_MM, Part, centre, read_out, side_parts, surface_areas
-
-FloatArray = NDArray[np.float64]
 
 
 def compliance_arrays(mesh: TaxelMesh) -> dict[str, FloatArray]:

@@ -9,17 +9,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import HeldQuantity, Surface
 from tactiled.errors import DataError
 from tools.fem import plate
 from tools.fem.mesh import TaxelMesh
 from tools.fem.readout import EDGE_MM, centre, read_out, side_parts, surface_areas
 from tools.fem.rubber import CellwiseYeoh
-
-FloatArray = NDArray[np.float64]
 
 # Stiffness of contact and of sticking, over the mean stiffness of a surface point. On a flat plate a quarter
 # of it moves friction at the knee by 0.7 % and the approach by 0.3 um. Over grooves points touch and part in

@@ -6,13 +6,11 @@ keeps nearly incompressible cells from locking.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from tactiled.array import FloatArray
 from tools.fem.mesh import MATERIALS, TaxelMesh
-
-FloatArray = NDArray[np.float64]
 
 _GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
 _CORNERS = np.array(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.materials import PDMS, RTV, RUBBER, Yeoh
 from tactiled.emulator.mechanics.taxel_shape import (
     BASE_MM,
@@ -23,7 +24,6 @@ from tactiled.emulator.mechanics.taxel_shape import (
     cap_mm,
 )
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MATERIALS: tuple[Yeoh, ...] = (RUBBER, RTV, PDMS)

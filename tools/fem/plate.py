@@ -1,11 +1,9 @@
 """Distance of points to a rigid plate with sinusoidal grooves (`base.Surface`), as contact needs it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Surface
-
-FloatArray = NDArray[np.float64]
 
 _NEAR_MM = 0.03  # farther than this from touching, the height stands in for the distance
 _NEWTON_STEPS = 8  # from the point's own foot, near the plate: quadratic, two or three would do

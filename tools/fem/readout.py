@@ -14,10 +14,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.taxel_shape import CHIP_RADIUS_MM
 from tools.fem.mesh import TaxelMesh
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Part = Callable[[FloatArray, FloatArray], BoolArray]
 

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.errors import DataError
 from tactiled.resources import shipped
-
-FloatArray = NDArray[np.float64]
 
 COLUMNS = (
     "travel_x_mm",

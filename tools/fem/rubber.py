@@ -7,9 +7,9 @@ and second derivatives by F: Holzapfel, Nonlinear Solid Mechanics, 2000, section
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tools.fem.mesh import MATERIALS
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import brentq
 
+from tactiled.array import FloatArray
 from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
-
-FloatArray = NDArray[np.float64]
-
 
 Readout = Literal["edge", "half"]
 

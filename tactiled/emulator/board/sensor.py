@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.board import electronics
 from tactiled.emulator.board.noise import ScanNoise
 from tactiled.emulator.scene.contact import make_contact
@@ -11,8 +11,6 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 
 class Sensor:

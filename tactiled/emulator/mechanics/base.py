@@ -13,7 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
+
 HeldQuantity = Literal["force", "displacement"]
 
 # Bits of `TaxelForces.warnings`: the number is still the best the rung has.

@@ -12,16 +12,14 @@ friction, the neighbours' bumps, edges of ridges sharper than the nodes' spacing
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
 from tactiled.emulator.mechanics.skin import Readout, SkinCompliance, shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 STEP_S = 0.01  # a scan: friction knows the way, so shorter steps change nothing but the cost
 

@@ -15,12 +15,10 @@ with friction 0.6 under 0.6 N and 2.5 N (config/contact/fem-coarse-flat-0.6-ligh
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.skin import SkinCompliance
 from tactiled.emulator.mechanics.taxel_shape import BASE_MM, CAP_MM, CHIP_MM, RIM_MM
-
-FloatArray = NDArray[np.float64]
 
 # Of a displacement, what the material that carries the pressure down is dragged along. Left minus right at
 # full slip asks for 0.75 under 0.6 N and for 0.87 under 2.5 N.

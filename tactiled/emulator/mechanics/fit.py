@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.stability import StableRange, stable_range
 from tactiled.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 _SHORTEST = 1e-6  # powers down to the fourth stay finite
 _LONGEST, _LARGEST_MPA = 100.0, 1e5  # rubber tears at a stretch of 10 and some 30 MPa

@@ -23,14 +23,12 @@ before it slips: a slide that begins fast has no static peak.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.sides import Readout, SideWeights, growth
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 # Fit to finite elements of one taxel (config/contact/fem-*-load.json, 0.03 to 0.25 mm): from 0.3 to 2.3 N
 # it is within 7 %. The prototype's mesh, without the skin between the taxels, gave 38.1 d^1.79.

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.stability import any_state_limit
 from tactiled.errors import ContractError
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SOURCE = "Wang, Chen, Mei, Micromachines 2019, 10(9), 579, table 1 (least squares on compression curves)"

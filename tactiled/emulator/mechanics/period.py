@@ -6,15 +6,13 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.skin import Readout
 from tactiled.resources import shipped
-
-FloatArray = NDArray[np.float64]
 
 _STEP_S = 0.01  # any would do: the parent knows the way, not the time
 

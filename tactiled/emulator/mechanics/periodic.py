@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.lumped import Lumped
@@ -35,7 +36,6 @@ from tactiled.emulator.mechanics.period import (
 from tactiled.emulator.mechanics.skin import Readout
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 STEP_S = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s

@@ -9,11 +9,10 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.resources import shipped
 
-FloatArray = NDArray[np.float64]
 Readout = Literal["half", "edge"]
 
 # At large strain the pressure moves with the tilting bump, the more so the larger the load; linear weights do

@@ -5,11 +5,10 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.resources import shipped
 
-FloatArray = NDArray[np.float64]
 Readout = Literal["half", "edge"]
 
 _REACH_MM = 0.35  # neighbourhood from which a map's slope at a node is taken: two to three nodes each way

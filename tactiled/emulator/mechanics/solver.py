@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
+
 IntArray = NDArray[np.int64]
 
 _ITERATIONS = 60  # no solution of the tests needs more than 30; a cycle never ends

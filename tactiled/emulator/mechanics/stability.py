@@ -14,10 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 # Beyond any test of a rubber. In steps of 0.5 % no pair of crossings of a cubic energy is stepped over.
 _SHORTEST, _LONGEST, _STEP = 0.01, 100.0, 0.005

@@ -13,7 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import FloatArray, HeldQuantity, Rung, TaxelForces
+from tactiled.array import FloatArray
+from tactiled.emulator.mechanics.base import HeldQuantity, Rung, TaxelForces
 
 _KEPT_STEPS = 4096  # some 10 s of the cheap rungs: longer than a scan or a report looks back
 

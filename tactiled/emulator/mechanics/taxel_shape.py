@@ -5,9 +5,8 @@ heights).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 CHIP_RADIUS_MM = 1.5  # paper: chips of 3.0 mm diameter
 CHIP_MM = 0.5  # paper: adhesive layer that holds the chips

@@ -11,9 +11,8 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics import compliance, lumped, periodic
 from tactiled.emulator.mechanics.auto import NOT_MODELLED, RungChoice, RungOption, choose
 from tactiled.emulator.mechanics.base import Rung, Surface
@@ -25,8 +24,6 @@ from tactiled.emulator.scene.physical import ContactState, PhysicalContact
 from tactiled.emulator.scene.prescribed import SignalContact
 from tactiled.emulator.scene.taxels import rung_surface
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 
 class ContactModel(Protocol):

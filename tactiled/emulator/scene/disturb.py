@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.scene.phases import Disturbance
 
-FloatArray = NDArray[np.float64]
 Shape = Callable[[Disturbance, FloatArray], FloatArray]
 
 _SWELL = 0.1  # part of its time over which a sine swells, and dies: no kinks of its own making

@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import TaxelForces
 from tactiled.emulator.mechanics.lumped import indentation_mm
 from tactiled.emulator.mechanics.stepper import stacked
@@ -19,8 +19,6 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import MotionState
 from tactiled.emulator.scene.phases import LARGEST_FORCE_N, HeldObject, LoadPhase, PressPhase
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 Feel = Callable[[float, FloatArray], TaxelForces]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics.base import (
     BEYOND_REFERENCES,
     Rung,
@@ -21,7 +21,6 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.emulator.scene.taxels import ChannelForces, offset_mm, rung_surface, taxel_shares
 
-FloatArray = NDArray[np.float64]
 Build = Callable[[Surface, FloatArray, int], Rung]
 
 

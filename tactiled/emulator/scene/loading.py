@@ -8,13 +8,11 @@ import math
 from itertools import accumulate, islice
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics import lumped
 from tactiled.emulator.scene.motion import SceneMotion
-
-FloatArray = NDArray[np.float64]
 
 
 class LoadMemory:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.disturb import Disturbances
 from tactiled.emulator.scene.phases import (
@@ -24,9 +25,6 @@ from tactiled.emulator.scene.phases import (
     RotatePhase,
     SlidePhase,
 )
-
-FloatArray = NDArray[np.float64]
-
 
 # Presliding distance of the skin on the plate: the paper's voltages settle within some 0.1 mm of travel.
 PRESLIDING_MM = 0.1

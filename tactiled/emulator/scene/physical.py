@@ -3,16 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.imposed import Build, TaxelDrive
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 _REACTS_S = 0.01
 _BLOCK_S = 0.16  # played at once: some scans, and no long pause of a real-time loop on a slow rung

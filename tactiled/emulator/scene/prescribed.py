@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics import lumped
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.loading import PrescribedLoad
@@ -11,8 +11,6 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
 from tactiled.emulator.scene.taxels import INEQUALITY
-
-FloatArray = NDArray[np.float64]
 
 # Friction acts at the bump's tip and tilts it: the side areas' imbalance is the friction coefficient times
 # height over lever arm, 1.3 mm (bump and adhesive) over some 0.87 mm. With 0.6 that is 0.9: the "almost

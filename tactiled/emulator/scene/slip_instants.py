@@ -3,10 +3,7 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 INCIPIENT_SHARE = 0.1
 GROSS_SHARE = 0.9

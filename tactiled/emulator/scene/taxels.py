@@ -1,16 +1,13 @@
 """A scene's load and plates as the taxels of an array have them, and their forces as channels feel them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics.base import Surface, TaxelForces
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 # Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
 INEQUALITY = 0.05

@@ -5,9 +5,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import Array, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
 from tactiled.emulator.scene.contact import ContactModel, make_contact
 from tactiled.emulator.scene.description import Scene
@@ -15,8 +14,6 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.physical import ContactState, PhysicalContact
 from tactiled.emulator.scene.prescribed import groove_phase
-
-FloatArray = NDArray[np.float64]
 
 _WARNINGS = {
     BEYOND_REFERENCES: "a taxel bears more than in any finite-element reference: errors are not known there",

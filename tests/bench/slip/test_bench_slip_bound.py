@@ -1,4 +1,4 @@
-"""The baseline is the plain transform, and the oracle is a bound that holds its rate."""
+"""Detectors of the comparison: the plain transform, threshold rules, oracle, line faults."""
 
 from dataclasses import replace
 
@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bench.slip.detectors import Tuning, compared_detectors, sweep
 from bench.slip.faults import FAULTS
-from bench.slip.latency import measure
-from bench.slip.noise import Tail, fit_tail, maxima, oracle_tail, rule_maxima, rule_tails
+from bench.slip.noise import NoiseTail, fit_tail, maxima, oracle_tail, rule_maxima, rule_tails
 from bench.slip.oracle import Oracle
-from bench.slip.quiet import run
-from bench.slip.rivals import Knobs, rivals, sweep
+from bench.slip.quiet import run_detector
 from bench.slip.rules import (
     COHERENT,
     LEVELS,
@@ -22,7 +21,8 @@ from bench.slip.rules import (
     window_coefficients,
     window_rule,
 )
-from bench.slip.scenes import NOISES_V, Announcement, Played, at_speed, block_of, play
+from bench.slip.scenes import NOISES_V, Announcement, PlayedScene, at_speed, block_of, play
+from bench.slip.slips import read_slips
 from tactiled.array import load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
@@ -33,23 +33,23 @@ from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 WANG = load_array("wang2019-3x3")
-WIDE = Tail(5.0, 0.5, 1.0)  # any tail: thresholds near 3.2 at one an hour
+WIDE = NoiseTail(5.0, 0.5, 1.0)  # any tail: thresholds near 3.2 at one an hour
 
 
 @pytest.fixture(scope="module")
-def slide() -> Played:
+def slide() -> PlayedScene:
     return play("1 mm/s", at_speed(1.0), 1)
 
 
-def test_truth_is_in_order(slide: Played) -> None:
+def test_instants_of_a_slip_are_in_order(slide: PlayedScene) -> None:
     slip = slide.slip
     assert slip is not None
-    assert slide.held_s < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
+    assert slide.press_end_s < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
     still = slide.volts[int(slip.shear_s * 100) - 20 : int(slip.shear_s * 100) - 1]
     assert np.ptp(still, axis=0).max() < 1e-3  # nothing moves before the shear but creep
 
 
-def test_a_held_object_is_played_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_is_played_from_its_start_once(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[TaxelDrive] = []
     reset = TaxelDrive.reset
 
@@ -64,7 +64,7 @@ def test_a_held_object_is_played_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("level", [1, 3, 5])
-def test_the_bank_is_the_plain_transform_of_the_window(level: int, slide: Played) -> None:
+def test_the_bank_is_the_plain_transform_of_the_window(level: int, slide: PlayedScene) -> None:
     block = slide.read(1e-3, draw=1)
     bank = SwtBank(WANG, BankParams(levels=(level,))).process(block).volts[:, 0]
     for n in (300, 480, 500, 700):
@@ -73,7 +73,7 @@ def test_the_bank_is_the_plain_transform_of_the_window(level: int, slide: Played
         )
 
 
-def test_window_rule_says_what_its_threshold_says(slide: Played) -> None:
+def test_window_rule_reports_the_first_crossing_of_its_threshold(slide: PlayedScene) -> None:
     block = slide.read(0.3e-3, draw=1)
     events = window_rule(WANG, 2, 3e-3).process(block)
     chunked = window_rule(WANG, 2, 3e-3)
@@ -117,11 +117,11 @@ def test_coherent_levels_are_matched_to_a_kink_in_any_direction() -> None:
 
 
 def replace_volts(block: ScanBlock, volts: NDArray[np.float64]) -> ScanBlock:
-    """The same scans, not rounded by an ADC."""
+    """Block with other volts, not rounded by an ADC."""
     return replace(block, volts=volts)
 
 
-def test_a_tail_is_recovered() -> None:
+def test_fit_recovers_the_tail_of_known_maxima() -> None:
     rng = np.random.default_rng(3)
     drawn = np.sqrt(2 * rng.exponential(size=400_000))  # P(> z) = exp(-z^2 / 2)
     tail = fit_tail(drawn, hours=10.0)
@@ -130,26 +130,26 @@ def test_a_tail_is_recovered() -> None:
     assert tail.per_hour(np.array(tail.threshold(7.0))) == pytest.approx(7.0)
 
 
-def test_the_oracle_keeps_its_rate_and_is_never_later_than_a_rule(slide: Played) -> None:
+def test_the_oracle_has_its_rate_and_is_never_later_than_a_rule(slide: PlayedScene) -> None:
     oracle = Oracle(slide)
     tail = oracle_tail([oracle], hours=0.3, seed=1)
     noise = np.random.default_rng(9).standard_normal((180_000, oracle.n_combinations))
     alarms = (maxima(oracle.noise_trace(noise)) > tail.threshold(100.0)).sum()  # in half an hour: 50
     assert 25 < alarms < 85
     tails = rule_tails([rule_maxima(0, seed=1)])
-    for case in measure("1 mm/s", 1, Knobs(tails, dict.fromkeys(NOISES_V, 2)), tail, ()):
+    for case in read_slips(Tuning(tails, dict.fromkeys(NOISES_V, 2)), tail, (), "1 mm/s", 1):
         rules = np.array([case.rule_s[key] for key in tails])
         assert (np.nan_to_num(rules, nan=np.inf) >= case.oracle_s - 0.02).all()
 
 
-def test_an_oracle_needs_a_slip(slide: Played) -> None:
-    still = Played("still", 1, slide.volts, 1.0, None, (), ())
+def test_the_oracle_refuses_a_scene_without_slip(slide: PlayedScene) -> None:
+    still = PlayedScene("still", 1, slide.volts, 1.0, None, (), ())
     with pytest.raises(ContractError, match="none"):
         Oracle(still)
 
 
 @pytest.mark.parametrize("name", sorted(FAULTS))
-def test_faults_leave_consecutive_blocks(name: str, slide: Played) -> None:
+def test_faults_leave_consecutive_blocks(name: str, slide: PlayedScene) -> None:
     stream = FAULTS[name](slide.counts(1e-3, 1), np.random.default_rng(5))
     assert [n for n, item in enumerate(stream) if isinstance(item, Gap)] == list(range(1, len(stream), 2))
     ends = [item for item in stream if isinstance(item, ScanBlock)]
@@ -161,8 +161,8 @@ def test_faults_leave_consecutive_blocks(name: str, slide: Played) -> None:
     assert sum(len(block) for block in ends) <= len(slide.volts)
 
 
-class _Says:
-    """An incipient slip at every hundredth scan."""
+class _EveryHundredth:
+    """Detector that reports an incipient slip at every hundredth scan."""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         if isinstance(item, Gap):
@@ -183,7 +183,7 @@ def _slip(time_s: float) -> SlipEvent:
         direction_sd_deg=1.0,
         confidence=1.0,
         taxels=(0,),
-        detector="says",
+        detector="every-hundredth",
         statistic=1.0,
         threshold=1.0,
         valid=True,
@@ -191,17 +191,17 @@ def _slip(time_s: float) -> SlipEvent:
     )
 
 
-def test_what_is_announced_is_not_valid_from_the_motion_s_beginning(slide: Played) -> None:
+def test_events_in_an_announced_motion_are_not_valid(slide: PlayedScene) -> None:
     said = (Announcement("inhibit", 2.0, 0.5), Announcement("load-change", 0.0, 1.0))
-    untold, told = run(_Says(), [slide.read(1e-3, 1)], said)
-    assert [e.time_s for e in told] == [e.time_s for e in untold] == list(range(len(untold)))
-    assert all(e.valid for e in untold if isinstance(e, SlipEvent))
-    assert [e.time_s for e in told if isinstance(e, SlipEvent) and not e.valid] == [0, 1, 2]
+    unannounced, announced = run_detector(_EveryHundredth(), [slide.read(1e-3, 1)], said)
+    assert [e.time_s for e in announced] == [e.time_s for e in unannounced] == list(range(len(unannounced)))
+    assert all(e.valid for e in unannounced if isinstance(e, SlipEvent))
+    assert [e.time_s for e in announced if isinstance(e, SlipEvent) and not e.valid] == [0, 1, 2]
 
 
-def test_every_rival_is_a_detector_and_says_its_rate() -> None:
+def test_every_compared_detector_runs_and_has_a_rate() -> None:
     tails = {(rule, level): WIDE for rule in RULES for level in LEVELS} | {COHERENT: WIDE}
-    for rival in (rivals(Knobs(tails, dict.fromkeys(NOISES_V, 2))) | sweep()).values():
-        detector: Detector = rival.build(WANG, 1e-3)
+    for compared in (compared_detectors(Tuning(tails, dict.fromkeys(NOISES_V, 2))) | sweep()).values():
+        detector: Detector = compared.build(WANG, 1e-3)
         detector.process(block_of(np.full((50, 36), 1600)))
-        assert rival.per_hour(1e-3) > 0
+        assert compared.per_hour(1e-3) > 0

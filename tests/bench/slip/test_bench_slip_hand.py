@@ -1,4 +1,4 @@
-"""The curve behind the slip detector's one knob."""
+"""The table of rates in `detect.slip_rate`, and the command that makes it."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from tactiled.detect.slip.rate import PER_HOUR, SHEAR, rate_at, shear_at
 from tactiled.emulator.scene.families import QUIET
 
 
-def test_every_family_counts_alike_and_more_shear_is_never_more_alarms() -> None:
+def test_families_have_equal_weight_and_the_curve_is_monotonic() -> None:
     noisy = (*(10.0 - k for k in range(len(SHEARS) - 1)), 8.0)
     parts = [(family, 0.1 if family == "taps" else 1.0, (0.0,) * len(SHEARS)) for family in QUIET]
     found = curve(iter([*parts, ("taps", 0.1, noisy)]))
@@ -18,14 +18,14 @@ def test_every_family_counts_alike_and_more_shear_is_never_more_alarms() -> None
     assert all(a >= b for a, b in itertools.pairwise(found))
 
 
-def test_a_scene_counts_its_hours_and_its_alarms() -> None:
+def test_one_scene_returns_its_hours_and_alarms() -> None:
     family, hours, counts = one_scene("load-and-back", 1001)
     assert family == "load-and-back"
     assert 0.002 < hours < 0.02
     assert counts[0] >= counts[-1] == 0
 
 
-def test_the_curve_is_the_bench_s_and_never_turns() -> None:
+def test_the_detector_s_table_has_the_same_shears_and_is_monotonic() -> None:
     assert tuple(sorted(SHEARS, reverse=True)) == SHEAR
     assert list(PER_HOUR) == sorted(PER_HOUR)
     rates = (0.01, *PER_HOUR, 3600.0)
@@ -35,7 +35,7 @@ def test_the_curve_is_the_bench_s_and_never_turns() -> None:
     assert (shear_at(0.01), shear_at(3600.0)) == pytest.approx((SHEAR[0], SHEAR[-1]))
 
 
-def test_settings_are_rates_on_it() -> None:
+def test_settings_are_rates_on_the_curve() -> None:
     assert all(params.least_shear is None for params in SETTINGS.values())
     assert [params.shear for params in SETTINGS.values()] == sorted(p.shear for p in SETTINGS.values())
     given = CoherentParams(false_alarms_per_hour=20.0, least_shear=0.3)

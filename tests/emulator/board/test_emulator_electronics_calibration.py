@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from tactiled.array import load_array
+from tactiled.array import FloatArray, load_array
 from tactiled.emulator.board import electronics
 from tactiled.emulator.board.electronics import PUBLISHED_SENSITIVITY, ElectronicsParams, calibrate
 from tactiled.emulator.board.sensor import Sensor
@@ -15,7 +14,6 @@ from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 
-FloatArray = NDArray[np.float64]
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])
 ONE_TAXEL = np.zeros(4, dtype=np.int64)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import PROVIDES, Compliance
 from tactiled.emulator.mechanics.skin import shipped_skin
@@ -13,7 +13,6 @@ from tactiled.emulator.mechanics.solver import ContactSolver
 from tactiled.errors import ConfigError
 from tools.fem.reference import ReferenceRun, load_reference
 
-FloatArray = NDArray[np.float64]
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4
 LOAD_N = 15.0 / 9
 

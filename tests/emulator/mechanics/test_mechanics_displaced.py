@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
 from tactiled.emulator.mechanics.skin import shipped_skin
 
-FloatArray = NDArray[np.float64]
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])
 
 

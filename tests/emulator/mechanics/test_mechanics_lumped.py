@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactiled.emulator.mechanics.base import BOTTOMED, FloatArray, HeldQuantity, Surface, TaxelForces
+from tactiled.array import FloatArray
+from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Surface, TaxelForces
 from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm, load_n
 from tactiled.emulator.mechanics.stepper import play
 from tactiled.emulator.scene.description import load_scene

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.materials import PDMS, PET, RTV, RUBBER, LinearElastic, Yeoh
 from tactiled.emulator.mechanics.stability import any_state_limit, stable_range
 from tactiled.errors import ContractError
-
-FloatArray = NDArray[np.float64]
 
 RUBBERS = (RUBBER, RTV, PDMS)
 constants = st.tuples(st.floats(0.1, 2.0), st.floats(-0.5, 0.5), st.floats(-0.1, 0.1))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.periodic import Periodic
 from tactiled.emulator.mechanics.stepper import play
 
-FloatArray = NDArray[np.float64]
 AZIMUTH = np.array([180.0, 0.0])
 LOAD_N = 15.0 / 9
 PRESS, SLIDE, STEP_MM = 10, 150, 0.02

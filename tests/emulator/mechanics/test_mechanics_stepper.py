@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.mechanics.base import FloatArray
+from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 
 STEP_S = 0.01

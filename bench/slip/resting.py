@@ -1,0 +1,85 @@
+"""Loads below the friction limit that come to rest, or swing: how often they are reported as gross slip.
+
+The shear of a load that comes to rest and of one that makes the contact slip is the same: it grows and stops.
+On a surface of unknown friction only the taxels' shares differ (`bench/slip/growth.py`). A detector that
+reports fewer of the one as gross may report fewer of the other, therefore the table has both.
+"""
+
+from typing import NamedTuple
+
+from bench.slip.scenes import ARRAY, NOISES_V, play
+from bench.slip.score import complete_s, onsets
+from tactiled.detect.slip.coherent import SETTINGS, CoherentSlip
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.parts import (
+    any_direction_deg,
+    begin,
+    disturb,
+    friction_n,
+    load_phase,
+    made,
+)
+
+LOAD_NOISES_V = (NOISES_V[0], NOISES_V[2], NOISES_V[3])
+_REST_S, _SWING_S, _STEPS = 1.0, 3.0, 4
+
+
+class RestingLoad(NamedTuple):
+    """One load, read by one setting at one noise: reported as gross slip or not."""
+
+    load: str
+    noise_v: float
+    setting: str
+    is_gross: bool
+
+
+def read_load(load: str, seed: int) -> list[RestingLoad]:
+    """One of `LOADS`, read at each noise by every setting; nothing where it slips nevertheless."""
+    played = play("rest", lambda seed: _loaded(load, seed), seed)
+    if played.slip is not None:
+        return []
+    readings = []
+    for noise_v in LOAD_NOISES_V:
+        for name, params in SETTINGS.items():
+            events = onsets(CoherentSlip(ARRAY, params).process(played.read(noise_v, 0)))
+            is_gross = any(e.kind == "gross" and complete_s(e) > played.press_end_s for e in events)
+            readings.append(RestingLoad(load, noise_v, name, is_gross))
+    return readings
+
+
+def _loaded(load: str, seed: int) -> Scene:
+    rng, scene = begin(load, seed)
+    scene["held_object"] = {"mass_kg": 0.3}
+    part = rng.uniform(*LOADS[load])
+    if load == _SWING:
+        scene["phases"] += [
+            load_phase(rng, scene, 0.5, 0.05),
+            {"kind": "hold", "duration_s": _SWING_S + _REST_S},
+        ]
+        start_s = sum(phase["duration_s"] for phase in scene["phases"][:-1])
+        pull_n, rate_hz = part * friction_n(scene), rng.uniform(0.5, 2.5)
+        direction_deg = any_direction_deg(rng)
+        swing = {"frequency_hz": rate_hz, "direction_deg": direction_deg}
+        disturb(scene, "pull_n", "sine", pull_n, start_s, _SWING_S, **swing)
+    elif load == _IN_STEPS:
+        whole = load_phase(rng, scene, 0.0, part)
+        for step in range(1, _STEPS + 1):
+            tangential_n = whole["tangential_n"] * step / _STEPS
+            grown = {"duration_s": rng.uniform(0.1, 0.5), "tangential_n": tangential_n}
+            scene["phases"] += [whole | grown, {"kind": "hold", "duration_s": rng.uniform(0.2, 1.0)}]
+    else:
+        grown = load_phase(rng, scene, rng.uniform(0.1, 1.0), part)
+        scene["phases"] += [grown, {"kind": "hold", "duration_s": _REST_S}]
+    return made(scene)
+
+
+_SWING, _IN_STEPS = "swings by 30 to 75 %", "comes in steps, to 30 to 75 %"
+# Loads as parts of the friction limit; nothing was set on those that come in steps.
+LOADS = {
+    "rests at 20 to 40 %": (0.2, 0.4),
+    "rests at 40 to 60 %": (0.4, 0.6),
+    "rests at 60 to 80 %": (0.6, 0.8),
+    "rests at 80 to 90 %": (0.8, 0.9),
+    _SWING: (0.3, 0.75),
+    _IN_STEPS: (0.3, 0.75),
+}
