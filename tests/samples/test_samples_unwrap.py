@@ -1,0 +1,102 @@
+"""Counters of a board: wraps, losses, duplicates and restarts, against the counts that were made."""
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.samples.unwrap import CounterStep, ScanCounter
+
+RATE_HZ, TICK_S = 100.0, 1e-6
+
+
+@dataclass
+class Board:
+    """A board of which scan 0 has given counters; a crystal may be off by some parts per million."""
+
+    sequence0: int = 0
+    tick0: int = 0
+    drift_ppm: float = 0.0
+    sequence_bits: int = 16
+    tick_bits: int = 32
+
+    def scan(self, number: int) -> tuple[int, int]:
+        """Sequence number and ticks of a scan."""
+        ticks = self.tick0 + round(number / RATE_HZ / TICK_S * (1 + 1e-6 * self.drift_ppm))
+        return (self.sequence0 + number) % 2**self.sequence_bits, ticks % 2**self.tick_bits
+
+
+def counter(board: Board, *, ticks: bool = True) -> ScanCounter:
+    return ScanCounter(board.sequence_bits, board.tick_bits if ticks else None, TICK_S if ticks else None)
+
+
+@given(
+    st.integers(0, 2**16 - 1),
+    st.integers(0, 2**32 - 1),
+    st.floats(-200, 200),
+    st.lists(st.one_of(st.just(1), st.integers(1, 40), st.integers(1, 200_000)), min_size=1, max_size=30),
+    st.booleans(),
+)
+def test_each_scan_counts_the_scans_since_the_one_before(
+    sequence0: int, tick0: int, drift_ppm: float, jumps: list[int], ticks: bool
+) -> None:
+    """Losses of up to 2,000 s: the sequence number wraps three times, the ticks less than once."""
+    board, number = Board(sequence0, tick0, drift_ppm), 0
+    target = counter(board, ticks=ticks)
+    sequence, tick = board.scan(0)
+    assert target.step(sequence, tick if ticks else None, 5.0, RATE_HZ) == CounterStep("next", 1)
+    for jump in jumps:
+        number += jump
+        sequence, tick = board.scan(number)
+        step = target.step(sequence, tick if ticks else None, 5.0 + number / RATE_HZ, RATE_HZ)
+        assert step == CounterStep("next", jump)
+    assert target.board_s == pytest.approx(number / RATE_HZ, rel=2e-4 if ticks else 1e-9, abs=2e-6)
+
+
+@given(st.integers(0, 2**16 - 1), st.integers(0, 15))
+def test_a_repeated_or_late_scan_is_a_duplicate_and_changes_nothing(sequence0: int, back: int) -> None:
+    board = Board(sequence0, 2**32 - 50)
+    target = counter(board)
+    for number in (0, 20):
+        target.step(*board.scan(number), number / RATE_HZ, RATE_HZ)
+    before = target.board_s
+    assert target.step(*board.scan(20 - back), 0.2, RATE_HZ) == CounterStep("duplicate", 0)
+    assert target.board_s == before
+    assert target.step(*board.scan(21), 0.21, RATE_HZ) == CounterStep("next", 1)
+
+
+@pytest.mark.parametrize("away_s", [0.0, 3.0, 3600.0])
+def test_counters_that_begin_again_are_a_restart(away_s: float) -> None:
+    board, again = Board(40_000, 3_000_000_000), Board()
+    target = counter(board)
+    target.step(*board.scan(0), 0.0, RATE_HZ)
+    target.step(*board.scan(1), 0.01, RATE_HZ)
+    assert target.step(*again.scan(0), 0.02 + away_s, RATE_HZ).kind == "restart"
+
+
+def test_a_board_that_was_off_for_longer_than_its_ticks_say_has_restarted() -> None:
+    """Its counters continue by chance; 100 s of silence cannot be 20 scans."""
+    board = Board()
+    target = counter(board)
+    target.step(*board.scan(0), 0.0, RATE_HZ)
+    assert target.step(*board.scan(20), 100.0, RATE_HZ).kind == "restart"
+
+
+def test_after_a_stop_and_start_only_the_ticks_run_on() -> None:
+    board = Board(1000)
+    target = counter(board)
+    target.step(*board.scan(0), 0.0, RATE_HZ)
+    target.forget_sequence()
+    _, ticks = board.scan(500)
+    assert target.step(0, ticks, 5.0, RATE_HZ) == CounterStep("next", 1)
+    assert target.board_s == pytest.approx(5.0)
+
+
+def test_ticks_read_between_scans_are_placed_on_the_boards_time() -> None:
+    board = Board(0, 2**32 - 5)
+    target = counter(board)
+    assert target.board_s_at(0, 0.0) is None
+    target.step(*board.scan(0), 0.0, RATE_HZ)
+    assert target.board_s_at((2**32 - 5 + 2_500) % 2**32, 0.003) == pytest.approx(0.0025)
+    assert target.board_s_at(2**31, 0.003) is None  # 36 minutes away: of another run
