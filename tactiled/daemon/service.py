@@ -184,7 +184,9 @@ class Service:
         """Carry out a command, publish its outcome, and answer the client."""
 
         def finish(reason: str) -> None:
-            self._outlets.say(self._commands.event(request, requester, reason, time.monotonic()))
+            self._outlets.publish_and_record(
+                self._commands.event(request, requester, reason, time.monotonic())
+            )
             done(reason)
 
         self._commands.do(request, now_s, finish)

@@ -83,15 +83,15 @@ class ReplayVerifier:
 
     def compare(self, step: ReplayStep) -> None:
         """Compare the next step; after the first that cannot be compared, none is."""
-        if isinstance(step.told, Input) and step.told.name == "dropped":
-            self._dropped += step.told.values()["reads"]
-        if isinstance(step.told, Input) and is_damage(step.told):
-            self._damaged_bytes += step.told.values()["bytes"]
+        if isinstance(step.cause, Input) and step.cause.name == "dropped":
+            self._dropped += step.cause.values()["reads"]
+        if isinstance(step.cause, Input) and is_damage(step.cause):
+            self._damaged_bytes += step.cause.values()["bytes"]
         if self._dropped or self._damaged_bytes or self._difference:
             return
         others = {topic for extent in self._again.extents.values() for topic in extent.other_forms}
-        said = [now for now in step.now if now.event.topic not in others]
-        for now, live in zip_longest(said, step.live):
+        replayed = [now for now in step.now if now.event.topic not in others]
+        for now, live in zip_longest(replayed, step.live):
             if live is None and step.is_cut:
                 return
             if now is None or live is None or contents.encode_event(now) != contents.encode_event(live):
@@ -122,5 +122,5 @@ class ReplayVerifier:
         )
 
 
-def _show(said: RecordedEvent | None) -> str:
-    return "nothing" if said is None else f"{said.board} {said.event}"
+def _show(replayed: RecordedEvent | None) -> str:
+    return "nothing" if replayed is None else f"{replayed.board} {replayed.event}"

@@ -196,10 +196,10 @@ def schema_of(kind: type[Event]) -> Schema:
 SCHEMAS = {topic: schema_of(kind) for topic, kind in EVENT_TYPES.items()}
 
 
-def encode_event(said: RecordedEvent) -> bytes:
+def encode_event(recorded: RecordedEvent) -> bytes:
     """Encode an event as CDR; equal bytes mean bit-identical events."""
-    stamp = {"board": said.board, "unix_offset_s": said.unix_offset_s}
-    return SCHEMAS[said.event.topic].encode(stamp | vars(said.event))
+    stamp = {"board": recorded.board, "unix_offset_s": recorded.unix_offset_s}
+    return SCHEMAS[recorded.event.topic].encode(stamp | vars(recorded.event))
 
 
 def decode_event(topic: str, data: bytes, origin: Origin) -> RecordedEvent:

@@ -80,10 +80,10 @@ def _scans(replay: Replay) -> Iterator[tuple[ScanEvent, float]]:
     """Yield scans with their epoch offsets; `DataError` when there are none."""
     is_empty = True
     for step in replay:
-        for said in step.now:
-            if isinstance(said.event, ScanEvent):
+        for recorded in step.now:
+            if isinstance(recorded.event, ScanEvent):
                 is_empty = False
-                yield said.event, said.unix_offset_s
+                yield recorded.event, recorded.unix_offset_s
     if is_empty:
         raise DataError("the recording holds no scans: was the board started, and did its hello get through?")
 

@@ -14,7 +14,7 @@ from tactiled.recording.steps import Replay, is_damage
 
 def replay(
     paths: Sequence[Path],
-    say: Callable[[str], None],
+    write_line: Callable[[str], None],
     *,
     topics: Collection[str] = (),
     speed: float = 0.0,
@@ -26,7 +26,7 @@ def replay(
     Parameters
     ----------
     paths : sequence of Path
-    say : callable
+    write_line : callable
         Called with each line.
     topics : collection of str
         Topics to print; empty for all.
@@ -42,16 +42,18 @@ def replay(
     """
     seqs: dict[str, int] = {}
     pace = PlaybackPace(speed, sleep)
-    again = Replay(paths, reached)
-    verdict = ReplayVerifier(again)
-    for step in again:
-        if not is_damage(step.told):  # a damage mark has no time on this clock
+    replayed_run = Replay(paths, reached)
+    verdict = ReplayVerifier(replayed_run)
+    for step in replayed_run:
+        if not is_damage(step.cause):  # a damage mark has no time on this clock
             pace.wait(step.time_s)
         verdict.compare(step)
-        for said in step.now:
-            topic = said.event.topic
+        for replayed in step.now:
+            topic = replayed.event.topic
             seqs[topic] = seq = seqs.get(topic, -1) + 1
             if not topics or topic in topics:
-                message = to_map(said.event, seq=seq, board=said.board, unix_offset_s=said.unix_offset_s)
-                say(json.dumps({"topic": topic, **message}, allow_nan=False))
+                message = to_map(
+                    replayed.event, seq=seq, board=replayed.board, unix_offset_s=replayed.unix_offset_s
+                )
+                write_line(json.dumps({"topic": topic, **message}, allow_nan=False))
     return verdict.result()

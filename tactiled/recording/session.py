@@ -33,7 +33,7 @@ class RecordEntry:
 
     Attributes
     ----------
-    told : Read or Input, optional
+    cause : Read or Input, optional
         The input; None for events of the daemon itself, about `board`.
     outputs : sequence of Output
     hello : Hello, optional
@@ -42,7 +42,7 @@ class RecordEntry:
         Reads and bytes that were dropped just before this entry.
     """
 
-    told: Read | Input | None
+    cause: Read | Input | None
     outputs: Sequence[Output]
     hello: Hello | None
     board: str
@@ -52,9 +52,9 @@ class RecordEntry:
     @property
     def weight(self) -> tuple[int, int]:
         """Reads and bytes lost with this entry; a lost port or a command counts as a read of 0 bytes."""
-        if self.told is None:
+        if self.cause is None:
             return (0, 0)
-        return (1, len(self.told.data) if isinstance(self.told, Read) else 0)
+        return (1, len(self.cause.data) if isinstance(self.cause, Read) else 0)
 
 
 class RecordingSession:
@@ -119,38 +119,38 @@ class RecordingSession:
             self._rotation.tick(self._hello_frame, now_s)
             self._look()
 
-    def take(self, handed: RecordEntry, now_s: float) -> None:
+    def take(self, entry: RecordEntry, now_s: float) -> None:
         """Write one entry after a mark for missing reads; count it as missing if that fails."""
-        reads, n_bytes = self._missing[0] + handed.dropped[0], self._missing[1] + handed.dropped[1]
+        reads, n_bytes = self._missing[0] + entry.dropped[0], self._missing[1] + entry.dropped[1]
         if self._rotation is not None and self._rotation.write(
-            lambda writer: self._append(writer, handed, reads, n_bytes), now_s
+            lambda writer: self._append(writer, entry, reads, n_bytes), now_s
         ):
-            self._missing = (reads, n_bytes) if handed.told is None else (0, 0)
+            self._missing = (reads, n_bytes) if entry.cause is None else (0, 0)
         else:
-            more_reads, more_bytes = handed.weight
+            more_reads, more_bytes = entry.weight
             self._missing = (reads + more_reads, n_bytes + more_bytes)
             self.dropped += more_reads
-        if handed.told is not None and handed.hello is not self._hello:
-            self._know(handed.hello)
+        if entry.cause is not None and entry.hello is not self._hello:
+            self._know(entry.hello)
 
-    def _append(self, writer: RecordingWriter, handed: RecordEntry, reads: int, n_bytes: int) -> None:
-        told, offset_s = handed.told, handed.unix_offset_s
-        now_s = 0.0 if told is None else told.arrival_s if isinstance(told, Read) else told.time_s
-        if told is not None and reads:
+    def _append(self, writer: RecordingWriter, entry: RecordEntry, reads: int, n_bytes: int) -> None:
+        cause, offset_s = entry.cause, entry.unix_offset_s
+        now_s = 0.0 if cause is None else cause.arrival_s if isinstance(cause, Read) else cause.time_s
+        if cause is not None and reads:
             writer.input(Input(now_s, offset_s, "dropped", json.dumps({"reads": reads, "bytes": n_bytes})))
-        if isinstance(told, Read):
-            writer.read(told)
-        elif told is not None:
-            writer.input(told)
-        for output in handed.outputs:
+        if isinstance(cause, Read):
+            writer.read(cause)
+        elif cause is not None:
+            writer.input(cause)
+        for output in entry.outputs:
             if isinstance(output, Hello):
                 self._board = output.board_serial
                 self._unnoted = output if _description(output) != _description(self._noted) else None
-            elif isinstance(output, Event) and told is None:
-                writer.event(output, handed.board, offset_s, "daemon")
+            elif isinstance(output, Event) and cause is None:
+                writer.event(output, entry.board, offset_s, "daemon")
             elif isinstance(output, Event):
                 writer.event(output, self._board, offset_s, "pipeline")
-        if self._unnoted is not None and told is not None and now_s >= self._next_note_s:
+        if self._unnoted is not None and cause is not None and now_s >= self._next_note_s:
             writer.board(self._unnoted)
             self._noted, self._unnoted, self._next_note_s = self._unnoted, None, now_s + BOARD_NOTE_S
 

@@ -23,7 +23,7 @@ from tactiled.wire.frames import Hello
 class ReplayStep:
     """One input of the pipeline with its events in this replay (`now`) and in the live run (`live`)."""
 
-    told: Read | Input
+    cause: Read | Input
     now: tuple[RecordedEvent, ...]
     live: tuple[RecordedEvent, ...]
     is_cut: bool
@@ -32,7 +32,7 @@ class ReplayStep:
     @property
     def time_s(self) -> float:
         """Time of the input, host monotonic seconds of the recording."""
-        return self.told.arrival_s if isinstance(self.told, Read) else self.told.time_s
+        return self.cause.arrival_s if isinstance(self.cause, Read) else self.cause.time_s
 
 
 class Replay:
@@ -78,14 +78,14 @@ class Replay:
             pipeline.receive_data(self.header.hello, 0.0)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
         for number, (path, extent) in enumerate(self.extents.items()):
-            for told, live, is_cut in _steps(path, extent, self._share_of(number)):
+            for cause, live, is_cut in _steps(path, extent, self._share_of(number)):
                 now: list[RecordedEvent] = []
-                for output in _run(pipeline, told, path):
+                for output in _run(pipeline, cause, path):
                     if isinstance(output, Hello):
                         board = output.board_serial
                     elif isinstance(output, Event):
-                        now.append(RecordedEvent(output, board, told.unix_offset_s, "pipeline"))
-                yield ReplayStep(told, tuple(now), live, is_cut)
+                        now.append(RecordedEvent(output, board, cause.unix_offset_s, "pipeline"))
+                yield ReplayStep(cause, tuple(now), live, is_cut)
 
     def _share_of(self, number: int) -> Reached | None:
         """Convert the progress in one part to the progress in all parts, which are about equal in size."""
@@ -93,19 +93,19 @@ class Replay:
         return reached and (lambda share: reached((number + share) / len(self.extents)))
 
 
-def _run(pipeline: Pipeline, told: Read | Input, path: Path) -> Sequence[Output]:
+def _run(pipeline: Pipeline, cause: Read | Input, path: Path) -> Sequence[Output]:
     """Feed one recorded input to the pipeline."""
-    if isinstance(told, Read):
-        return pipeline.receive_data(told.data, told.arrival_s)
-    if told.name == "disconnected":
+    if isinstance(cause, Read):
+        return pipeline.receive_data(cause.data, cause.arrival_s)
+    if cause.name == "disconnected":
         pipeline.disconnected()
-    elif told.name in ("damaged", "dropped"):
+    elif cause.name in ("damaged", "dropped"):
         pipeline.interrupted()
     else:
         try:
-            return pipeline.command(told.name, told.values(), told.time_s)[1]
+            return pipeline.command(cause.name, cause.values(), cause.time_s)[1]
         except (ContractError, KeyError, ValueError):
-            raise DataError(f"{path}: holds {told.name!r}, which this tactiled does not know") from None
+            raise DataError(f"{path}: holds {cause.name!r}, which this tactiled does not know") from None
     return ()
 
 
@@ -113,19 +113,19 @@ def _steps(
     path: Path, extent: Extent, reached: Reached | None
 ) -> Iterator[tuple[Read | Input, tuple[RecordedEvent, ...], bool]]:
     """Yield each input with the pipeline events recorded after it, and whether these may be incomplete."""
-    told: Read | Input | None = None
+    cause: Read | Input | None = None
     live: list[RecordedEvent] = []
     for item in read_items(path, extent, reached):
         if not isinstance(item, RecordedEvent):
-            if told is not None:
-                yield told, tuple(live), is_damage(item)
-            told, live = item, []
+            if cause is not None:
+                yield cause, tuple(live), is_damage(item)
+            cause, live = item, []
         elif item.origin == "pipeline":
             live.append(item)
-    if told is not None:
-        yield told, tuple(live), True
+    if cause is not None:
+        yield cause, tuple(live), True
 
 
-def is_damage(told: Read | Input) -> bool:
+def is_damage(cause: Read | Input) -> bool:
     """Return True for the mark of an unreadable stretch, which has no monotonic time."""
-    return isinstance(told, Input) and told.name == "damaged"
+    return isinstance(cause, Input) and cause.name == "damaged"

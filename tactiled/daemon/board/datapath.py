@@ -118,7 +118,7 @@ class DataPath:
 
     def _handle(self, data: bytes) -> None:
         now_s = time.monotonic()
-        commands = self._link.received(data, now_s, self._outlets.found, self._outlets.received)
+        commands = self._link.received(data, now_s, self._outlets.publish, self._outlets.received)
         self._outlets.notifier.alive(now_s)
         self.act(commands)
         turn_s = time.monotonic() - now_s

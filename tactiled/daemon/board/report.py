@@ -8,7 +8,7 @@ from tactiled.array import Array
 from tactiled.daemon.board.health import info_event
 from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.layout import Layout
@@ -46,9 +46,9 @@ class Report:
         self._layout = layout
         self._array = array
         self._outlets = outlets
-        self._said = (session.state, session.reason(0.0))
+        self._logged = (session.state, session.reason(0.0))
         self._warned: dict[str, str] = {}
-        self._log = Complaints(logger)
+        self._log = RateLimitedLog(logger)
         self._started_s = time.monotonic()
         self._next_info_s = self._started_s
         self._described = session.hello
@@ -58,11 +58,11 @@ class Report:
 
         With `leaving` the daemon is ending, and no state is logged as a warning.
         """
-        state, reason = said = (self._session.state, self._session.reason(now_s))
-        if said == self._said:
+        state, reason = state_and_reason = (self._session.state, self._session.reason(now_s))
+        if state_and_reason == self._logged:
             return
-        new_state = state != self._said[0]
-        self._said = said
+        new_state = state != self._logged[0]
+        self._logged = state_and_reason
         hello = self._session.hello
         board = f"board {hello.board_serial}" if hello is not None else "board"
         text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
@@ -70,21 +70,21 @@ class Report:
         self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
         self._outlets.notifier.status(text)
         if new_state:
-            self._say_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
+            self._publish_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
 
     def regular(self, now_s: float) -> None:
         """Publish a status, and an info event each second and at once for a new board."""
-        self._say_status(now_s)
-        self._log.tell(now_s)
-        self._connection.log.tell(now_s)
+        self._publish_status(now_s)
+        self._log.write_counts(now_s)
+        self._connection.log.write_counts(now_s)
         hello = self._session.hello
         if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
             self._described = hello
             self._next_info_s = now_s + INFO_PERIOD_S
-            self._outlets.say(info_event(hello, self._layout, self._array, now_s))
+            self._outlets.publish_and_record(info_event(hello, self._layout, self._array, now_s))
         self._outlets.look(now_s)
 
-    def _say_status(self, now_s: float) -> None:
+    def _publish_status(self, now_s: float) -> None:
         port_warning = self._connection.warning
         event = self._link.status(
             now_s,
@@ -96,4 +96,4 @@ class Report:
         for cause in warnings.keys() - self._warned.keys():  # each cause once, whatever its numbers do
             self._log.add(warnings[cause], now_s, kind=cause)
         self._warned = warnings
-        self._outlets.say(replace(event, sent=self._outlets.sent))
+        self._outlets.publish_and_record(replace(event, sent=self._outlets.sent))

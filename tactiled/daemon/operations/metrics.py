@@ -87,7 +87,7 @@ class Metrics:
         self._dropped = 0
         self._slips = {(kind, by): 0 for kind in ("incipient", "gross") for by in get_args(Suppressed)}
 
-    def said(self, event: Event, dropped: int) -> None:
+    def count(self, event: Event, dropped: int) -> None:
         """Count a published event; `dropped` is the number of messages that sockets have refused so far."""
         self._dropped = dropped
         if isinstance(event, ScanEvent):

@@ -10,7 +10,7 @@ from typing import Any
 
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.clock import EpochClock
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.operations.metrics import Metrics
 from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.operations.recorder import Recorder
@@ -53,7 +53,7 @@ class Outlets:
         self._publisher = publisher
         self._recorder = recorder
         self._clock = EpochClock()
-        self._log = Complaints(logger)
+        self._log = RateLimitedLog(logger)
         self._next_look_s = time.monotonic()
 
     @property
@@ -61,16 +61,16 @@ class Outlets:
         """Numbers of messages published for this board, by topic."""
         return self._publisher.sent(self._session.board_serial)
 
-    def found(self, event: Event) -> None:
+    def publish(self, event: Event) -> None:
         """Publish an event of the pipeline; the recorder gets it through `received`, with its bytes."""
         self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
-        self.metrics.said(event, self._publisher.dropped)
+        self.metrics.count(event, self._publisher.dropped)
 
-    def say(self, event: Event) -> None:
+    def publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""
-        self.found(event)
+        self.publish(event)
         if self._recorder is not None:
-            self._recorder.said(event, self._session.board_serial, self._clock.offset_s)
+            self._recorder.daemon_event(event, self._session.board_serial, self._clock.offset_s)
 
     def received(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
         """Record a read of the port and the outputs of the pipeline for it."""
@@ -92,15 +92,15 @@ class Outlets:
             hello, offset_s = self._pipeline.hello, self._clock.offset_s
             self._recorder.commanded(name, arguments, events, hello, now_s, offset_s)
         for event in events:
-            self.found(event)
+            self.publish(event)
 
     def look(self, now_s: float) -> None:
         """Publish the recording event when due, and follow the wall clock; call it ten times a second."""
         if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
-            self.say(recording)
+            self.publish_and_record(recording)
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + CLOCK_PERIOD_S
             if step_s := self._clock.follow():
                 words = f"the wall clock was set by {step_s:+.3f} s; timestamps follow it"
                 self._log.add(words, now_s, kind="wall clock")
-            self._log.tell(now_s)
+            self._log.write_counts(now_s)

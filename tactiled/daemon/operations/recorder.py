@@ -124,10 +124,10 @@ class Recorder:
         unix_offset_s: float,
     ) -> None:
         """Record a command to the pipeline (`Pipeline.command`) and its outputs."""
-        told = Input(time_s, unix_offset_s, name, json.dumps(dict(arguments)))
-        self._hand(told, outputs, hello, "", unix_offset_s)
+        cause = Input(time_s, unix_offset_s, name, json.dumps(dict(arguments)))
+        self._hand(cause, outputs, hello, "", unix_offset_s)
 
-    def said(self, event: Event, board: str, unix_offset_s: float) -> None:
+    def daemon_event(self, event: Event, board: str, unix_offset_s: float) -> None:
         """Record an event that the daemon itself made."""
         self._hand(None, (event,), None, board, unix_offset_s)
 
@@ -190,7 +190,7 @@ class Recorder:
 
     def _hand(
         self,
-        told: Read | Input | None,
+        cause: Read | Input | None,
         outputs: Sequence[Output],
         hello: Hello | None,
         board: str,
@@ -198,11 +198,11 @@ class Recorder:
     ) -> None:
         if not self._is_on:
             return
-        handed = RecordEntry(told, outputs, hello, board, unix_offset_s, self._unplaced)
+        entry = RecordEntry(cause, outputs, hello, board, unix_offset_s, self._unplaced)
         try:
-            self._queue.put_nowait(handed)
+            self._queue.put_nowait(entry)
         except queue.Full:
-            reads, n_bytes = handed.weight
+            reads, n_bytes = entry.weight
             self._unplaced = (self._unplaced[0] + reads, self._unplaced[1] + n_bytes)
             self._queue_dropped += reads
         else:

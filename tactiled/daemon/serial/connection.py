@@ -4,7 +4,7 @@ import asyncio
 import logging
 from typing import Protocol
 
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.errors import PortError
@@ -42,7 +42,7 @@ class Connection:
 
     def __init__(self, url: str, baud: int) -> None:
         self.connects = 0
-        self.log = Complaints(logger)
+        self.log = RateLimitedLog(logger)
         """Log of the port with a bounded rate, because a port may open and fail again and again."""
         self._url, self._baud = url, baud
         self._port: SerialPort | None = None

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgpack
 
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, CommandRequest, Events, Requester, parse
 from tactiled.events.types import EVENT_TYPES
@@ -62,8 +62,8 @@ class Control:
         settings: Callable[[float], Mapping[str, Any]],
     ) -> None:
         self.answered = 0
-        self.bad = Complaints(logger, "request refused")
-        self.commanded = Complaints(logger, "command")
+        self.bad = RateLimitedLog(logger, "request refused")
+        self.commanded = RateLimitedLog(logger, "command")
         self._publisher = publisher
         self._do = do
         self._settings = settings

@@ -13,7 +13,7 @@ import zmq
 import zmq.asyncio
 from zmq.utils.monitor import parse_monitor_message
 
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 
 _FAILED = (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
 _EVENTS = zmq.EVENT_ACCEPTED | _FAILED[0] | _FAILED[1] | zmq.EVENT_DISCONNECTED
@@ -33,11 +33,11 @@ class Handshakes:
     ----------
     context : zmq.Context
     guarded : zmq.Socket
-    denied : Complaints
+    denied : RateLimitedLog
         Logs each client that failed.
     """
 
-    def __init__(self, context: zmq.Context[Any], guarded: zmq.Socket[Any], denied: Complaints) -> None:
+    def __init__(self, context: zmq.Context[Any], guarded: zmq.Socket[Any], denied: RateLimitedLog) -> None:
         self._denied = denied
         self._addresses: dict[int, str] = {}
         self._cause = ""

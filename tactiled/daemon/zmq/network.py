@@ -83,11 +83,11 @@ class Network:
                 group.create_task(self._server.run())
             loop = asyncio.get_running_loop()
             while True:  # also without endpoints
-                self.control.bad.tell(loop.time())
-                self.control.commanded.tell(loop.time())
+                self.control.bad.write_counts(loop.time())
+                self.control.commanded.write_counts(loop.time())
                 if self._authenticator is not None:
-                    self._authenticator.denied.tell(loop.time())
-                    self._authenticator.accepted.tell(loop.time())
+                    self._authenticator.denied.write_counts(loop.time())
+                    self._authenticator.accepted.write_counts(loop.time())
                 await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:

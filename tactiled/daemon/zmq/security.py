@@ -30,7 +30,7 @@ from pydantic import Field
 from zmq.utils import z85
 
 from tactiled import tomlfile
-from tactiled.daemon.operations.complaints import Complaints
+from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.zmq.handshakes import Handshakes
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.tomlfile import Params
@@ -165,8 +165,8 @@ class CurveAuthenticator:
         self._handshakes: list[Handshakes] = []
         self._keys = keys
         self._public, self._secret = keys.pair()
-        self.denied = Complaints(logger, "client denied")
-        self.accepted = Complaints(logger, "client connected")
+        self.denied = RateLimitedLog(logger, "client denied")
+        self.accepted = RateLimitedLog(logger, "client connected")
         self._socket = zmq.asyncio.Socket(context, zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.bind(_ZAP)

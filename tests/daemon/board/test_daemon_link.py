@@ -239,7 +239,7 @@ def test_lost_frames_are_missing_and_no_restart() -> None:
 def test_an_adapter_that_hands_over_late_is_said_in_status(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(device, "hasten", lambda _: 16)
+    monkeypatch.setattr(device, "shorten_latency", lambda _: 16)
     daemon = Daemon(tmp_path)
 
     async def story(_: Service) -> None:
@@ -254,7 +254,7 @@ def test_an_adapter_that_hands_over_late_is_said_in_status(
 def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device, "hasten", lambda _: 16)
+    monkeypatch.setattr(device, "shorten_latency", lambda _: 16)
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
     header = Header(load_board("board-v1", "wang2019-3x3"))
 

@@ -107,7 +107,7 @@ def test_before_anything_happened_there_is_a_valid_answer() -> None:
 
 def test_uart_and_disk_are_told_where_they_are_known() -> None:
     metrics = bare(LineErrors(framing=3, overrun=4))
-    metrics.said(
+    metrics.count(
         RecordingEvent(
             time_s=0.0, state="recording", reason="", file="x", parts=1, bytes_written=5,
             free_mb=2.5, reads_dropped=6, reads_waiting=7,
@@ -131,7 +131,7 @@ def test_onsets_of_slip_are_counted_by_what_explains_them() -> None:
         valid=True, detected_s=0.0,
     )  # fmt: skip
     for event in (onset, onset, replace(onset, suppressed="inhibit"), replace(onset, state="end")):
-        metrics.said(event, 0)
+        metrics.count(event, 0)
     families, name = parse(metrics.text()), "tactiled_slip_onsets_total"
     assert value(families, name, kind="incipient", suppressed="no") == 2
     assert value(families, name, kind="incipient", suppressed="inhibit") == 1

@@ -71,7 +71,7 @@ def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
         for item in reads:
             recorder.received(item, (), None)
         recorder.disconnected(10.0, 1.7e9, None)
-        recorder.said(report(recorder), "B1", 1.7e9)
+        recorder.daemon_event(report(recorder), "B1", 1.7e9)
     *got, lost, said = items(tmp_path / "a.mcap")
     assert got == reads
     assert isinstance(lost, Input)

@@ -23,7 +23,7 @@ from said import anything
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
-from tactiled.daemon.operations.complaints import PERIOD_S
+from tactiled.daemon.operations.limited_log import PERIOD_S
 from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
@@ -304,7 +304,7 @@ def plain_json(value: Any) -> Any:
     return value
 
 
-def test_complaints_are_counted_and_said_at_a_bounded_rate(caplog: pytest.LogCaptureFixture) -> None:
+def test_refused_requests_are_counted_and_logged_at_a_bounded_rate(caplog: pytest.LogCaptureFixture) -> None:
     desk = Desk()
     for number in range(1000):
         desk.ask(b"\xc1", now_s=number * 2 * PERIOD_S / 1000)

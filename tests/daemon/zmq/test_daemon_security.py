@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
-from tactiled.daemon.operations import complaints as complaints_module
+from tactiled.daemon.operations import limited_log as limited_log_module
 from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq import publisher as publisher_module
 from tactiled.daemon.zmq.network import Network
@@ -258,7 +258,7 @@ def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
     server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Library libzmq never asks about those, and what is rate-limited is reported all the same."""
-    monkeypatch.setattr(complaints_module, "PERIOD_S", 0.5)
+    monkeypatch.setattr(limited_log_module, "PERIOD_S", 0.5)
     monkeypatch.setattr(network_module, "_TELL_S", 0.1)
     text = (tmp_path / "left.toml").read_text()
     other = zmq.curve_keypair()[0].decode()

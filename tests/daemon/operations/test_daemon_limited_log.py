@@ -4,51 +4,51 @@ import logging
 
 import pytest
 
-from tactiled.daemon.operations.complaints import PERIOD_S, Complaints
+from tactiled.daemon.operations.limited_log import PERIOD_S, RateLimitedLog
 
 
 def test_a_condition_is_logged_once_then_counted(caplog: pytest.LogCaptureFixture) -> None:
-    complaints = Complaints(logging.getLogger("t"), "denied")
-    complaints.add("a", 100.0)
+    log = RateLimitedLog(logging.getLogger("t"), "denied")
+    log.add("a", 100.0)
     for k in range(500):
-        complaints.add("a", 100.0 + k / 100)
+        log.add("a", 100.0 + k / 100)
     assert caplog.messages == ["denied: a"]
-    complaints.add("b", 105.0)  # another condition does not wait
-    complaints.tell(100.0 + PERIOD_S - 0.01)
+    log.add("b", 105.0)  # another condition does not wait
+    log.write_counts(100.0 + PERIOD_S - 0.01)
     assert caplog.messages == ["denied: a", "denied: b"]
-    complaints.tell(100.0 + PERIOD_S)
+    log.write_counts(100.0 + PERIOD_S)
     assert caplog.messages[2:] == ["denied: a (500 times)"]
-    complaints.tell(1000.0)
+    log.write_counts(1000.0)
     assert len(caplog.messages) == 3
-    assert complaints.count == 502
-    complaints.add("a", 1001.0)  # it had stopped: new again
+    assert log.count == 502
+    log.add("a", 1001.0)  # it had stopped: new again
     assert caplog.messages[3:] == ["denied: a"]
 
 
 def test_however_many_conditions_there_are_the_lines_are_few(caplog: pytest.LogCaptureFixture) -> None:
-    complaints = Complaints(logging.getLogger("t"), "denied")
+    log = RateLimitedLog(logging.getLogger("t"), "denied")
     for k in range(1000):
-        complaints.add(str(k), 100.0)
-    complaints.tell(100.0 + PERIOD_S)
+        log.add(str(k), 100.0)
+    log.write_counts(100.0 + PERIOD_S)
     assert len(caplog.messages) == 9
     assert caplog.messages[-1] == "denied: and 992 more, for other reasons"
 
 
 def test_the_last_line_says_how_things_are_now(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
-        complaints = Complaints(logging.getLogger("t"))
+        log = RateLimitedLog(logging.getLogger("t"))
         for k in range(100):
-            complaints.add("stalled", k / 10)
-            complaints.add("running", k / 10 + 0.05, logging.INFO)
-        complaints.add("stalled", 9.99)
-        complaints.tell(PERIOD_S)
+            log.add("stalled", k / 10)
+            log.add("running", k / 10 + 0.05, logging.INFO)
+        log.add("stalled", 9.99)
+        log.write_counts(PERIOD_S)
     assert caplog.messages == ["stalled", "running", "running (99 times)", "stalled (100 times)"]
     assert [record.levelname for record in caplog.records] == ["WARNING", "INFO", "INFO", "WARNING"]
 
 
 def test_measured_values_do_not_make_a_condition_another_one(caplog: pytest.LogCaptureFixture) -> None:
-    complaints = Complaints(logging.getLogger("t"))
+    log = RateLimitedLog(logging.getLogger("t"))
     for k in range(20):
-        complaints.add(f"the clock was set by {k} s", 100.0, kind="clock")
-    complaints.tell(100.0 + PERIOD_S)
+        log.add(f"the clock was set by {k} s", 100.0, kind="clock")
+    log.write_counts(100.0 + PERIOD_S)
     assert caplog.messages == ["the clock was set by 0 s", "the clock was set by 19 s (19 times)"]

@@ -13,7 +13,7 @@ class _Repeated(NamedTuple):
     level: int
 
 
-class Complaints:
+class RateLimitedLog:
     """Log each condition at once; count what repeats within `PERIOD_S` and log the count then.
 
     Counts are logged in the order of the last occurrences, so that the last line of a condition that comes
@@ -47,7 +47,7 @@ class Complaints:
             Which condition it is, where `reason` contains measured values; default: `reason` itself.
         """
         self.count += 1
-        self.tell(now_s)
+        self.write_counts(now_s)
         kind = kind or reason
         if (known := self._recent.pop(kind, None)) is not None:
             self._recent[kind] = _Repeated(known.times + 1, reason, level)
@@ -59,7 +59,7 @@ class Complaints:
         else:
             self._others += 1
 
-    def tell(self, now_s: float) -> None:
+    def write_counts(self, now_s: float) -> None:
         """Log the counts if the period is over; call it about once a second."""
         if not self._recent or now_s < self._end_s:
             return
