@@ -46,7 +46,7 @@ def test_help_of_each_verb_has_an_example(verb: str) -> None:
         (["detect", "none.csv"], "none.csv"),
         (["check-config"], "FILE"),
         (["record", "a.mcap"], "--config FILE, or --port PORT"),
-        (["record", "none/a.mcap", "--port", "x"], "none: No such file or directory; make it"),
+        (["record", "none/a.mcap", "--port", "x"], "none: No such file or directory; make the directory"),
         (["replay"], "FILES"),
         (["replay", "none.mcap"], "none.mcap: cannot be read"),
         (["replay", "bad.toml"], "bad.toml: not a recording of tactiled"),

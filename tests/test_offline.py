@@ -297,7 +297,7 @@ def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:
         with pytest.raises(DataError, match=r"cut\.npz"):
             detect_file(tmp_path / "cut.npz")
     (tmp_path / "random.npz").write_bytes(np.random.default_rng(0).bytes(5000))
-    with pytest.raises(DataError, match=r"random\.npz: is no whole npz file"):
+    with pytest.raises(DataError, match=r"random\.npz: not a complete npz file"):
         detect_file(tmp_path / "random.npz")
     objects = np.array([[None]], dtype=object)
     np.savez(tmp_path / "objects.npz", time_s=np.arange(50) / 100, volts=objects)

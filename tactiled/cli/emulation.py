@@ -78,7 +78,7 @@ def emulate(
         click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))
         return
 
-    def told(what: dict[str, Any]) -> None:
+    def report(what: dict[str, Any]) -> None:
         print(json.dumps(what), flush=True)
         if words := words_for_people(what):
             click.echo(f"emulate: {words}", err=True)
@@ -91,7 +91,7 @@ def emulate(
         board=None if board is None else tomlfile.load(board, EmulatedBoardParams),
         faults=None if faults is None else tomlfile.load(faults, FaultParams),
         seed=seed,
-        report=told,
+        report=report,
         with_scans=scans,
         control=control,
     )

@@ -25,7 +25,7 @@ KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `ta
 def need_board(config: Path | None, port: str | None, to: str = "run") -> None:
     """Refuse a call that names no board."""
     if config is None and port is None:
-        raise click.UsageError(f"say --config FILE, or --port PORT to {to} with defaults")
+        raise click.UsageError(f"give --config FILE, or --port PORT to {to} with defaults")
 
 
 def need_toml(*paths: Path | None) -> None:

@@ -85,8 +85,8 @@ def replay(
         click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
         return
     with ProgressBar("replay", writes_lines=not verify) as progress:
-        say = (lambda _: None) if verify else click.echo
-        verdict = run_again(files, say, topics=topics, speed=speed, reached=progress.reach)
+        write_line = (lambda _: None) if verify else click.echo
+        verdict = run_again(files, write_line, topics=topics, speed=speed, reached=progress.reach)
     if verify:
         click.echo(verdict.words(), err=True)
         sys.exit(0 if verdict.is_good else 1)
@@ -97,7 +97,7 @@ def replay(
 @click.option("--out", type=FILE, help="Output file; default: the name without .active.")
 @click.option(
     "--min-free-mb", default=0.0, type=click.FloatRange(0), show_default=True,
-    help="DIRECTORY: leave a file for later where its copy would leave less room than this (10^6 bytes).",
+    help="DIRECTORY: skip a file if its copy would leave less free space than this (10^6 bytes).",
 )  # fmt: skip
 def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
     """Copy all whole chunks of a cut or damaged recording into a new file; the original is only read.
@@ -136,7 +136,7 @@ def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) 
     Example: tactiled export slide.mcap --csv slide.csv
     """
     if csv_out is None and npz_out is None:
-        raise click.UsageError("say --csv OUT, --npz OUT or both")
+        raise click.UsageError("give --csv OUT, --npz OUT or both")
     need_readable(*files)
     from tactiled.recording.export import export_csv, export_npz
 

@@ -27,7 +27,7 @@ def check_config(file: Path | None, schema: bool) -> None:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return
     if file is None:
-        raise click.UsageError("say which FILE, or --schema")
+        raise click.UsageError("give a FILE, or --schema")
     if _describes_array(tomltext.read(file)):
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build

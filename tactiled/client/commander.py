@@ -203,7 +203,7 @@ def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:
     for word in words:
         name, equals, text = word.partition("=")
         if not equals or not name:
-            raise OperatorError(f"{word}: say FIELD=VALUE, as in speed_mm_s=5")
+            raise OperatorError(f"{word}: give FIELD=VALUE, as in speed_mm_s=5")
         try:
             fields[name] = json.loads(text)
         except ValueError:

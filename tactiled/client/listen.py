@@ -93,4 +93,4 @@ def _words(item: Item) -> str:
         case Malformed(reason=reason):
             return f"malformed: {reason}"
         case Message(topic=topic) | Recovered(message=Message(topic=topic)):
-            return f"malformed: {topic} holds what JSON cannot say"
+            return f"malformed: {topic} contains a value that JSON cannot represent"

@@ -49,22 +49,21 @@ class ReplayComparison:
 
     def words(self) -> str:
         """Describe the outcome for the user."""
-        came = "came again bit for bit" if self.is_good else "were compared and came again"
-        words = f"{self.compared} events {came}"
+        words = f"{self.compared} events {'reproduced bit for bit' if self.is_good else 'compared and equal'}"
         if self.difference:
-            words += f", then they differ {self.difference}"
+            words += f"; first difference {self.difference}"
         if not self.fresh:
-            words += "; this began in the middle of a run: give the parts before it too, if there are any"
+            words += "; the recording begins in the middle of a run: add the earlier parts, if there are any"
         if self.dropped_reads:
-            words += f"; compared up to where the recorder dropped {self.dropped_reads} reads"
+            words += f"; compared up to the place where the recorder dropped {self.dropped_reads} reads"
         if self.damaged_bytes:
-            words += f"; compared up to where {self.damaged_bytes} bytes are damaged"
+            words += f"; compared up to the place where {self.damaged_bytes} bytes are damaged"
         if self.unread:
-            words += f"; not all could be read: {self.unread}"
+            words += f"; not everything could be read: {self.unread}"
         if self.other_form:
             words += f"; not compared: {self.other_form}"
         if self.unfinished:
-            words += f"; as far as the file goes: {self.unfinished}"
+            words += f"; compared to the end of the readable data: {self.unfinished}"
         return words
 
 
@@ -73,11 +72,11 @@ class ReplayVerifier:
 
     Parameters
     ----------
-    again : Replay
+    replay : Replay
     """
 
-    def __init__(self, again: Replay) -> None:
-        self._again = again
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
         self._compared = self._dropped = self._damaged_bytes = 0
         self._difference = ""
 
@@ -89,13 +88,13 @@ class ReplayVerifier:
             self._damaged_bytes += step.cause.values()["bytes"]
         if self._dropped or self._damaged_bytes or self._difference:
             return
-        others = {topic for extent in self._again.extents.values() for topic in extent.other_forms}
+        others = {topic for extent in self._replay.extents.values() for topic in extent.other_forms}
         replayed = [now for now in step.now if now.event.topic not in others]
         for now, live in zip_longest(replayed, step.live):
             if live is None and step.is_cut:
                 return
             if now is None or live is None or contents.encode_event(now) != contents.encode_event(live):
-                self._difference = f"at {step.time_s:.6f} s: live {_show(live)}, again {_show(now)}"
+                self._difference = f"at {step.time_s:.6f} s: live {_show(live)}, replayed {_show(now)}"
                 return
             self._compared += 1
 
@@ -103,21 +102,21 @@ class ReplayVerifier:
         """Return the outcome after the last step."""
         unread: list[str] = []
         unfinished: list[str] = []
-        for path, extent in self._again.extents.items():
+        for path, extent in self._replay.extents.items():
             # A recorder that was killed, or is still writing, leaves an incomplete end, which is expected.
-            by_right = path.name.endswith(ACTIVE) and not extent.is_damaged
+            is_expected = path.name.endswith(ACTIVE) and not extent.is_damaged
             if not extent.is_whole:
-                (unfinished if by_right else unread).append(f"{path.name}: {extent.words()}")
+                (unfinished if is_expected else unread).append(f"{path.name}: {extent.words()}")
         return ReplayComparison(
             self._compared,
             self._difference,
             self._dropped,
-            self._again.header.fresh,
+            self._replay.header.fresh,
             self._damaged_bytes,
             "; ".join(unread),
             "; ".join(unfinished),
             "; ".join(
-                f"{p.name}: {e.other_words()}" for p, e in self._again.extents.items() if e.other_forms
+                f"{p.name}: {e.other_words()}" for p, e in self._replay.extents.items() if e.other_forms
             ),
         )
 

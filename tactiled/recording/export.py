@@ -85,7 +85,9 @@ def _scans(replay: Replay) -> Iterator[tuple[ScanEvent, float]]:
                 is_empty = False
                 yield recorded.event, recorded.unix_offset_s
     if is_empty:
-        raise DataError("the recording holds no scans: was the board started, and did its hello get through?")
+        raise DataError(
+            "the recording contains no scans; check that the board was started and that its hello arrived"
+        )
 
 
 @contextlib.contextmanager

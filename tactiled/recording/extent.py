@@ -77,7 +77,11 @@ class Extent:
     def other_words(self) -> str:
         """Describe the events of another version; empty where there are none."""
         topics = ", ".join(sorted(self.other_forms))
-        return f"events of {topics} have the form of another tactiled: left out" if topics else ""
+        return (
+            f"events of {topics} have the schema of another tactiled version and are left out"
+            if topics
+            else ""
+        )
 
     def words(self) -> str:
         """Describe what could not be read; empty where everything was read."""
@@ -86,10 +90,12 @@ class Extent:
             n_bytes = sum(damage.n_bytes for damage in self.damages)
             duration_s = sum(damage.duration_s for damage in self.damages)
             places = "one place" if len(self.damages) == 1 else f"{len(self.damages)} places"
-            words.append(f"{n_bytes} bytes in {places} are damaged: some {duration_s:.2f} s are missing")
+            words.append(f"{n_bytes} bytes in {places} are damaged: about {duration_s:.2f} s are missing")
         if self.orphans:
             words.append(f"{self.orphans} messages have no channel description")
         if not self.is_complete:
             rest = self.size_bytes - self.good_bytes
-            words.append(f"it was not finished, or was cut; {rest} bytes at its end cannot be read")
+            words.append(
+                f"the file was not finished or was truncated; {rest} bytes at its end cannot be read"
+            )
         return "; ".join(words)

@@ -57,7 +57,7 @@ class _Channels:
                 self.other_forms.add(topic)  # a replay of the raw bytes reproduces it
                 return None
             raise DataError(
-                f"{path}: {channel.topic} has another form here; use the tactiled it was made with"
+                f"{path}: {channel.topic} has the schema of another tactiled version; use that version"
             )
         try:
             if schema is contents.RAW:
@@ -87,7 +87,9 @@ def read_header(path: Path) -> Header:
                     except (KeyError, ValueError) as error:  # damaged: a finished file has a copy
                         fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
     if fault:
-        raise DataError(f"{path}: a recording of another tactiled, which this one cannot read ({fault})")
+        raise DataError(
+            f"{path}: a recording of another tactiled version, which this one cannot read ({fault})"
+        )
     raise DataError(f"{path}: not a recording of tactiled, or cut before its description")
 
 

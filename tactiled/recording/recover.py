@@ -60,16 +60,16 @@ class RecoveryResult:
         """Describe the outcome for the user."""
         span = f"{self.messages} messages over {self.last_unix_s - self.first_unix_s:.2f} s"
         if self.damaged:
-            span += f"; of the original {self.damaged}; replay says where"
+            span += f"; in the original {self.damaged} (replay reports where)"
         if self.is_complete:
-            end = "nothing is missing at the end" if self.damaged else "nothing is missing"
-            return f"{self.path}: {span}; the data was complete, {end}"
-        torn = f"{self.lost_bytes} bytes of a torn end" if self.lost_bytes else "no torn end"
+            end = "the end is complete" if self.damaged else "nothing is missing"
+            return f"{self.path}: {span}; {end}"
+        torn = f"an incomplete chunk of {self.lost_bytes} bytes" if self.lost_bytes else "no incomplete chunk"
         if self.lost_s >= 0:
             torn += f" ({self.lost_s:.2f} s)"
         return (
-            f"{self.path}: {span}; missing: {torn}, and what came later. A recorder that was killed had "
-            f"up to {self.sync_s:g} s in memory; how much a cut file once held, it does not say"
+            f"{self.path}: {span}; missing: {torn}, and all later data. A recorder that was killed loses up "
+            f"to {self.sync_s:g} s; of a truncated file the original length is unknown"
         )
 
 
@@ -158,7 +158,7 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
         try:
             left_mb = free_mb(directory) - path.stat().st_size / 1e6
             if left_mb < min_free_mb:
-                yield False, f"{path}: left for later: its copy would leave {left_mb:.0f} MB on the disk"
+                yield False, f"{path}: skipped, because its copy would leave only {left_mb:.0f} MB free"
                 continue
             yield True, recover(path, replace_original=True).words()
         except FileNotFoundError:  # another process has just recovered it
@@ -180,7 +180,7 @@ def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise DataError(
-            f"{path}: a recorder is writing it right now; stop that one, it will finish it"
+            f"{path}: a recorder is writing it; stop the recorder, which then finishes the file"
         ) from None
     except OSError as error:  # a file system without locks
         if must_lock:
@@ -252,7 +252,7 @@ class _Copy:
 def _finished_file(out: Path) -> Iterator[BinaryIO]:
     """Open a new file that gets its name only once it is complete and on disk."""
     if out.exists():
-        raise DataError(f"{out}: exists already; say another name with --out")
+        raise DataError(f"{out}: exists already; choose another name with --out")
     part = out.with_name(f"{out.name}.part")
     try:
         with part.open("wb") as stream:

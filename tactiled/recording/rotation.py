@@ -26,41 +26,44 @@ RecordingState = Literal["off", "recording", "no-room", "failed"]
 
 
 class RecordParams(Params):
-    """Where and how to record."""
+    """Directory, part size and retention of recordings."""
 
     directory: str | None = Field(
         default=None,
         min_length=1,
-        description="Record always, into this directory, under names made of the instant. Leave it out to "
-        "record only where --record names a file.",
+        description="Record permanently into this directory; files are named by their time. If omitted, only "
+        "`tactiled run --record FILE` and `tactiled record` write recordings.",
     )
     sync_s: float = Field(
         default=1.0,
         gt=0,
         le=60,
-        description="Everything is on the disk after this many seconds: what a kill or a power cut can cost.",
+        description="Everything older than this (seconds) is on the disk: the most that a kill or a power "
+        "cut can lose.",
     )
     max_file_mb: float = Field(
-        default=256.0, ge=0.01, description="A part that has grown to this (10^6 bytes) is finished."
+        default=256.0, ge=0.01, description="A part is finished when it reaches this size (10^6 bytes)."
     )
-    max_file_s: float = Field(default=3600.0, gt=0, description="A part that is so old is finished.")
+    max_file_s: float = Field(
+        default=3600.0, gt=0, description="A part is finished when it reaches this age (seconds)."
+    )
     keep_mb: float | None = Field(
         default=None,
         gt=0,
         description="Finished recordings in `directory` are removed, oldest first, while together they are "
-        "larger than this (10^6 bytes); the newest stays. Leave it out to keep all.",
+        "larger than this (10^6 bytes); the newest one is never removed. If omitted, all are kept.",
     )
     keep_days: float | None = Field(
         default=None,
         gt=0,
-        description="Finished recordings in `directory` that are older than this are removed; the newest "
-        "stays. Leave it out to keep all.",
+        description="Finished recordings in `directory` that are older than this (days) are removed; the "
+        "newest one is never removed. If omitted, all are kept.",
     )
     min_free_mb: float = Field(
         default=500.0,
         ge=0,
-        description="Recording stops while the disk has less room than this, and begins a new part when "
-        "there is a tenth more.",
+        description="Recording pauses while the disk has less free space than this (10^6 bytes), and "
+        "continues with a new part when it has a tenth more.",
     )
 
 
@@ -142,9 +145,7 @@ class Rotation:
         try:
             append(self._writer)
         except OSError as error:
-            reason = (
-                f"{self._writer.active}: {error.strerror}; what is in it can be had with tactiled recover"
-            )
+            reason = f"{self._writer.active}: {error.strerror}; recover its data with `tactiled recover`"
             self._fail(reason, now_s)
             return False
         return True
@@ -231,8 +232,8 @@ class Rotation:
     def _lack_room(self) -> None:
         self._state = "no-room"
         self._reason = (
-            f"{self._path.parent}: {self._free_mb:.0f} MB left, less than record.min_free_mb = "
-            f"{self._params.min_free_mb:g}; recording begins when there is room"
+            f"{self._path.parent}: {self._free_mb:.0f} MB free, less than record.min_free_mb = "
+            f"{self._params.min_free_mb:g}; recording continues when there is more space"
         )
 
     def _fail(self, reason: str, now_s: float) -> None:
@@ -260,5 +261,5 @@ def free_mb(directory: Path) -> float:
     try:
         disk = os.statvfs(directory)
     except OSError as error:
-        raise DataError(f"{directory}: {error.strerror}; make it, or record elsewhere") from None
+        raise DataError(f"{directory}: {error.strerror}; make the directory, or choose another one") from None
     return disk.f_bavail * disk.f_frsize / _MB

@@ -157,9 +157,8 @@ class RecordingSession:
     def _know(self, hello: Hello | None) -> None:
         """Store the hello of the board for the header of a later file."""
         self._hello = hello
-        has_hello = self._encoder.layout.has(
-            "hello"
-        )  # otherwise the layout file has an assumed hello, which every replay reads
+        # A layout without hello frames has an assumed hello in its file, which every replay reads.
+        has_hello = self._encoder.layout.has("hello")
         self._hello_frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
 
     def _look(self) -> None:

@@ -64,8 +64,8 @@ class Replay:
         for (_, before), (path, header) in pairwise(parts):
             if (header.run, header.part) != (before.run, before.part + 1):
                 raise DataError(
-                    f"{path}: is part {header.part}, and part {header.part - 1} of its run was not given: "
-                    "give consecutive parts of one recording, each once"
+                    f"{path}: this is part {header.part}, and part {header.part - 1} of its run was not "
+                    "given: give consecutive parts of one recording, each once"
                 )
         self._reached = reached
         self.header: Header = parts[0][1]
@@ -105,7 +105,9 @@ def _run(pipeline: Pipeline, cause: Read | Input, path: Path) -> Sequence[Output
         try:
             return pipeline.command(cause.name, cause.values(), cause.time_s)[1]
         except (ContractError, KeyError, ValueError):
-            raise DataError(f"{path}: holds {cause.name!r}, which this tactiled does not know") from None
+            raise DataError(
+                f"{path}: contains the input {cause.name!r}, which this version of tactiled does not support"
+            ) from None
     return ()
 
 

@@ -45,7 +45,7 @@ def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, Fl
     """
     time_s, volts = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
     if len(time_s) < 2:
-        raise DataError(f"{path}: holds {len(time_s)} scans; at least two are needed to know their rate")
+        raise DataError(f"{path}: {len(time_s)} scans; at least two are needed to compute the rate")
     if not np.all(np.isfinite(time_s)):
         raise DataError(f"{path}: time_s is not a number in row {int(np.argmin(np.isfinite(time_s))) + 1}")
     backwards = np.flatnonzero(np.diff(time_s) <= 0)
@@ -65,7 +65,7 @@ def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
     if rate_hz > fastest:
         return f"{rows}, and no board is faster than {fastest:g} Hz; give time_s in seconds"
     if rate_hz < (_SLOWEST_LIKELY_HZ if stated_hz is None else slowest):
-        slow = f"; if scans are so slow, say --rate {rate_hz:g}" if rate_hz >= slowest else ""
+        slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
         return (
             f"{rows}; time_s is in seconds: if these are milliseconds divide by 1000, if they count rows "
             f"divide by the rate{slow}"
@@ -92,7 +92,7 @@ def to_blocks(
     rate_hz = rate_hz or 1 / spacing_s
     if not 0.1 < rate_hz * spacing_s < 10:
         raise DataError(
-            f"a rate of {rate_hz:g} Hz, but rows are {spacing_s:g} s apart: leave it out, or mend time_s"
+            f"a rate of {rate_hz:g} Hz, but rows are {spacing_s:g} s apart: omit the rate, or correct time_s"
         )
     steps = np.maximum(np.rint(np.diff(time_s) * rate_hz).astype(np.int64), 1)
     index = np.concatenate([[0], np.cumsum(steps)])
@@ -125,7 +125,7 @@ def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
     try:
         with path.open("rb") as stream:
             if not zipfile.is_zipfile(stream):
-                raise DataError(f"{path}: is no whole npz file; write one with numpy.savez")
+                raise DataError(f"{path}: not a complete npz file; write one with numpy.savez")
             stream.seek(0)
             return _from_archive(path, stream)
     except ValueError:  # numpy's message suggests unpickling, which is unsafe
@@ -147,7 +147,9 @@ def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]
             )
         if "valid" in archive:  # written by tactiled export: invalid readings become NaN
             if archive["valid"].shape != volts.shape:
-                raise DataError(f"{path}: valid {archive['valid'].shape} is not as volts {volts.shape}")
+                raise DataError(
+                    f"{path}: valid {archive['valid'].shape} should have the shape of volts {volts.shape}"
+                )
             volts = np.where(archive["valid"], volts, np.nan)
     return time_s, volts
 

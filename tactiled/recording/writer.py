@@ -68,9 +68,9 @@ class RecordingWriter:
         """Append one read from the port."""
         self._add(self._raw, read.arrival_s + read.unix_offset_s, contents.RAW.encode(vars(read)))
 
-    def input(self, told: Input) -> None:
+    def input(self, entry: Input) -> None:
         """Append another input of the pipeline."""
-        self._add(self._input, told.time_s + told.unix_offset_s, contents.INPUT.encode(vars(told)))
+        self._add(self._input, entry.time_s + entry.unix_offset_s, contents.INPUT.encode(vars(entry)))
 
     def event(self, event: Event, board: str, unix_offset_s: float, origin: Origin) -> None:
         """Append an event."""

@@ -1,8 +1,10 @@
-"""What is kept of the arrivals of one bucket: a bounded number, however many scans it holds.
+"""Arrivals of one bucket of board time, summarised in bounded memory at any scan rate.
 
-The earliest arrival and the tightest answers to pings are kept as they come. The rest serves as a sample:
-the first arrival of each of `SLOTS` equal parts of the bucket is kept, so that a board of up to 257 Hz loses
-nothing, and one at 20 kHz costs no more.
+The earliest arrival and the tightest answer to a ping are always kept. Of the other arrivals, only the first
+in each of `SLOTS` equal parts of the bucket is kept: all of them up to 257 Hz, a sample above that rate.
+
+Here a hand-over is a read of the port that returned bytes, the wait of an arrival is the time from the
+hand-over before, and bunching is the delay of frames until the adapter's timer expires.
 """
 
 import math
@@ -11,38 +13,38 @@ from typing import NamedTuple
 
 from tactiled.samples.envelope import Band
 
-# More than the scans per second that 115200 baud carry. Prime, so that no timer of whole milliseconds is in
-# step with the slots, where the sample would show it at one phase only.
+# More than the scans per second that 115200 baud carry. Prime, so that no timer of whole milliseconds is
+# synchronous with the slots; otherwise the sample would contain only one phase of the timer.
 SLOTS = 257
-# Where nothing bunches frames, the earliest of a second is late by some part of how late they are on
-# average: a sixth for 5 exponential delays, less for more; with room.
+# Without bunching, the expected delay of the earliest arrival over the mean delay: 1/6 for 5 exponential
+# delays, less for more; taken larger for safety.
 EARLIEST_PER_MEAN = 0.3
-# Bunched frames are spread over the whole wait between two reads: their median is half of it late.
+# Delays of bunched frames are uniform over the wait between two reads, with a median of half the wait.
 UNBUNCHED_PART = 0.25
-WHOLE_PART = 0.9  # of the reads must end with a frame where nothing bunches them
-STALLED_WAITS = 3.0  # a read after so many typical waits ended a stall
-HANDOVER_JITTER_S = 1e-4  # of USB polling and of the host's scheduler, on top of an adapter's timer
-UNBUNCHED_LEAST = 16  # arrivals from which it can be told whether anything bunches them
-UNKNOWN_WAIT_S = 0.016  # FTDI's timer as delivered: before there were two reads, a frame may be so late
-SLACK_S = 1e-6  # one tick, and rounding: bounds that touch must not look like a contradiction
+WHOLE_PART = 0.9  # least part of the reads that end with a frame where nothing is bunched
+STALLED_WAITS = 3.0  # in usual waits: a longer wait is a stall
+HANDOVER_JITTER_S = 1e-4  # jitter of USB polling and of the scheduler, added to the adapter's timer
+LEAST_ARRIVALS = 16  # needed to decide whether frames are bunched
+UNKNOWN_WAIT_S = 0.016  # default timer of FTDI: the largest delay while no wait is known
+SLACK_S = 1e-6  # one tick and rounding, so that bounds that touch do not contradict each other
 
 
-class Arrival(NamedTuple):
-    """One frame that arrived."""
+class FrameArrival(NamedTuple):
+    """Arrival of one frame; times are in seconds since the origin of `ClockFit`."""
 
-    x: float  # board time since the origin
-    delay: float  # arrival less board time, both since the origin
-    waited: float  # seconds since the hand-over before; infinity where that bounds nothing
-    whole: bool  # that read ended with a frame
+    board_s: float  # board time of the scan
+    delay_s: float  # host time of the arrival minus board_s
+    waited_s: float  # time since the hand-over before; infinity where unknown
+    is_whole: bool  # the read of that hand-over ended with a frame
 
 
 class Bucket:
-    """Bounds that the arrivals of one bucket put on the line.
+    """Bounds of the delay of an ideal arrival, from the arrivals of one bucket.
 
     Parameters
     ----------
     width_s : float
-        Board time that a bucket spans.
+        Length of a bucket in board time.
     """
 
     def __init__(self, width_s: float) -> None:
@@ -52,19 +54,19 @@ class Bucket:
     def begin(self, number: int) -> None:
         """Forget all arrivals; bucket `number` starts at `number * width_s`."""
         self.number = number
-        self._kept: list[Arrival] = []
+        self._kept: list[FrameArrival] = []
         self._slot = -1
         self._n = 0
         self._n_at_band = 0
-        self._newest = 0.0
-        self._earliest = (math.inf, 0.0)  # delay, x
-        self._answer: tuple[float, float] | None = None  # delay of the latest sending, x
+        self._newest_s = 0.0
+        self._earliest = (math.inf, 0.0)  # delay_s, board_s
+        self._answer: tuple[float, float] | None = None  # largest lower bound from a ping, board_s
         self._band: Band | None = None
         self.doubt_s = 0.0
-        """As of `running_band`: how far the line may be from the band, for all that is known so far."""
+        """Possible distance of the line from the band of `running_band` (s): trend, and unknown bunching."""
 
     def __len__(self) -> int:
-        """Arrivals that were taken."""
+        """Number of arrivals added."""
         return self._n
 
     @property
@@ -72,114 +74,118 @@ class Bucket:
         """Number of arrivals kept, at most `SLOTS`."""
         return len(self._kept)
 
-    def is_answered(self, timer_s: float | None, usual_before: float) -> bool:
-        """Whether an answer to a ping says more than the reads do."""
+    def is_answered(self, handover_s: float | None, wait_before_s: float) -> bool:
+        """Return True where an answer to a ping gives a tighter lower bound than the reads."""
         return self._answer is not None and self._answer > max(
-            self._handovers(timer_s, usual_before), default=(-math.inf, 0.0)
+            self._handovers(handover_s, wait_before_s), default=(-math.inf, 0.0)
         )
 
     @property
-    def newest(self) -> float:
-        """When the newest arrived, since the origin."""
-        return self._newest
+    def newest_s(self) -> float:
+        """Host time of the newest arrival, seconds since the origin."""
+        return self._newest_s
 
-    def add(self, arrival: Arrival, whole_by: float) -> None:
-        """Take one arrival; `whole_by` is the delay that it had at most, which may be less than it shows."""
+    def add(self, arrival: FrameArrival, latest_delay_s: float) -> None:
+        """Add an arrival; `latest_delay_s` is an upper bound of its delay, at most `arrival.delay_s`."""
         self._n += 1
-        self._newest = arrival.x + arrival.delay
-        if whole_by < self._earliest[0]:
-            self._earliest = (whole_by, arrival.x)
-        slot = int((arrival.x / self._width_s - self.number) * SLOTS)
+        self._newest_s = arrival.board_s + arrival.delay_s
+        if latest_delay_s < self._earliest[0]:
+            self._earliest = (latest_delay_s, arrival.board_s)
+        slot = int((arrival.board_s / self._width_s - self.number) * SLOTS)
         if slot != self._slot or not self._kept:
             self._slot = slot
-            if len(self._kept) < SLOTS:  # board time that goes back and forth fills no memory
+            if len(self._kept) < SLOTS:  # also where board time goes back and forth
                 self._kept.append(arrival)
 
-    def answer(self, x: float, low: float, high: float) -> None:
-        """Take the bounds that an answered ping puts on the line at `x`."""
-        if self._answer is None or low > self._answer[0]:
-            self._answer = (low, x)
-        if high < self._earliest[0]:
-            self._earliest = (high, x)
+    def answer(self, board_s: float, low_s: float, high_s: float) -> None:
+        """Add the bounds of the delay at `board_s` that an answered ping gives."""
+        if self._answer is None or low_s > self._answer[0]:
+            self._answer = (low_s, board_s)
+        if high_s < self._earliest[0]:
+            self._earliest = (high_s, board_s)
         self._band = None
 
-    def usual_wait(self, before: float) -> float:
-        """Time between two hand-overs when nothing stalls; a stall may fill most of a bucket.
+    def usual_wait_s(self, before_s: float) -> float:
+        """Time between two hand-overs without a stall: a quartile, since a stall may fill most of a bucket.
 
         Parameters
         ----------
-        before : float
-            That of the bucket before.
+        before_s : float
+            Usual wait of the bucket before; the result is at most twice as long.
         """
-        waits = sorted(arrival.waited for arrival in self._kept)
-        return min(waits[len(waits) // 4], 2 * before)
+        waits = sorted(arrival.waited_s for arrival in self._kept)
+        return min(waits[len(waits) // 4], 2 * before_s)
 
-    def running_band(self, timer_s: float | None, usual_before: float, is_pinged: bool) -> Band:
-        """The band so far, brought up to date when the arrivals have grown by an eighth or an earlier came.
+    def running_band(self, handover_s: float | None, wait_before_s: float, is_pinged: bool) -> Band:
+        """Band so far, recomputed when arrivals have grown by an eighth, or at an earlier arrival.
 
-        The cost over a bucket is then that of a number of bands that grows with the logarithm of the rate.
+        The number of recomputations in a bucket then grows with the logarithm of the scan rate.
         """
         due = self._n >= self._n_at_band + max(1, self._n_at_band // 8)
         if self._band is None or due:
-            self._band = self.band(timer_s, usual_before, is_pinged)
+            self._band = self.band(handover_s, wait_before_s, is_pinged)
             self._n_at_band = self._n
             self.doubt_s = self._trend_s()
-            if timer_s is None and len(self._kept) < UNBUNCHED_LEAST:
-                self.doubt_s += min(self.usual_wait(usual_before), UNKNOWN_WAIT_S)
+            if handover_s is None and len(self._kept) < LEAST_ARRIVALS:
+                self.doubt_s += min(self.usual_wait_s(wait_before_s), UNKNOWN_WAIT_S)
         elif self._earliest[0] < self._band.high:
             high, high_x = self._earliest
             self._band = self._band._replace(low=min(self._band.low, high), high_x=high_x, high=high)
         return self._band
 
-    def band(self, timer_s: float | None, usual_before: float, is_pinged: bool) -> Band:
-        """Bounds of the line.
+    def band(self, handover_s: float | None, wait_before_s: float, is_pinged: bool) -> Band:
+        """Compute the bounds of the delay of an ideal arrival.
 
         Parameters
         ----------
-        timer_s : float or None
-            The adapter's timer; None: as reads show; 0: none.
-        usual_before : float
+        handover_s : float or None
+            Timer of the adapter; None: estimate it from the reads; 0: there is none.
+        wait_before_s : float
             Usual wait in the bucket before.
         is_pinged : bool
-            Answers to pings have shown what reads cannot: nothing is assumed of them any more.
+            Answers to pings have shown bunching that the reads do not show, so that none is ruled out.
         """
-        least, x = self._earliest
-        lows = [] if timer_s == 0 else self._handovers(timer_s, usual_before)
-        tightest = max(lows) if lows else (-math.inf, x)
+        least_s, board_s = self._earliest
+        lows = [] if handover_s == 0 else self._handovers(handover_s, wait_before_s)
+        tightest = max(lows) if lows else (-math.inf, board_s)
         answer = self._answer
-        if answer is not None and tightest < answer and timer_s != 0:
+        if answer is not None and tightest < answer and handover_s != 0:
             tightest = answer
-        elif timer_s == 0 or (not is_pinged and (not lows or (timer_s is None and self._is_unbunched()))):
-            mean_late_s = fmean(arrival.delay for arrival in self._kept) - least
-            return Band(x, least - EARLIEST_PER_MEAN * mean_late_s - SLACK_S, x, least, timer_s != 0)
-        return Band(tightest[1], tightest[0] - SLACK_S, x, least)
+        elif handover_s == 0 or (
+            not is_pinged and (not lows or (handover_s is None and self._is_unbunched()))
+        ):
+            mean_late_s = fmean(arrival.delay_s for arrival in self._kept) - least_s
+            low_s = least_s - EARLIEST_PER_MEAN * mean_late_s - SLACK_S
+            return Band(board_s, low_s, board_s, least_s, handover_s != 0)
+        return Band(tightest[1], tightest[0] - SLACK_S, board_s, least_s)
 
-    def _handovers(self, timer_s: float | None, usual_before: float) -> list[tuple[float, float]]:
-        """What had not arrived at the hand-over before: bounds from below, and where."""
-        least = self._earliest[0]
-        longest = STALLED_WAITS * self.usual_wait(usual_before)
+    def _handovers(self, handover_s: float | None, wait_before_s: float) -> list[tuple[float, float]]:
+        """Lower bounds of the delay, with board times: a frame was incomplete at the hand-over before."""
+        least_s = self._earliest[0]
+        longest_s = STALLED_WAITS * self.usual_wait_s(wait_before_s)
         lows = []
         for arrival in self._kept:
-            if arrival.waited > longest:
-                continue  # held back by more than the adapter
-            waited = (arrival.waited if timer_s is None else timer_s) + HANDOVER_JITTER_S
-            if arrival.delay - least <= waited < math.inf:  # else it queued up behind others
-                lows.append((arrival.delay - waited, arrival.x))
+            if arrival.waited_s > longest_s:
+                continue  # a stall
+            waited_s = (arrival.waited_s if handover_s is None else handover_s) + HANDOVER_JITTER_S
+            # A frame with a longer delay was queued behind other frames.
+            if arrival.delay_s - least_s <= waited_s < math.inf:
+                lows.append((arrival.delay_s - waited_s, arrival.board_s))
         return lows
 
     def _is_unbunched(self) -> bool:
-        """Whether reads hold whole frames, most of them about as early as the earliest."""
-        if sum(arrival.whole for arrival in self._kept) < WHOLE_PART * len(self._kept):
+        """Return True where reads end with frames and most delays are close to the smallest."""
+        if sum(arrival.is_whole for arrival in self._kept) < WHOLE_PART * len(self._kept):
             return False
-        late = median(arrival.delay for arrival in self._kept) - self._earliest[0]
-        return late <= UNBUNCHED_PART * median(arrival.waited for arrival in self._kept)
+        late = median(arrival.delay_s for arrival in self._kept) - self._earliest[0]
+        return late <= UNBUNCHED_PART * median(arrival.waited_s for arrival in self._kept)
 
     def _trend_s(self) -> float:
-        """How far the line moves over the arrivals so far, if it moves at a steady rate.
+        """Estimate the change of the smallest delay over the arrivals so far (s), at a constant rate.
 
-        The earliest of the first quarter and of the last differ by three quarters of that.
+        The smallest delays of the first and of the last quarter differ by three quarters of that.
         """
-        part = max(UNBUNCHED_LEAST // 2, len(self._kept) // 4)
-        first = min(arrival.delay for arrival in self._kept[:part])
-        last = min(arrival.delay for arrival in self._kept[-part:])
+        part = max(LEAST_ARRIVALS // 2, len(self._kept) // 4)
+        first = min(arrival.delay_s for arrival in self._kept[:part])
+        last = min(arrival.delay_s for arrival in self._kept[-part:])
         return abs(last - first) / 0.75

@@ -54,27 +54,27 @@ class Line:
 
 
 class Band(NamedTuple):
-    """What the line must pass: over `low` (perhaps minus infinity) at `low_x`, under `high` at `high_x`."""
+    """Constraint on the line: above `low` (or -inf) at `low_x`, below `high` at `high_x`."""
 
     low_x: float
     low: float
     high_x: float
     high: float
-    is_assumed: bool = False  # `low` is not a bound but what a line looks like that nothing bunches
+    is_assumed: bool = False  # `low` is not a bound; it assumes that frames are not bunched
 
 
 class Lines(NamedTuple):
-    """The estimate from a set of bands, and the same without the limit on its slope.
+    """Estimate from a set of bands, with and without the limit on the slope.
 
     Attributes
     ----------
     line : Line
         The estimate.
     free : Line
-        Mean of the lines of any possible slope. Where it departs from `line`, the limit decides and not the
-        data: `sd_at` adds the distance.
+        Mean of the lines with no limit but `steepest`. Where it differs from `line`, the limit decides and
+        not the data; `sd_at` adds the distance.
     is_steep : bool
-        The bands contradict the limit, and `line` is the line without it.
+        The bands contradict the limit on the slope; `line` is then equal to `free`.
     """
 
     line: Line
@@ -86,25 +86,25 @@ class Lines(NamedTuple):
         return math.hypot(math.sqrt(self.line.variance_at(x)), self.free.at(x) - self.line.at(x))
 
 
-OPEN_S = 1.0  # where nothing at all bounds lines from below: an adapter's timer is no longer
-# Contradictions of a few bands may be a step of the clock or a stall. A slope is a better explanation where
-# it explains at least so many bands, and at least so many times as many as lines within the limit do.
+OPEN_S = 1.0  # assumed width where no band has a lower bound; timers of adapters are shorter
+# A step of the clock or a stall may contradict a few bands. A slope beyond the limit is accepted only where
+# it satisfies at least STEEP_BANDS bands, and STEEP_FACTOR times as many as lines within the limit.
 STEEP_BANDS = 3
 STEEP_FACTOR = 2
 
 
 def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> Lines:
-    """Mean of all lines through the bands, with the limit on the slope held against the data.
+    """Compute the mean of all lines through the bands, and decide whether the slope limit applies.
 
     Parameters
     ----------
     bands : sequence of Band
-        At least two, in growing x. A bound that contradicts newer ones is passed over: the line has bent
-        since (a clock was slewed), or the bound was wrong.
+        At least two, in increasing x. A bound that contradicts newer ones is ignored: the line has bent since
+        then (a clock was slewed), or the bound was wrong.
     max_slope : float
-        No line should be steeper.
+        Expected largest slope.
     steepest : float
-        No line can be steeper; at least `max_slope`.
+        Largest possible slope; at least `max_slope`.
     """
     x0, x1 = bands[0].high_x, bands[-1].high_x
     free, n_free = _feasible(bands, steepest)
@@ -121,7 +121,7 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
 
 
 def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int]:
-    """Polygon of the lines through the bands, and how many of the newest they pass before a contradiction."""
+    """Polygon of the lines through the bands, and the number of newest bands without a contradiction."""
     x0, x1 = bands[0].high_x, bands[-1].high_x
     span = x1 - x0
     least = min((band.low for band in bands if band.low > -math.inf), default=bands[-1].high - OPEN_S)

@@ -28,18 +28,22 @@ def read_recording(path: Path, array: str | None = None) -> Recording:
     """
     if path.suffix == ".mcap":
         if array is not None:
-            raise ConfigError("command line", ["--array is for tables; a recording knows its own"])
+            raise ConfigError("command line", ["--array is for tables; a recording contains its array"])
         return _from_mcap(path)
     if path.suffix not in (".csv", ".npz"):
-        raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
-    worn = load_array(array or _DEFAULT_ARRAY)
-    time_s, volts = read_table(path)
-    if volts.shape[1] != worn.n_channels:
         raise DataError(
-            f"{path}: {volts.shape[1]} channels, but array {worn.name} has {worn.n_channels}; say which "
-            "array with --array NAME or --array FILE.toml"
+            f"{path}: unknown file type; supported are .mcap (recordings of tactiled), .csv and .npz"
         )
-    return Recording(path.name, worn, tuple(to_blocks(time_s, volts, None, worn.in_range(volts))))
+    known_array = load_array(array or _DEFAULT_ARRAY)
+    time_s, volts = read_table(path)
+    if volts.shape[1] != known_array.n_channels:
+        raise DataError(
+            f"{path}: {volts.shape[1]} channels, but array {known_array.name} has {known_array.n_channels}; "
+            "name the array with --array NAME or --array FILE.toml"
+        )
+    return Recording(
+        path.name, known_array, tuple(to_blocks(time_s, volts, None, known_array.in_range(volts)))
+    )
 
 
 def _from_mcap(path: Path) -> Recording:
@@ -48,11 +52,13 @@ def _from_mcap(path: Path) -> Recording:
     scans = Collector(replay.header.source.array)
     hello = None
     for step in replay:
-        for said in step.now:
-            if isinstance(said.event, ScanEvent):
-                scans.add(said.event)
+        for replayed in step.now:
+            if isinstance(replayed.event, ScanEvent):
+                scans.add(replayed.event)
         # A recording that was ended regularly ends with a lost port, after which the board is unknown.
         hello = replay.pipeline.hello or hello
     if not scans or hello is None:
-        raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
+        raise DataError(
+            f"{path}: contains no scans; check that the board was started and that its hello arrived"
+        )
     return scans.recording(path.name, hello.rate_hz, hello.channel_offset_s)

@@ -151,11 +151,11 @@ def _too_short(recording: Recording, held_s: float) -> str:
     if held_s == 0 and not recording.touching_s():
         return (
             f"no contact in {recording.seconds:.1f} s (no taxel above {least_v:g} V): grip an object and "
-            "hold it throughout"
+            "hold it for the whole recording"
         )
     return (
-        f"{held_s:.1f} s of unbroken contact in {recording.seconds:.1f} s, {LEAST_S:g} s are the least "
-        f"({recording.lost} scans lost): hold the object longer, or mend the line (tactiled doctor)"
+        f"{held_s:.1f} s of unbroken contact in {recording.seconds:.1f} s, at least {LEAST_S:g} s are needed "
+        f"({recording.lost} scans lost): hold the object longer, or check the line (tactiled doctor)"
     )
 
 
@@ -183,6 +183,6 @@ def noise_sd_v(quiet: Recording) -> FloatArray:
 
 
 def _runs(flags: NDArray[np.bool_]) -> Iterable[slice]:
-    """Stretches of True."""
+    """Yield the slices of consecutive True values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return (slice(int(a), int(b)) for a, b in edges.reshape(-1, 2))

@@ -19,13 +19,13 @@ from tactiled.tune.hold import LOADING_S, Collector, Recording
 _BOARD_S = 5.0  # a daemon publishes its board description once a second
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
-_TOLD_S = 10.0  # interval of progress messages
+_PROGRESS_S = 10.0  # interval of progress messages
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 def record_live(
-    endpoint: str, quiet_s: float, motion_s: float, array: str | None, keys: Path | None, tell: Tell
+    endpoint: str, quiet_s: float, motion_s: float, array: str | None, keys: Path | None, report: Report
 ) -> tuple[Recording, Recording]:
     """Record a quiet hold and a motion from a daemon.
 
@@ -38,7 +38,7 @@ def record_live(
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
     keys : Path, optional
-    tell : callable
+    report : callable
         Called with prompts for the user.
 
     Raises
@@ -49,38 +49,39 @@ def record_live(
         The endpoint is invalid, or the array does not match the board.
     """
     with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
-        feed = _Feed(subscription, tell)
+        feed = _Feed(subscription, report)
         info = feed.board(endpoint)
         if warning := _warning_of_tare(endpoint, keys):
-            tell(warning)
-        worn = _array_of(info, array)
+            report(warning)
+        known_array = _array_of(info, array)
 
         def record(name: str, seconds: float) -> Recording:
-            scans = feed.collect(worn, seconds)
+            scans = feed.collect(known_array, seconds)
             if not scans:
                 raise DataError(
-                    f"{name}: no scans from {endpoint}; see what `tactiled listen -t status` says"
+                    f"{name}: no scans from {endpoint}; see the state with `tactiled listen -t status`"
                 )
             return scans.recording(name, info["rate_hz"], info["channel_offset_s"])
 
-        tell(f"Grip an object firmly and hold it still, for {quiet_s:g} s from the touch on.")
-        feed.until_touch(worn)
+        report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
+        feed.until_touch(known_array)
         quiet = record("quiet hold", LOADING_S + quiet_s)
-        tell(
-            f"Now move arm and gripper as in work, without slip, for {motion_s:g} s, from {_READY_S:g} s on."
+        report(
+            f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
+            f"starts in {_READY_S:g} s."
         )
         feed.listen(_READY_S)
         motion = record("motion", motion_s)
-        tell("Done; you may let go.")
+        report("Done; you may release the object.")
     return quiet, motion
 
 
 class _Feed:
     """Scans and description of the first board found on a subscription."""
 
-    def __init__(self, subscription: Subscription, tell: Tell) -> None:
+    def __init__(self, subscription: Subscription, report: Report) -> None:
         self._subscription = subscription
-        self._tell = tell
+        self._report = report
         self._board = ""
 
     def board(self, endpoint: str) -> dict[str, Any]:
@@ -91,8 +92,8 @@ class _Feed:
                 self._board = item.board
                 return item.data
         raise DataError(
-            f"no board at {endpoint} within {_BOARD_S:g} s; is the daemon up (tactiled run), and the board "
-            "(tactiled doctor)?"
+            f"no board at {endpoint} within {_BOARD_S:g} s; check the daemon (tactiled run) and the board "
+            "(tactiled doctor)"
         )
 
     def listen(self, seconds: float) -> list[ScanEvent]:
@@ -104,11 +105,11 @@ class _Feed:
             if isinstance(message, Message) and (message.topic, message.board) == ("scan", self._board):
                 scans.append(_scan(message.data))
             elif isinstance(item, Stale):
-                self._tell(f"stale: {item.reason}")
+                self._report(f"stale: {item.reason}")
             elif isinstance(item, Restarted):
-                self._tell("the daemon was restarted")
+                self._report("the daemon was restarted")
             elif isinstance(item, Fresh):
-                self._tell("the board runs")
+                self._report("the board runs")
             if time.monotonic() >= until_s:
                 break
         return scans
@@ -118,8 +119,8 @@ class _Feed:
         until_s = time.monotonic() + seconds
         scans = Collector(array)
         while (left_s := until_s - time.monotonic()) > 0:
-            self._tell(f"  {left_s:.0f} s")
-            for scan in self.listen(min(_TOLD_S, left_s)):
+            self._report(f"  {left_s:.0f} s")
+            for scan in self.listen(min(_PROGRESS_S, left_s)):
                 scans.add(scan)
         return scans
 
@@ -143,22 +144,26 @@ def _warning_of_tare(endpoint: str, keys: Path | None) -> str:
         with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
             is_tared = daemon.send("state").data["settings"]["tared"]
     except OperatorError:
-        return "the daemon takes no requests here: if it was tared, what is proposed will not fit"
-    return "the daemon was tared: what is proposed fits it untared; restart it first" if is_tared else ""
+        return "the daemon does not answer requests: if it was tared, the proposed values do not apply"
+    return (
+        "the daemon was tared: the proposed values apply to an untared daemon; restart it first"
+        if is_tared
+        else ""
+    )
 
 
 def _array_of(info: dict[str, Any], array: str | None) -> Array:
     try:
-        worn = load_array(array or info["array_id"])
+        known_array = load_array(array or info["array_id"])
     except ConfigError as error:
         if array is not None:
             raise
         fault = f"the board carries {info['array_id']!r}: give its file with --array FILE.toml ({error})"
         raise ConfigError("--array", [fault]) from None
-    if worn.n_channels != info["channels"]:
-        fault = f"{worn.name} has {worn.n_channels} channels, the board {info['channels']}"
+    if known_array.n_channels != info["channels"]:
+        fault = f"{known_array.name} has {known_array.n_channels} channels, the board {info['channels']}"
         raise ConfigError("--array", [fault])
-    return worn
+    return known_array
 
 
 def _scan(data: dict[str, Any]) -> ScanEvent:

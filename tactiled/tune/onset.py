@@ -56,15 +56,16 @@ def slide(array: Array, volts: FloatArray, share: FloatArray, direction_deg: flo
     pressure = np.nan_to_num(volts) @ normal.T  # NaN channels must not affect others
     if array.has_shear:
         weights = np.einsum("d,dtc->tc", along, array.shear_weights())
-        # The least change of channels that a taxel reads as shear of one.
+        # The smallest change of the channels that gives one unit of shear.
         return np.asarray(volts + share[:, np.newaxis] * (pressure @ (weights / _squares(weights))))
     across = along @ np.stack([array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()])
     reach = np.hypot(array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()).mean()
     if not np.any(across):
         raise ConfigError(
-            "array", [f"{array.name} sees no tangential load: one pressure channel tells no slip"]
+            "array",
+            [f"{array.name} cannot measure tangential load: slip needs more than one pressure channel"],
         )
-    # The load leans over: a first moment of `share`, as `slip_response` reads it.
+    # A tilted load: a first moment of pressure, which `detect.slip.response` takes for shear.
     lean = across / reach / np.mean((across / reach) ** 2)
     change = share[:, np.newaxis] * pressure.mean(axis=1, keepdims=True) * lean
     return np.asarray(volts + change @ np.sign(normal))
@@ -92,9 +93,11 @@ def latencies(recording: Recording, params: CoherentParams, onset: InjectedOnset
         before = [e.state for e in slips if e.detected_s <= begin_s]
         if before and before[-1] == "onset":
             continue
-        said = [e.detected_s for e in slips if e.state == "onset" and e.valid and e.detected_s > begin_s]
+        detected_s = [
+            e.detected_s for e in slips if e.state == "onset" and e.valid and e.detected_s > begin_s
+        ]
         span_s = float(block.channel_offset_s.max())
-        found.append(said[0] - begin_s + span_s if said else np.inf)
+        found.append(detected_s[0] - begin_s + span_s if detected_s else np.inf)
     return found
 
 

@@ -39,7 +39,7 @@ ONSETS: Mapping[str, InjectedOnset] = {
 # Progress steps: two series of alarm counts, the named settings, the proposed one, and the last step's end.
 N_STAGES = 2 + len(SETTINGS) + 1 + 1
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Study:
         return self.settings["proposed"]
 
 
-def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tell) -> Study:
+def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: Report) -> Study:
     """Evaluate two recordings in which nothing slips.
 
     Parameters
@@ -142,7 +142,7 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
         Recordings of the same array.
     wanted_per_hour : float
         Acceptable rate of false alarms.
-    tell : callable
+    report : callable
         Called with progress messages.
 
     Raises
@@ -152,7 +152,7 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
     """
     hold, motion_s = quiet_part(quiet), motion.touching_s()
     check_motion(motion)
-    tell("counting alarms in the hold")
+    report("counting alarms in the hold")
     lowest = SHEARS[0]
     noise_alarms = _ladder(
         hold, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
@@ -164,7 +164,7 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
     if noise_tail is not None and not restless:
         per_hour = min(wanted_per_hour, float(f"{np.exp(-noise_tail.needed(wanted_per_hour)[0]):.2g}"))
 
-    tell("counting alarms in the motion")
+    report("counting alarms in the motion")
     shears = [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
     shear_alarms = _ladder(motion, shears)
     shear_tail = fit_tail(SHEARS, shear_alarms, motion_s / 3600)
@@ -176,8 +176,8 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, tell: Tel
 
     settings = {}
     for name, params in {**SETTINGS, "proposed": proposed}.items():
-        tell(f"injecting onsets: {name}")
-        settings[name] = _judge(params, hold, motion)
+        report(f"injecting onsets: {name}")
+        settings[name] = _evaluate(params, hold, motion)
     return Study(
         wanted_per_hour=wanted_per_hour,
         quiet=quiet,
@@ -215,17 +215,17 @@ def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int,
 def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:
     """Count slips reported in a recording without slip; short gaps are bridged as in the pipeline."""
     detector = GapBridge(CoherentSlip(recording.array, params))
-    told = [
+    onsets = [
         event
         for item in recording.items
         for event in detector.process(item)
         if isinstance(event, SlipEvent) and event.state == "onset" and event.valid
     ]
-    gross = sum(event.kind == "gross" for event in told)
-    return AlarmCount(len(told) - gross, gross)
+    gross = sum(event.kind == "gross" for event in onsets)
+    return AlarmCount(len(onsets) - gross, gross)
 
 
-def _judge(params: CoherentParams, quiet: Recording, motion: Recording) -> Setting:
+def _evaluate(params: CoherentParams, quiet: Recording, motion: Recording) -> Setting:
     latency = {}
     for where, recording in (("quiet", quiet), ("motion", motion)):
         for name, onset in ONSETS.items():

@@ -78,7 +78,7 @@ def _recordings(found: Study) -> str:
         )
     if found.restless:
         lines.append(
-            f"the hold was not quiet: {found.noise_alarms[-1]} alarms however strict the threshold is; "
+            f"the hold was not quiet: {found.noise_alarms[-1]} alarms even at the strictest threshold; "
             "support the hand, hold still and run again"
         )
     return "\n".join(lines)
@@ -91,8 +91,8 @@ def _noise(found: Study) -> str:
         return "noise: no channel is valid"
     worst = int(np.nanargmax(sd_v))
     words = (
-        f"noise a channel: {np.nanmedian(sd_v) * 1e3:.2f} mV rms in the median, at worst "
-        f"{sd_v[worst] * 1e3:.2f} ({names[worst]}, channel {worst})"
+        f"noise of a channel: median {np.nanmedian(sd_v) * 1e3:.2f} mV rms, largest "
+        f"{sd_v[worst] * 1e3:.2f} mV ({names[worst]}, channel {worst})"
     )
     never = [names[c] for c in np.flatnonzero(~known)]
     return words + (f"; never valid: {', '.join(never)}" if never else "")
@@ -100,20 +100,20 @@ def _noise(found: Study) -> str:
 
 def _settings(found: Study) -> str:
     hours = _motion_hours(found)
-    alarms = [["setting", "least_shear", "false alarms in the motion", "an hour, 95 %"]]
+    alarms = [["setting", "least_shear", "false alarms in the motion", "per hour, 95 %"]]
     latency = [["first event (ms)", *(f"{kind}, {where}" for kind in ONSETS for where in ("hold", "motion"))]]
     for name, setting in found.settings.items():
         between = _between(*rate_interval(setting.motion.count, hours))
         alarms.append([name, f"{setting.params.shear:.3g}", _alarms(setting.motion), between])
-        told = [
+        cells = [
             _latency(setting.latency.get((where, kind))) for kind in ONSETS for where in ("quiet", "motion")
         ]
-        latency.append([name, *told])
+        latency.append([name, *cells])
     kinds = ", ".join(f"{name}: within {onset.rise_s:g} s" for name, onset in ONSETS.items())
     return (
         f"{_table(alarms)}\n\n{_table(latency)}\n"
-        f"median and its 95 % interval, of slips put into your recordings: shear grows to {WEAK_SHEAR:g} of "
-        f"the pressure on Mindlin's curve ({kinds}). They are ideal: a real slip is told no sooner."
+        f"Median latency and its 95 % interval for slips injected into your recordings: shear grows to "
+        f"{WEAK_SHEAR:g} of the pressure along Mindlin's curve ({kinds}). Real slips are detected later."
     )
 
 
@@ -125,13 +125,13 @@ def _table(rows: list[list[str]]) -> str:
 
 def _tails(found: Study) -> str:
     asked = ", ".join(
-        f"{n} at {rate:g} an hour" for rate, n in zip(NOISE_PER_HOUR, found.noise_alarms, strict=True)
+        f"{n} at {rate:g} per hour" for rate, n in zip(NOISE_PER_HOUR, found.noise_alarms, strict=True)
     )
     expected = NOISE_PER_HOUR[0] * found.hold_s / 3600
     steps = [f"{n} at {s:g}" for s, n in zip(SHEARS, found.shear_alarms, strict=True) if n]
     return (
-        f"alarms in the hold by the rate asked for: {asked} (noise may raise {expected:.0f} at the first)\n"
-        f"alarms in the motion by least_shear: {', '.join(steps) or 'none at any'}"
+        f"alarms in the hold by allowed rate: {asked} (up to {expected:.0f} are expected at the first)\n"
+        f"alarms in the motion by least_shear: {', '.join(steps) or 'none at any value'}"
     )
 
 
@@ -141,19 +141,19 @@ def _proposal(found: Study) -> str:
     _, high = rate_interval(alarms, _motion_hours(found))
     there = rate_at(found.proposed.params.shear)
     lines = [
-        f"proposed for {wanted:g} false alarms an hour: least_shear {found.proposed.params.shear:g}, "
+        f"proposed for {wanted:g} false alarms per hour: least_shear {found.proposed.params.shear:g}, "
         f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}",
-        f"there the emulator's hand, announcing nothing, raises {_rate(there)} an hour (detect.slip_rate)",
+        f"an emulated hand that announces no motion causes {_rate(there)} per hour there (detect.slip.rate)",
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
     lines.append(
-        f"proven: {alarms} alarms in {seconds:.0f} s of motion, so at most {_rate(high)} an hour at 95 % "
+        f"measured: {alarms} alarms in {seconds:.0f} s of motion, so at most {_rate(high)} per hour at 95 % "
         f"({proof})"
     )
     if high > wanted:
         hours = rate_interval(0, 1.0)[1] / wanted
         lines.append(
-            f"that does not prove {wanted:g} an hour: {hours:.3g} hours of such motion without an alarm would"
+            f"this does not prove {wanted:g} per hour; {hours:.3g} h of such motion without an alarm would"
         )
     if found.shear_tail is not None and _is_extrapolated(found):
         value, low, top = found.least_shear
@@ -163,12 +163,12 @@ def _proposal(found: Study) -> str:
         )
     elif found.shear_tail is None:
         lines.append(
-            "nothing in this motion comes near: there is no tail to extrapolate; move as in hard work"
+            "no alarm at any threshold in this motion, so nothing can be extrapolated; move as in hard work"
         )
     if found.out_of_reach:
         lines.append(
-            f"out of reach: {wanted:g} an hour would need more shear than the {WEAK_SHEAR:g} of a weak slip, "
-            "and what is proposed is not it; announce such motion (tactiled command inhibit, "
+            f"out of reach: {wanted:g} per hour would need more shear than the {WEAK_SHEAR:g} of a weak "
+            "slip, so the proposed values do not reach it; announce such motion (tactiled command inhibit, "
             "expect-load-change) and tune on the rest"
         )
     return "\n".join(lines)
@@ -232,14 +232,14 @@ def _setting_map(setting: Setting) -> dict[str, Any]:
             **dict(
                 zip(
                     ("median_s", "low_s", "high_s"),
-                    _numbers([told.median_s, told.low_s, told.high_s]),
+                    _numbers([entry.median_s, entry.low_s, entry.high_s]),
                     strict=True,
                 )
             ),
-            "tried": told.tried,
-            "missed": told.missed,
+            "tried": entry.tried,
+            "missed": entry.missed,
         }
-        for (where, name), told in setting.latency.items()
+        for (where, name), entry in setting.latency.items()
     ]
     return {
         "least_shear": setting.params.shear,

@@ -8,7 +8,7 @@ import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from said import CONTACT, SLIP, STATUS, anything
+from messages import CONTACT, SLIP, STATUS, anything
 
 from tactiled.client import Item, Lost, Message, Recovered, Restarted
 from tactiled.client.catchup import HOLD_S, PROBE_S
@@ -239,7 +239,7 @@ def test_a_restart_while_waiting_gives_the_old_hole_up() -> None:
     world = World()
     world.slips(True, False, True)
     world.start()
-    world.exchange()  # the new run answers: it does not have what the old one said
+    world.exchange()  # the new run answers: it does not have the messages of the old one
     assert world.story() == [0, "lost 1", 2]
     world.publish(SLIP, heard=True)
     world.exchange()

@@ -7,7 +7,7 @@ import msgpack
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from said import anything
+from messages import anything
 
 from tactiled.client import Fresh, Item, Lost, Malformed, Message, Restarted, Stale
 from tactiled.client.inbox import Inbox

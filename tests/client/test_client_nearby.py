@@ -61,7 +61,7 @@ def test_of_several_one_must_be_named(host: Host) -> None:
         host.find()
 
 
-def test_where_none_runs_it_is_said(host: Host) -> None:
+def test_the_error_says_that_no_daemon_runs(host: Host) -> None:
     with pytest.raises(OperatorError, match="no daemon"):
         host.find()
     folder = host.units / "TS0001"

@@ -230,7 +230,7 @@ def test_listen_says_what_json_cannot(endpoint: str, publisher: Publisher) -> No
     out, err = io.StringIO(), io.StringIO()
     with limit():
         publisher.extra.extend([[b"tactile/x/slip", msgpack.packb(head)]] * 3)
-        while "holds what JSON cannot say" not in err.getvalue():
+        while "contains a value that JSON cannot represent" not in err.getvalue():
             listen(endpoint, ("slip",), timeout_s=0.3, out=out, err=err)
             publisher.extra.extend([[b"tactile/x/slip", msgpack.packb(head)]] * 3)
 

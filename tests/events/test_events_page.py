@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import zmq
-from said import SLIP, STATUS
+from messages import SLIP, STATUS
 
 from tactiled import resources
 from tactiled.events import codec

@@ -47,7 +47,7 @@ def damaged(path: Path, data: bytes, at: int, mask: int) -> Path:
 
 
 def check(small: tuple[Path, bytes, list[Item], list[int]], at: int, mask: int) -> None:
-    """What was in other chunks is there, in order; where anything is missing, that is said and marked."""
+    """All other chunks are read in order, and missing data is marked and reported."""
     path, data, whole, ends = small
     flipped = damaged(path, data, at, mask)
     extent = Extent()
@@ -126,7 +126,7 @@ def verify(path: Path) -> tuple[ReplayComparison, list[str]]:
     return replay([path], lines.append, topics=("scan",)), lines
 
 
-def test_everyone_says_what_is_missing_in_the_middle(
+def test_replay_recover_and_reader_report_what_is_missing_in_the_middle(
     long: tuple[Path, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path, at = long
@@ -135,13 +135,13 @@ def test_everyone_says_what_is_missing_in_the_middle(
     verdict, scans = verify(flipped)
     assert not verdict.is_good
     assert "bit for bit" not in verdict.words()
-    assert "compared up to where" in verdict.words()
+    assert "compared up to the place where" in verdict.words()
     assert "damaged.mcap: " in verdict.words()
     assert verdict.compared < len(whole)
     # A second is missing and what came behind it is there, with the same indices.
     assert len(whole) - 105 < len(scans) < len(whole) - 90
     assert json.loads(scans[-1])["index"] == json.loads(whole[-1])["index"]
-    says = "bytes in one place are damaged: some 1."
+    says = "bytes in one place are damaged: about 1."
     caplog.clear()
     export_csv([flipped], tmp_path / "a.csv")
     assert says in caplog.text
@@ -150,13 +150,13 @@ def test_everyone_says_what_is_missing_in_the_middle(
     assert says in caplog.text
 
 
-def test_recover_goes_on_behind_the_damage_and_leaves_a_mark(long: tuple[Path, int], tmp_path: Path) -> None:
+def test_recover_continues_after_the_damage_and_marks_it(long: tuple[Path, int], tmp_path: Path) -> None:
     path, at = long
     flipped = damaged(path, path.read_bytes(), at, 0xFF)
     saved = recover(flipped, tmp_path / "saved.mcap")
     assert saved.is_complete
-    assert "bytes in one place are damaged: some 1." in saved.words()
-    assert "nothing is missing at the end" in saved.words()
+    assert "bytes in one place are damaged: about 1." in saved.words()
+    assert "the end is complete" in saved.words()
     assert items(saved.path) == items(flipped)
     extent = Extent()
     list(read_items(saved.path, extent))
@@ -167,7 +167,7 @@ def test_recover_goes_on_behind_the_damage_and_leaves_a_mark(long: tuple[Path, i
     assert "bit for bit" not in verdict.words()
 
 
-def test_a_cut_file_is_said_to_be_one_and_an_unfinished_one_is_verified_as_far_as_it_goes(
+def test_a_truncated_file_fails_verification_and_an_unfinished_one_is_verified_to_its_end(
     long: tuple[Path, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path, at = long
@@ -178,8 +178,8 @@ def test_a_cut_file_is_said_to_be_one_and_an_unfinished_one_is_verified_as_far_a
         verdict, scans = verify(cut)
         assert (verdict.is_good, len(scans) > 200) == (good, True)
         assert ("bit for bit" in verdict.words()) == good
-        assert f"{name}: it was not finished, or was cut" in verdict.words()
-        assert "it was not finished, or was cut" in caplog.text
+        assert f"{name}: the file was not finished or was truncated" in verdict.words()
+        assert "the file was not finished or was truncated" in caplog.text
 
 
 def test_an_unfinished_file_with_damage_in_its_middle_gives_what_is_behind(

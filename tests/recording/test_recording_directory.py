@@ -97,7 +97,7 @@ def test_what_earlier_runs_left_is_finished_and_what_is_being_written_is_left_al
         assert [path.name for path in unfinished(tmp_path)] == [name(0) + ACTIVE, name(1) + ACTIVE]
         (good, words), (bad, why) = recover_directory(tmp_path)
         assert (good, bad) == (True, False)
-        assert "80 bytes of a torn end" in words
+        assert "an incomplete chunk of 80 bytes" in words
         assert "not a recording of tactiled" in why
         assert other.active.read_bytes() == before
     assert items(tmp_path / name(0)) == [noise_read(k) for k in range(5)]
@@ -112,7 +112,7 @@ def test_a_file_without_room_for_its_copy_or_with_a_finished_one_beside_it_is_le
     data = leave_unfinished(tmp_path / name(0), 5)
     ((good, words),) = recover_directory(tmp_path, min_free_mb=1e12)
     assert not good
-    assert "left for later" in words
+    assert "skipped" in words
     (tmp_path / name(0)).write_bytes(b"finished")
     ((good, words),) = recover_directory(tmp_path)
     assert not good

@@ -24,8 +24,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def scans_of(recording: Path) -> list[ScanEvent]:
-    said = [item.event for item in items(recording) if isinstance(item, RecordedEvent)]
-    return [event for event in said if isinstance(event, ScanEvent)]
+    recorded = [item.event for item in items(recording) if isinstance(item, RecordedEvent)]
+    return [event for event in recorded if isinstance(event, ScanEvent)]
 
 
 def test_every_number_survives(tmp_path: Path, recording: Path) -> None:
@@ -71,14 +71,14 @@ def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
     _, got = read_table(tmp_path / "v.npz")
     assert np.isnan(got).tolist() == (~valid).tolist()
     np.savez(tmp_path / "w.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid[:, :1].repeat(5, axis=1))
-    with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) is not as volts \(3, 2\)"):
+    with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) should have the shape of volts \(3, 2\)"):
         read_table(tmp_path / "w.npz")
 
 
 def test_what_cannot_be_exported_says_why_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
     with RecordingWriter(tmp_path / "empty.mcap", HEADER):
         pass
-    with pytest.raises(DataError, match="holds no scans"):
+    with pytest.raises(DataError, match="contains no scans"):
         export_csv([tmp_path / "empty.mcap"], tmp_path / "e.csv")
     assert not (tmp_path / "e.csv").exists()
     (tmp_path / "mine.csv").write_text("mine")

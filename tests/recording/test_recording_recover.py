@@ -83,7 +83,7 @@ def _flipped(chunk: bytes) -> bytes:
     return chunk[:middle] + bytes([chunk[middle] ^ 0x10]) + chunk[middle + 1 :]
 
 
-def test_it_says_what_is_missing(tmp_path: Path) -> None:
+def test_the_report_names_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     sizes = record(path, simulated_reads(2.0), sync_every=50)
     data = path.read_bytes()
@@ -94,8 +94,8 @@ def test_it_says_what_is_missing(tmp_path: Path) -> None:
     assert saved.lost_bytes == 200
     assert saved.lost_s == pytest.approx(0.5, abs=0.1)  # 50 reads at 100 Hz were in the torn chunk
     words = saved.words()
-    assert f"missing: 200 bytes of a torn end ({saved.lost_s:.2f} s)" in words
-    assert "up to 0.5 s in memory" in words
+    assert f"missing: an incomplete chunk of 200 bytes ({saved.lost_s:.2f} s)" in words
+    assert "up to 0.5 s;" in words
     complete = recover(path, tmp_path / "again.mcap")
     assert complete.is_complete
     assert "nothing is missing" in complete.words()
@@ -105,14 +105,14 @@ def test_it_says_what_is_missing(tmp_path: Path) -> None:
 
 def test_a_file_in_use_and_a_name_in_use_are_left_alone(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", HEADER)
-    with pytest.raises(DataError, match="a recorder is writing it right now"):
+    with pytest.raises(DataError, match="a recorder is writing it"):
         recover(writer.active)
     writer.read(Read(1.0, 0.0, b"x"))
     writer.sync()
     writer.abandon()
     assert default_name(writer.active) == tmp_path / "a.mcap"
     (tmp_path / "a.mcap").write_text("mine")
-    with pytest.raises(DataError, match=r"a\.mcap: exists already; say another name with --out"):
+    with pytest.raises(DataError, match=r"a\.mcap: exists already; choose another name with --out"):
         recover(writer.active)
     assert (tmp_path / "a.mcap").read_text() == "mine"
     with pytest.raises(DataError, match="cannot be written"):

@@ -88,7 +88,7 @@ def test_lines_are_those_of_a_live_subscriber(tmp_path: Path, reads: list[Read])
     assert slips == [line for line in lines if '"topic": "slip"' in line]
 
 
-def test_events_of_another_versions_form_are_left_out_and_said(
+def test_events_with_the_schema_of_another_version_are_skipped_with_a_warning(
     tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     older = {"board": str, "unix_offset_s": float} | fields_of(SlipEvent)
@@ -101,7 +101,7 @@ def test_events_of_another_versions_form_are_left_out_and_said(
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
     assert verdict.is_good
     assert verdict.compared == len([event for event in live if event.topic != "slip"]) < len(live)
-    left_out = "a.mcap: events of slip have the form of another tactiled: left out"
+    left_out = "a.mcap: events of slip have the schema of another tactiled version and are left out"
     assert left_out in verdict.words()
     assert left_out in caplog.text
 
@@ -118,7 +118,7 @@ def test_any_grouping_into_chunks_gives_the_same(
     assert verdict.compared > len(reads)
 
 
-def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: list[Read]) -> None:
+def test_parts_lost_ports_and_commands_are_replayed(tmp_path: Path, reads: list[Read]) -> None:
     """Rotated in the middle of frames and of the slip; the cable pulled; commands in between."""
     told: list[Read | Input] = []
     commands: dict[int, tuple[str, dict[str, object]]] = {
@@ -156,13 +156,13 @@ def test_parts_lost_ports_and_commands_come_again_too(tmp_path: Path, reads: lis
     parts = [part_path(path, k) for k in range(1, session.progress.parts + 1)]
     assert len(parts) >= 6
     verdict = replay(parts, lambda _: None)
-    assert verdict.words() == f"{len(live)} events came again bit for bit"
+    assert verdict.words() == f"{len(live)} events reproduced bit for bit"
     later = replay(parts[2:], lambda _: None)
     assert not later.fresh
-    assert "give the parts before it too" in later.words()
+    assert "add the earlier parts" in later.words()
     shuffled = [*parts[3:], *parts[1:3], parts[0]]  # as a shell sorts a.002.mcap before a.mcap, and worse
     assert replay(shuffled, lambda _: None) == verdict
-    with pytest.raises(DataError, match=r"a\.003\.mcap: is part 3, and part 2 of its run was not given"):
+    with pytest.raises(DataError, match=r"a\.003\.mcap: this is part 3, and part 2 of its run was not given"):
         replay([parts[2], parts[0]], lambda _: None)
     with pytest.raises(DataError, match="each once"):
         replay([parts[0], parts[0]], lambda _: None)
@@ -187,7 +187,9 @@ def test_a_later_part_alone_still_has_its_scans(tmp_path: Path, reads: list[Read
     assert len(lines) > 90
 
 
-def test_a_recording_begun_in_the_middle_of_a_run_says_so(tmp_path: Path, reads: list[Read]) -> None:
+def test_verification_reports_that_a_recording_begins_in_the_middle_of_a_run(
+    tmp_path: Path, reads: list[Read]
+) -> None:
     params = RecordParams(directory=str(tmp_path), min_free_mb=0)
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
     session = RecordingSession(params.model_copy(update={"directory": None}), HEADER, None, 0.0)
@@ -202,7 +204,7 @@ def test_a_recording_begun_in_the_middle_of_a_run_says_so(tmp_path: Path, reads:
     verdict = replay([path], lines.append, topics=("scan",))
     assert len(lines) > 400
     assert not verdict.fresh
-    assert "began in the middle of a run" in verdict.words()
+    assert "begins in the middle of a run" in verdict.words()
 
 
 def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: list[Read]) -> None:
@@ -235,10 +237,10 @@ def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
     assert not verdict.is_good
     assert verdict.compared < 200
-    assert f"they differ at {reads[150].arrival_s:.6f} s: live" in verdict.words()
+    assert f"first difference at {reads[150].arrival_s:.6f} s: live" in verdict.words()
 
 
-def test_behind_dropped_reads_nothing_is_claimed(tmp_path: Path, reads: list[Read]) -> None:
+def test_nothing_is_compared_after_dropped_reads(tmp_path: Path, reads: list[Read]) -> None:
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
     session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
     for k, read in enumerate(reads[:300]):
@@ -253,7 +255,7 @@ def test_behind_dropped_reads_nothing_is_claimed(tmp_path: Path, reads: list[Rea
     verdict = replay([tmp_path / "a.mcap"], lambda _: None)
     assert verdict.is_good
     assert verdict.compared < 105
-    assert "compared up to where the recorder dropped 5 reads" in verdict.words()
+    assert "compared up to the place where the recorder dropped 5 reads" in verdict.words()
 
 
 def test_speed_is_that_of_the_recording_times_a_factor() -> None:

@@ -79,7 +79,7 @@ def test_the_disk_guard_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.Mo
     room_mb = 499.0
     assert write_all(target, [noise(10, 3.5)]) == [True]  # seen only when it is synced
     assert state(target) == "no-room"
-    assert "499 MB left, less than record.min_free_mb = 500" in target.progress.reason
+    assert "499 MB free, less than record.min_free_mb = 500" in target.progress.reason
     assert (tmp_path / "a.mcap").exists()
     room_mb = 540.0  # not yet a tenth more
     assert write_all(target, [noise(10, 5.0), noise(10, 6.0)]) == [False, False]
@@ -92,7 +92,7 @@ def test_the_disk_guard_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.Mo
     room_mb = 1.0
     from_the_start = Rotation(tmp_path / "b.mcap", RecordParams(), HEADER, 0.0)
     assert state(from_the_start) == "no-room"
-    assert "1 MB left, less than record.min_free_mb = 500" in from_the_start.progress.reason
+    assert "1 MB free, less than record.min_free_mb = 500" in from_the_start.progress.reason
     room_mb = 549.0
     assert write_all(from_the_start, [noise(10, 1.5), noise(10, 2.0)]) == [False, False]
     room_mb = 551.0

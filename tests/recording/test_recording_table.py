@@ -70,7 +70,7 @@ def table(path: Path, spacing_s: float) -> Path:
         ),
         (28.0, "0.0357143 Hz; time_s is in seconds: if these are milliseconds divide by 1000"),  # 35.7 Hz
         (10.0, "0.1 Hz; .* milliseconds"),  # 100 Hz
-        (1.0, "1 Hz; .* if they count rows divide by the rate; if scans are so slow, say --rate 1"),
+        (1.0, "1 Hz; .* if they count rows divide by the rate; if scans are so slow, give --rate 1"),
         (1e4, "0.0001 Hz; .* milliseconds"),  # microseconds
     ],
 )
@@ -94,7 +94,7 @@ def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"lacks the array time_s and volts; it has \['t'\]"):
         read_table(tmp_path / "x.npz")
     (tmp_path / "y.npz").write_bytes(b"PK nonsense")
-    with pytest.raises(DataError, match="is no whole npz file"):
+    with pytest.raises(DataError, match="not a complete npz file"):
         read_table(tmp_path / "y.npz")
 
 

@@ -140,12 +140,12 @@ def test_the_words_stay_while_the_cause_does() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(0.0)
     watch.count(Tally(), 0.0)
-    said = set()
+    faults = set()
     for k, text in enumerate(lines):
         watch.received(text, k / 10)
         watch.count(Tally((k + 1) * len(text), 0, k * len(text)), k / 10)
-        said.add(watch.fault(k / 10))
-    assert len(said - {""}) == 1
+        faults.add(watch.fault(k / 10))
+    assert len(faults - {""}) == 1
 
 
 def test_frames_of_no_layout_have_no_name() -> None:

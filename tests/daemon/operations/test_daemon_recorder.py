@@ -47,7 +47,7 @@ def report(recorder: Recorder) -> RecordingEvent:
 
 
 class StuckDisk:
-    """`os.fsync` that does not return until it is let go."""
+    """`os.fsync` that does not return until it is released."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.free = threading.Event()
@@ -72,12 +72,12 @@ def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
             recorder.received(item, (), None)
         recorder.disconnected(10.0, 1.7e9, None)
         recorder.daemon_event(report(recorder), "B1", 1.7e9)
-    *got, lost, said = items(tmp_path / "a.mcap")
+    *got, lost, last = items(tmp_path / "a.mcap")
     assert got == reads
     assert isinstance(lost, Input)
     assert lost.name == "disconnected"
-    assert isinstance(said, RecordedEvent)
-    assert (said.board, said.event.topic, said.origin) == ("B1", "recording", "daemon")
+    assert isinstance(last, RecordedEvent)
+    assert (last.board, last.event.topic, last.origin) == ("B1", "recording", "daemon")
     assert recorder.reads_dropped == 0
 
 
@@ -176,11 +176,13 @@ def test_a_directory_that_appears_after_the_start_is_recorded_into(
     place = tmp_path / "usb"
     with Recorder(PARAMS.model_copy(update={"directory": str(place)}), HEADER) as recorder:
         assert report(recorder).state == "failed"
-        assert "No such file or directory; make it, or record elsewhere" in report(recorder).reason
+        assert (
+            "No such file or directory; make the directory, or choose another one" in report(recorder).reason
+        )
         for k in range(10):
             recorder.received(read(k), (), None)
         until(lambda: recorder.reads_dropped == 10)
-        time.sleep(0.3)  # tried again, and said once
+        time.sleep(0.3)  # tried again, and logged once
         place.mkdir()
         until(lambda: report(recorder).state == "recording")
         recorder.received(read(10), (), None)
@@ -201,7 +203,7 @@ def test_a_disk_without_room_at_the_start_is_recorded_onto_when_there_is_room(
     params = RecordParams(sync_s=0.05, min_free_mb=500, directory=str(tmp_path))
     with Recorder(params, HEADER) as recorder:
         assert report(recorder).state == "no-room"
-        assert "100 MB left, less than record.min_free_mb = 500" in report(recorder).reason
+        assert "100 MB free, less than record.min_free_mb = 500" in report(recorder).reason
         room_mb = 600.0
         until(lambda: report(recorder).state == "recording")
         assert recorder.switch(False, None) == ""
@@ -245,7 +247,7 @@ def test_switched_on_and_off_while_running(tmp_path: Path) -> None:
         assert report(recorder).state == "off"
 
 
-def test_switched_on_where_nothing_can_be_written_is_said(tmp_path: Path) -> None:
+def test_recording_into_an_unwritable_directory_reports_failed(tmp_path: Path) -> None:
     place = tmp_path / "usb"
     place.mkdir()
     with Recorder(PARAMS.model_copy(update={"directory": str(place)}), HEADER) as recorder:
