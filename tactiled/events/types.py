@@ -72,6 +72,42 @@ class ContactEvent(Event):
     valid: bool
 
 
+GripState = Literal["none", "sticking", "partial", "gross", "unloading"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripEvent(Event):
+    """Part of the friction limit that is in use, and probability of gross slip; one for each scan in contact.
+
+    `_low` and `_high` are quantiles of 5 and 95 %. Where the state is none, the other numbers mean nothing.
+    """
+
+    topic: ClassVar[str] = "grip"
+    utilisation: float = 0.0
+    """Tangential load over the friction limit (median); 1 is gross slip."""
+    utilisation_low: float = 0.0
+    utilisation_high: float = 1.0
+    friction: float = 0.0
+    friction_low: float = 0.0
+    friction_high: float = 0.0
+    slipping_share: float = 0.0
+    """Part of the contact area that slips now."""
+    p_gross_50ms: float = 0.0
+    p_gross_100ms: float = 0.0
+    p_gross_300ms: float = 0.0
+    load: float = 0.0
+    shear_x: float = 0.0
+    shear_y: float = 0.0
+    torsion: float = 0.0
+    unit: Literal["N", "relative"] = "relative"
+    needed_load: float = 0.0
+    """Load at which utilisation would be 0.7 at `friction_low`."""
+    state: GripState = "none"
+    valid: bool = False
+    late: bool = False
+    suppressed: Suppressed = ""
+
+
 TextureStatus = Literal[
     "ok", "no-slip", "too-few-periods", "aliased", "ambiguous", "low-snr", "saturated", "stale"
 ]
@@ -137,6 +173,7 @@ class Sent:
     slip: int = 0
     contact: int = 0
     texture: int = 0
+    grip: int = 0
     scan: int = 0
     info: int = 0
     recording: int = 0
@@ -252,6 +289,7 @@ class CommandEvent(Event):
 AnyEvent = (
     SlipEvent
     | ContactEvent
+    | GripEvent
     | TextureEvent
     | ScanEvent
     | StatusEvent

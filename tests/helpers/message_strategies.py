@@ -11,10 +11,22 @@ FLOATS = st.one_of(st.sampled_from([0.0, -0.0, 1.0]), st.floats(-1e15, 1e15))
 INTEGERS = st.integers(0, 2**63 - 1)
 NONNEGATIVE = {
     "period_mm", "speed_mm_s", "frequency_hz", "window_s", "rate_hz", "uptime_s", "volts_per_count", "weight",
-    "free_mb", "inhibited_s", "loop_lag_s",
+    "free_mb", "inhibited_s", "loop_lag_s", "friction", "friction_low", "friction_high", "needed_load",
 }  # fmt: skip
 SPECIAL: dict[str, st.SearchStrategy[Any]] = {
     "confidence": st.floats(0, 1),
+    **dict.fromkeys(
+        (
+            "utilisation",
+            "utilisation_low",
+            "utilisation_high",
+            "slipping_share",
+            "p_gross_50ms",
+            "p_gross_100ms",
+            "p_gross_300ms",
+        ),
+        st.floats(0, 1),
+    ),
     "uid": st.integers(-1, 2**32 - 2),
     "protocol_version": st.integers(0, 255),
 }

@@ -1,0 +1,1 @@
+"""Worlds drawn at random, model included, and scores of the contact model on them."""

@@ -1,0 +1,30 @@
+"""Numbers of the contact model that were set on emulated worlds (`bench.grip.worlds`, seeds from 10000).
+
+Everything else in this room is derived, physical with a source, or a prior with a source, and stands beside
+the code that uses it. The worlds that `./run bench grip` reports are others.
+"""
+
+TEMPER = 0.2  # weight of a look at the shares: successive looks repeat the same misfit
+
+
+class Nuisance:
+    """Spreads of what the model leaves out."""
+
+    GAIN_SD = 0.15  # gains and stiffness of taxels
+    MISFIT = 0.05  # of shares, before the contact's own residuals are known
+
+
+class Ripple:
+    """Wavelet details of the taxels' shear as evidence for sliding."""
+
+    LEAK = 0.2  # part of a common movement that unequal gains leave in the details
+    TEMPER = 0.5  # looks are 20 ms apart, and the coarser level's filter is longer
+    SILENCE = -0.1  # least log odds of a look: silence repeats itself
+
+
+WALK_SD = 0.05  # of log friction in a second: wetting, warming, a new spot of the surface
+EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its friction
+KINETIC_LEAST = 0.75  # of the static limit, that a sliding contact bears at least
+FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore
+SLIDE_S = 1.0  # mean duration of gross slip: then it is caught, or the object is lost
+SOFT = 0.2  # log ratios over which a limit is met: friction differs between taxels and with speed

@@ -1,0 +1,243 @@
+"""Grip events from scans: contact gate, zero, contact model, one event for each scan in contact."""
+
+import math
+
+import numpy as np
+from pydantic import Field
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.model import NEEDED_UTILISATION, STEP_S, ContactModel
+from tactiled.detect.grip.observe import (
+    FLOOR_LEVELS,
+    NoiseFloor,
+    Responses,
+    approximation_taps,
+    history_scans,
+    level_for,
+    noise_gain,
+)
+from tactiled.detect.grip.ripple import sliding_log_odds
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.wavelet import BankParams, SwtBank
+from tactiled.events.types import Event, GripEvent, GripState
+from tactiled.samples.block import Gap, ScanBlock
+from tactiled.tomlfile import Params
+
+# A contact begins where the mean load of the taxels exceeds both, and ends at half of it.
+_CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
+_CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
+_ZERO_S = 0.6  # from touch: the shear that pressing alone makes is measured, and subtracted from then on
+_BASELINE_S = 1.0  # averaging time of the readings without contact
+_GROSS_ON, _GROSS_OFF = 0.5, 0.25  # probability of gross slip now at which the state changes
+_PARTIAL = 0.1  # part of the area that slips in incipient slip
+
+
+class GripParams(Params):
+    """Prior of the contact model."""
+
+    friction: float = Field(
+        default=0.6, gt=0, description="median of friction before any contact, in shear reading over load"
+    )
+    # Skin-like rubber on objects spans 0.2 to 2 (log sd 0.5); gains of uncalibrated shear add 0.3.
+    friction_log_sd: float = Field(
+        default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
+    )
+
+
+class GripDetector:
+    """How close a contact is to slipping, for each scan.
+
+    An array without shear or without load channels cannot tell, and gets no events.
+
+    Parameters
+    ----------
+    array : Array
+    params : GripParams
+    """
+
+    def __init__(self, array: Array, params: GripParams | None = None) -> None:
+        self._array = array
+        self._params = params or GripParams()
+        self._responses = Responses(array)
+        self.can_tell = self._responses.senses_load and self._responses.senses_shear
+        """Whether the array has load and shear channels."""
+        x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
+        # A pad that turns about its centre bears mu P times the mean distance of its loads.
+        self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
+        self._places = np.stack([x, y]) / self._radius_mm
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        self._quantiser = Quantiser(self._array)
+        self._bank = SwtBank(self._array, BankParams(levels=tuple(range(1, FLOOR_LEVELS + 1))))
+        self._floor = NoiseFloor(self._array.n_channels, self._quantiser.volts_per_step)
+        self._friction = FrictionPosterior(self._params.friction, self._params.friction_log_sd)
+        self._baseline = np.zeros(self._array.n_channels)
+        self._n_baseline = 0
+        self._rate_hz = 0.0
+        self._history = np.zeros((1, 3, self._array.n_taxels))
+        self._touch: _Touch | None = None
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Return an event for each scan in contact, and one of state none when the contact ends."""
+        if isinstance(item, Gap):
+            lost = self._touch is not None
+            last_s = self._last_s
+            self.reset()
+            return [_no_contact(last_s, valid=False)] if lost else []
+        if not self.can_tell:
+            return []
+        if item.rate_hz != self._rate_hz:
+            self.reset()
+            self._rate_hz = item.rate_hz
+            self._history = np.zeros((history_scans(item.rate_hz), 3, self._array.n_taxels))
+        held = self._quantiser.process(item)
+        details = self._bank.process(item)
+        usable = np.all(details.usable.reshape(len(item), -1), axis=1)
+        trusted = np.all(held.ok, axis=1)
+        late: list[bool] = item.late.tolist()
+        events: list[Event] = []
+        for scan, volts in enumerate(held.steps * self._quantiser.volts_per_step):
+            rows = details.volts[scan] if usable[scan] else None
+            event = self._step(
+                volts, rows, float(item.time_s[scan]), bool(trusted[scan]) and not late[scan], late[scan]
+            )
+            if event is not None:
+                events.append(event)
+        return events
+
+    def _step(
+        self, volts: FloatArray, details: FloatArray | None, time_s: float, is_trusted: bool, is_late: bool
+    ) -> GripEvent | None:
+        """Take a scan (channels,) with its details (levels, channels), None where they still see a gap."""
+        self._last_s = time_s
+        if details is not None:
+            self._floor.take(details, self._rate_hz)
+        response = self._responses.of(volts - self._baseline)
+        self._history[:-1] = self._history[1:]
+        self._history[-1] = response
+        channel_sd = self._floor.sd()
+        shear_sd, total_sd, load_sd = self._responses.noise(channel_sd)
+        load = float(response[0].mean())
+        least = max(_CONTACT_NOISES * load_sd, _CONTACT_RANGE * self._array.full_scale)
+        if self._touch is None:
+            if load <= least:
+                self._follow_baseline(volts)
+                return None
+            self._touch = _Touch(
+                ContactModel(self._places[0], self._places[1], self._friction), self._rate_hz
+            )
+        elif load < least / 2:
+            self._touch = None
+            self._friction.end_contact()
+            return _no_contact(time_s, valid=is_trusted)
+        if self._touch.take(self._history, shear_sd, total_sd) and details is not None and is_trusted:
+            ripple = sliding_log_odds(
+                self._responses.shears(details),
+                self._responses.shear_noise(channel_sd),
+                response[0].clip(0.0),
+            )
+            self._touch.model.take_ripple(ripple)
+        return self._touch.event(time_s, self._radius_mm, is_trusted, is_late)
+
+    def _follow_baseline(self, volts: FloatArray) -> None:
+        self._n_baseline += 1
+        part = 1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz))
+        self._baseline += part * (volts - self._baseline)
+
+
+class _Touch:
+    """One contact: its zero, then its model."""
+
+    def __init__(self, model: ContactModel, rate_hz: float) -> None:
+        self.model = model
+        self._step_s = 1.0 / rate_hz
+        self._n_zero = max(2, round(_ZERO_S * rate_hz))
+        self._n_look = max(1, round(STEP_S * rate_hz))
+        self._n = 0
+        self._crossed: FloatArray = np.zeros(())  # sums of shear times load, then shear over load of a press
+        self._squares: FloatArray = np.zeros(())
+        self._level = 0
+        self._is_gross = False
+        self._total = np.zeros(3)
+        self._load = 0.0
+
+    def take(self, history: FloatArray, shear_sd: float, total_sd: float) -> bool:
+        """Take loads and shears (n, 3, taxels) of the newest scans, with the noise of the last one.
+
+        Returns
+        -------
+        bool
+            Whether the shares of the taxels were looked at.
+        """
+        self._n += 1
+        load, *shear = history[-1]
+        self._load = max(float(load.sum()), 1e-9)
+        if self._n <= self._n_zero:
+            self._crossed = self._crossed + history[-1, 1:] * load
+            self._squares = self._squares + load**2
+            if self._n == self._n_zero:
+                # The load's own noise keeps taxels without load from a zero made of noise.
+                self._crossed = self._crossed / (self._squares + self._n_zero * shear_sd**2)
+                relative = shear_sd * len(load) / self._load
+                self._level = level_for(relative, 1.0 / self._step_s)
+            return False
+        self._total = self.model.total(np.asarray(shear) - self._crossed * load)
+        self.model.follow(self._total / self._load, total_sd / self._load, self._step_s)
+        if self._n % self._n_look == 0:
+            kernel = approximation_taps(self._level)
+            smooth = np.tensordot(kernel[::-1], history[-len(kernel) :], axes=1)
+            self.model.look(
+                smooth[0],
+                smooth[1:] - self._crossed * smooth[0],
+                shear_sd * noise_gain(self._level),
+                self._n_look * self._step_s,
+            )
+            return True
+        return False
+
+    def event(self, time_s: float, radius_mm: float, is_trusted: bool, is_late: bool) -> GripEvent:
+        """Return the event of the scan that was taken."""
+        grip = self.model.grip()
+        self._is_gross = grip.p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
+        state: GripState = "sticking"
+        if self._is_gross:
+            state = "gross"
+        elif grip.is_unloading:
+            state = "unloading"
+        elif grip.slipping_share > _PARTIAL:
+            state = "partial"
+        size = math.sqrt(float(self._total @ self._total))
+        utilisation, friction, p_gross = (
+            grip.utilisation.tolist(),
+            grip.friction.tolist(),
+            grip.p_gross.tolist(),
+        )
+        return GripEvent(
+            time_s=time_s,
+            utilisation=utilisation[1],
+            utilisation_low=utilisation[0],
+            utilisation_high=utilisation[2],
+            friction=friction[1],
+            friction_low=friction[0],
+            friction_high=friction[2],
+            slipping_share=grip.slipping_share,
+            p_gross_50ms=p_gross[0],
+            p_gross_100ms=p_gross[1],
+            p_gross_300ms=p_gross[2],
+            load=self._load,
+            shear_x=float(self._total[0]),
+            shear_y=float(self._total[1]),
+            torsion=float(self._total[2]) * radius_mm,
+            unit="relative",
+            needed_load=size / (NEEDED_UTILISATION * friction[0]),
+            state=state,
+            valid=is_trusted and self._n > self._n_zero,
+            late=is_late,
+        )
+
+
+def _no_contact(time_s: float, *, valid: bool) -> GripEvent:
+    return GripEvent(time_s=time_s, valid=valid)

@@ -1,0 +1,149 @@
+"""Loads and shears of the taxels from readings: zero, noise, and the coif1 approximation that noise asks for.
+
+The approximation of level J of the stationary coif1 transform is one causal filter, the cascade of J low-pass
+filters (Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 5.5). The scaling function of a coiflet has
+vanishing moments, so that a ramp passes with a pure delay of 3 (2^J - 1) scans. The standard deviation of the
+noise is read off the detail coefficients of the two finest levels: all filters of the transform have unit
+energy, so that white noise has the same standard deviation in each.
+"""
+
+import functools
+import math
+
+import numpy as np
+import pywt
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.wavelet import delay_scans, taps
+
+FLOOR_LEVELS = 2
+_LONGEST_DELAY_S = 0.06  # of the approximation: beyond it, the shares of the taxels come too late to help
+_NOISE_WANTED = (
+    0.01  # of a taxel's shear over load; below it the misfit of the model is larger than the noise
+)
+_FLOOR_S = 1.0  # averaging time of the noise
+_CLIP = 3.0  # standard deviations: a coefficient beyond counts as this much, since it is signal
+_MEAN_ABS = math.sqrt(2 / math.pi)  # of a normal variable of unit variance
+
+
+@functools.cache
+def approximation_taps(level: int) -> FloatArray:
+    """Return the causal low-pass filter of a level, newest scan first; its sum is 1.
+
+    Returns
+    -------
+    (5 (2^level - 1) + 1,) float64
+    """
+    low = np.array(pywt.Wavelet("coif1").dec_lo) / math.sqrt(2)
+    cascade = np.ones(1)
+    for j in range(level):
+        dilated = np.zeros((len(low) - 1) * 2**j + 1)
+        dilated[:: 2**j] = low
+        cascade = np.convolve(cascade, dilated)
+    return np.asarray(cascade / cascade.sum())
+
+
+def longest_level(rate_hz: float) -> int:
+    """Return the coarsest level whose delay is affordable at a scan rate."""
+    level = 0
+    while level < 5 and delay_scans(level + 1) <= _LONGEST_DELAY_S * rate_hz:
+        level += 1
+    return level
+
+
+def level_for(relative_noise: float, rate_hz: float) -> int:
+    """Return the finest level whose approximation has little noise, within the affordable delay.
+
+    Parameters
+    ----------
+    relative_noise : float
+        Noise of a taxel's shear in one scan, over its load.
+    """
+    for level in range(longest_level(rate_hz)):
+        if relative_noise * noise_gain(level) <= _NOISE_WANTED:
+            return level
+    return longest_level(rate_hz)
+
+
+@functools.cache
+def noise_gain(level: int) -> float:
+    """Return the factor by which an approximation reduces white noise."""
+    return float(np.sqrt((approximation_taps(level) ** 2).sum()))
+
+
+class Responses:
+    """Weights that make loads and shears of the taxels out of readings.
+
+    Parameters
+    ----------
+    array : Array
+
+    Attributes
+    ----------
+    weights : (3, taxels, channels) float64
+        Load, shear along x and along y of each taxel. Shear is the force of the object on the skin, so that
+        it opposes the motion of the skin.
+    """
+
+    def __init__(self, array: Array) -> None:
+        self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
+        self._flat = self.weights.reshape(-1, array.n_channels)
+        self._squares = self.weights**2
+        self.senses_load = bool(np.any(self.weights[0] != 0))
+        self.senses_shear = array.has_shear
+
+    def of(self, volts: FloatArray) -> FloatArray:
+        """Return load, shear x and shear y (3, taxels) of one scan (channels,)."""
+        return np.asarray((self._flat @ volts).reshape(self.weights.shape[:2]))
+
+    def shears(self, details: FloatArray) -> FloatArray:
+        """Return shears (levels, 2, taxels) of details (levels, channels)."""
+        return np.asarray((details @ self._flat.T).reshape(len(details), *self.weights.shape[:2])[:, 1:])
+
+    def shear_noise(self, channel_sd: FloatArray) -> FloatArray:
+        """Return the standard deviation (2, taxels) of the shear's noise."""
+        return np.asarray(np.sqrt(self._squares[1:] @ channel_sd**2))
+
+    def noise(self, channel_sd: FloatArray) -> tuple[float, float, float]:
+        """Return standard deviations of a taxel's shear, of the total shear and of the mean load."""
+        variances = self._squares @ channel_sd**2  # (3, taxels)
+        shear = variances[1:]
+        return (
+            math.sqrt(float(shear.mean())),
+            math.sqrt(float(shear.sum()) / 2),
+            math.sqrt(float(variances[0].sum())) / variances.shape[1],
+        )
+
+
+class NoiseFloor:
+    """Standard deviation of each channel's noise, from the finest details of the wavelet bank.
+
+    Parameters
+    ----------
+    n_channels : int
+    volts_per_step : float
+        Of the bank's grid: no noise is below it.
+    """
+
+    def __init__(self, n_channels: int, volts_per_step: float) -> None:
+        self._mean_abs = np.zeros((FLOOR_LEVELS, n_channels))
+        self._least = volts_per_step
+        self._n = 0
+
+    def take(self, details: FloatArray, rate_hz: float) -> None:
+        """Take the detail coefficients (FLOOR_LEVELS, channels) of a scan whose filters are full."""
+        self._n += 1
+        part = 1.0 / min(self._n, max(2.0, _FLOOR_S * rate_hz))
+        size = np.abs(details)
+        if self._n > 20:  # before, the mean is too uncertain to clip by
+            size = np.minimum(size, _CLIP * np.maximum(self.sd()[np.newaxis], self._least))
+        self._mean_abs += part * (size - self._mean_abs)
+
+    def sd(self) -> FloatArray:
+        """Return the noise (channels,) in volts."""
+        return np.asarray(np.maximum(self._mean_abs.max(axis=0) / _MEAN_ABS, self._least))
+
+
+def history_scans(rate_hz: float) -> int:
+    """Return the number of scans that the coarsest affordable approximation needs."""
+    return len(taps(longest_level(rate_hz))) if longest_level(rate_hz) else 1

@@ -1,0 +1,105 @@
+"""Present value and rate of the shear that a contact bears, relative to its load.
+
+The ratio (shear along x, along y, moment about the normal over an effective radius; all over the load) is
+followed by a Kalman filter of value and rate. Load that falls raises the ratio just as shear that grows, so
+that an easing grip needs no rule of its own.
+"""
+
+import math
+
+import numpy as np
+
+from tactiled.array import FloatArray
+
+# Spectral density of the ratio's acceleration: a pull whose rate changes by 1/s (5 N/s on 5 N) about four
+# times a second. A prior for hands; the rate is averaged again below.
+_ACCELERATION_DENSITY = 4.0  # 1/s^3
+# The rate is averaged over this time: an extrapolation of each swing takes hum and steps of a walk for slip.
+RATE_AVERAGE_S = 0.08
+_START_RATE_SD = 1.0  # 1/s: before the first scans nothing is known of the rate
+# Trends of a hand end: gamma prior of the rate at which they do, one in half a second before any is seen.
+_END_COUNT, _END_TIME_S = 2.0, 1.0
+_FORGET_S = 5.0  # the hand of five seconds ago says little of this one
+_SIGNIFICANT = 2.0  # standard deviations of the rate from which a trend is a trend
+_ENDED = 0.2  # of its former rate: below it, a trend has ended
+
+
+class Trend:
+    """Kalman filter of three ratios that share their noise and dynamics."""
+
+    def __init__(self) -> None:
+        self.value = np.zeros(3)
+        """Ratio (3,)."""
+        self.rate = np.zeros(3)
+        """Averaged rate of the ratio (3,), 1/s."""
+        self.value_sd = math.inf
+        self.rate_sd = _START_RATE_SD
+        self._fast_rate = np.zeros(3)
+        self._cov = (0.0, 0.0, _START_RATE_SD**2)  # value, value with rate, rate
+        self._ends, self._grown_s = _END_COUNT, _END_TIME_S
+        self._is_growing = False
+        self._growing_at = 0.0
+        self.ended_at = 0.0
+        """Rate of growth (1/s) of a trend that ended at this scan; 0 where none ended."""
+        self._is_new = True
+
+    @property
+    def size(self) -> float:
+        """Length of the ratio: by the ellipsoid of Howe and Cutkosky (1996), compared with friction."""
+        return float(np.sqrt(self.value @ self.value))
+
+    @property
+    def growth(self) -> float:
+        """Rate at which the length of the ratio grows, 1/s."""
+        return float(self.value @ self.rate) / max(self.size, self.value_sd, 1e-9)
+
+    @property
+    def end_rate(self) -> float:
+        """Rate at which trends of this hand end, 1/s.
+
+        A hand that pulls fast reaches what it wants sooner: the rate has a part that goes with the speed, one
+        end for each doubling of the shear.
+        """
+        return self._ends / self._grown_s + max(self._growing_at, 0.0) / max(self.size, self.value_sd, 1e-9)
+
+    def step(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
+        """Take the ratio (3,) of a scan, with the standard deviation of its noise."""
+        noise = max(noise_sd, 1e-6) ** 2
+        if self._is_new:
+            self.value = ratio.copy()
+            self._cov = (noise, 0.0, _START_RATE_SD**2)
+            self._is_new = False
+            self.value_sd = math.sqrt(noise)
+            return
+        vv, vr, rr = self._cov
+        q, h = _ACCELERATION_DENSITY, step_s
+        vv, vr, rr = vv + 2 * h * vr + h * h * rr + q * h**3 / 3, vr + h * rr + q * h * h / 2, rr + q * h
+        predicted = self.value + h * self._fast_rate
+        gain, rate_gain = vv / (vv + noise), vr / (vv + noise)
+        self.value = predicted + gain * (ratio - predicted)
+        self._fast_rate = self._fast_rate + rate_gain * (ratio - predicted)
+        self._cov = ((1 - gain) * vv, (1 - gain) * vr, rr - rate_gain * vr)
+        part = 1.0 - math.exp(-h / RATE_AVERAGE_S)
+        self.rate = self.rate + part * (self._fast_rate - self.rate)
+        self.value_sd = math.sqrt(self._cov[0])
+        # Averaging over n independent rates; they decorrelate within the filter's own memory, about h / gain.
+        memory_s = h / max(gain, 1e-9)
+        self.rate_sd = math.sqrt(self._cov[2] * memory_s / (memory_s + RATE_AVERAGE_S))
+        self._count_ends(h)
+
+    def _count_ends(self, step_s: float) -> None:
+        growth = self.growth
+        keep = math.exp(-step_s / _FORGET_S)
+        self._ends = _END_COUNT + keep * (self._ends - _END_COUNT)
+        self._grown_s = _END_TIME_S + keep * (self._grown_s - _END_TIME_S)
+        self.ended_at = 0.0
+        if growth > _SIGNIFICANT * self.rate_sd:
+            self._is_growing = True
+            self._grown_s += step_s
+            self._growing_at = max(growth, self._growing_at * math.exp(-step_s / RATE_AVERAGE_S))
+        elif self._is_growing and growth < max(self.rate_sd, _ENDED * self._growing_at):
+            self._is_growing = False
+            self._ends += 1.0
+            self.ended_at = self._growing_at
+        else:
+            self._growing_at *= math.exp(-step_s / RATE_AVERAGE_S)
