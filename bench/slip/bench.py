@@ -43,7 +43,7 @@ from bench.slip.scenes import (
     play,
 )
 from bench.slip.slips import CURVE_PER_HOUR, SlipReading, fastest_level, read_slips
-from tactiled.detect.slip.coherent import SETTINGS
+from tactiled.detect.slip.detector import SETTINGS
 from tactiled.emulator.scene.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET
 from tactiled.progress import ProgressBar
 

@@ -13,7 +13,7 @@ from bench.slip.noise import NoiseTail
 from bench.slip.rules import COHERENT, coefficient_sd_v, coherent_rule, window_rule
 from tactiled.array import Array
 from tactiled.detect.base import Detector
-from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold at which latencies are compared

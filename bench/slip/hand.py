@@ -11,7 +11,7 @@ from bench.pool import workers
 from bench.slip.quiet import HOLD, QUIET_NOISES_V
 from bench.slip.scenes import ARRAY, play
 from bench.slip.score import count_alarms
-from tactiled.detect.slip.coherent import CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
 from tactiled.emulator.scene.families import QUIET
 
 SHEARS = (0.005, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bench.slip.scenes import ARRAY, NOISES_V, play
 from bench.slip.score import complete_s, onsets
-from tactiled.detect.slip.coherent import SETTINGS, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
     any_direction_deg,

@@ -14,7 +14,7 @@ from bench.slip.scenes import NOISES_V, STEADY_SLIDES
 from bench.slip.score import SlipScore, coverage, median, quantile
 from bench.slip.slips import ORACLE, SLOW_S, SlipReading, bound_per_hour, growth_quantile
 from tactiled.array import FloatArray
-from tactiled.detect.slip.coherent import SETTINGS
+from tactiled.detect.slip.detector import SETTINGS
 from tactiled.emulator.scene.families import HELD_OUT_QUIET
 
 FAMILY_NOISE_V = 1e-3  # of the table by family: between the board's own 0.3 mV and a noisy cable's 3 mV

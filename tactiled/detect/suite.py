@@ -13,7 +13,7 @@ from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.signal.bridge import GapBridge
-from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.detect.worker import InPlace, Worker

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.slip.coherent import CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
 from tactiled.errors import ConfigError
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock

@@ -5,7 +5,7 @@ Nothing slips in either, so each alarm is false. Two parameters control the rate
 * `false_alarms_per_hour` sets the threshold against noise where `least_shear` is given. The quiet hold is run
   with several rates; no more alarms should come than were asked for.
 * `least_shear` is the smallest shear reported as slip. The motion is run with increasing values; the result
-  replaces the curve in `detect.slip.rate`, which was measured on the emulator.
+  replaces the curve in `detect.slip.alarm_rate`, which was measured on the emulator.
 
 The proposal extrapolates the counts of alarms to the wanted rate, and is at least what raised no alarm in
 hold and motion. Where that exceeds the shear of a weak slip, no threshold separates this motion from slip:
@@ -20,7 +20,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.signal.bridge import GapBridge
-from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 from tactiled.tune.onset import InjectedOnset, latencies

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.detect.slip.rate import rate_at
+from tactiled.detect.slip.alarm_rate import rate_at
 from tactiled.tune.hold import Recording
 from tactiled.tune.study import (
     NOISE_PER_HOUR,

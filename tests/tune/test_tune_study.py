@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.slip.scenes import play, read_sd_v
 from tactiled.array import Array, load_array
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.slip.coherent import SETTINGS
+from tactiled.detect.slip.detector import SETTINGS
 from tactiled.detect.slip.response import PRESSURE, ResponseModel, motion, responses
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene

@@ -6,7 +6,7 @@ slip:
 1. Likelihood ratio. The sum over x, y and turn of (output / its standard deviation)^2 is, under noise, a
    chi-square variable with one degree of freedom an axis. Its threshold follows from the false alarms an hour
    that the user allows, counting `_LOOKS_A_SCAN` independent looks a scan. What the ramp's standard deviation
-   is, the noise floor says (`slip_floor`), octave by octave.
+   is, the noise floor says (`slip.noise_floor`), octave by octave.
 2. Size. With the shear there already in its direction, the rise reaches `least_shear` of the pressure, and a
    fifth of that by itself. A tenth of the contact slips when shear has
    reached 15 % of what friction bears (Mindlin's curve at x = 0.1), which on the 2019 array is a shear over
@@ -35,9 +35,9 @@ from scipy import special
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.slip.filters import N_BASELINE, lasting
-from tactiled.detect.slip.limit import FrictionLimitTest
+from tactiled.detect.slip.friction_limit import FrictionLimitTest
 from tactiled.detect.slip.response import AXES, motion, moved
-from tactiled.detect.slip.stretch import BEFORE_SCANS, ResponseSegmenter, TaxelSetSegment
+from tactiled.detect.slip.segments import BEFORE_SCANS, ResponseSegmenter, TaxelSetSegment
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_parts.py).

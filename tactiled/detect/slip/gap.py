@@ -17,7 +17,7 @@ from tactiled.detect.slip.response import PRESSURE, motion
 LOOK_SCANS = 8  # averaged on either side
 # Of shear over pressure: a tenth of the contact slips at a friction of 0.4, creep of a held load is far less.
 _LEAST = 0.1
-# Twice what `slip_evidence` asks of a rise: in a gap pressure and shear may have changed one after the other.
+# Twice what `slip.evidence` asks of a rise: in a gap pressure and shear may have changed one after the other.
 _COMMON = 0.5
 _NOISE_SDS = 6.0
 _LONGEST_S = 2.0  # longer, and what is held is held anew
@@ -59,7 +59,7 @@ class GapShearChange(NamedTuple):
     size : float
         Of that.
     statistic : float
-        Its square over its variance, as `slip_evidence` has it.
+        Its square over its variance, as `slip.evidence` has it.
     """
 
     gap_s: float

@@ -29,7 +29,7 @@ AXES = 3  # x, y, turn
 RISING, FALLING, PRESSURE = slice(0, 3), slice(3, 6), 6  # columns of `responses`
 COLUMNS = 7
 # Readings are whole within 2^23 and an axis weighs at most a few of them; what is larger is clipped, so that
-# filters of whole weights stay exact (`slip_filters`).
+# filters of whole weights stay exact (`slip.filters`).
 _LARGEST = 2.0**24
 # A half that is relieved of all it carries still reads what spreads under its electrodes from the taxel's
 # other half: 0.41 to 0.45 of that on scenes of 8 to 16 N.

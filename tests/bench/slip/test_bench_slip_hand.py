@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from bench.slip.hand import SHEARS, curve, one_scene
-from tactiled.detect.slip.coherent import SETTINGS, CoherentParams
-from tactiled.detect.slip.rate import PER_HOUR, SHEAR, rate_at, shear_at
+from tactiled.detect.slip.alarm_rate import PER_HOUR, SHEAR, rate_at, shear_at
+from tactiled.detect.slip.detector import SETTINGS, CoherentParams
 from tactiled.emulator.scene.families import QUIET
 
 

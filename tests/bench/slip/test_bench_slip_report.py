@@ -48,7 +48,7 @@ from bench.slip.scenes import (
 )
 from bench.slip.score import SlipScore
 from bench.slip.slips import CURVE_PER_HOUR, SlipReading, fastest_level
-from tactiled.detect.slip.coherent import SETTINGS as DETECTOR_SETTINGS
+from tactiled.detect.slip.detector import SETTINGS as DETECTOR_SETTINGS
 from tactiled.emulator.scene.families import QUIET
 from tactiled.progress import ProgressBar
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from touches import pieces, run, slips, splits
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.slip.coherent import SETTINGS, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 

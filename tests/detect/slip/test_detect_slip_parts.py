@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.slip.course import SlipPhaseTracker
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.filters import LEVELS, N_BASELINE, RampFilters
-from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.friction_limit import FrictionLimitTest
 from tactiled.detect.slip.kink import KinkEstimate
-from tactiled.detect.slip.limit import FrictionLimitTest
+from tactiled.detect.slip.noise_floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.phases import SlipPhaseTracker
+from tactiled.detect.slip.plateau import PlateauTracker
 from tactiled.detect.slip.response import AXES, FALLING, PRESSURE, ResponseModel, motion, moved, responses
-from tactiled.detect.slip.rest import PlateauTracker
 
 ARRAY = load_array("wang2019-3x3")
 ALL = np.ones(ARRAY.n_taxels, dtype=np.bool_)

@@ -1,7 +1,7 @@
 """Segments of scans with a constant set of taxels, and their filtered responses.
 
 A taxel counts while all its channels are good, and were for as long as the filters see: a reading that is
-missing or stuck (`slip_stuck`) takes its taxel along. So does noise: of white noise of their own the mean
+missing or stuck (`slip.stuck_channels`) takes its taxel along. So does noise: of white noise of their own the mean
 over n taxels has ``sum sd^2 / n^2``, and one with five times the noise of the others alone doubles that of
 nine. Weights by noise would gain little more and bend the response, of which each taxel is an equal part.
 
@@ -23,13 +23,13 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import READING_BITS, HeldReadings, Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.detect.slip.filters import LEVELS, RampFilters
-from tactiled.detect.slip.floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.noise_floor import GROUP_SCANS, NoiseFloor
 from tactiled.detect.slip.response import AXES, PRESSURE, ResponseModel, motion, responses
 
 Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
 _COMMON = AXES + 1  # axes of motion, and pressure
-BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip_evidence`)
+BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip.evidence`)
 # Taxels are chosen anew so often: noise is known after some groups, and each choice cuts a stretch.
 _CHOOSE_SCANS = 4 * GROUP_SCANS
 _NOISY, _QUIET_AGAIN = 5.0, 3.0

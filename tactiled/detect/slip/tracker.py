@@ -3,7 +3,7 @@
 While no slip is active, evidence of growing shear begins one. An active slip is followed through its phases;
 a gross slip whose shear fell back is followed until shear reverses or rests. Each slip is reported once:
 evidence counts from the scan where the last slip ended, and shear must exceed that of recent swings
-(`slip.again`). Two slips in quick succession are separated only if the skin springs back in between;
+(`slip.swings`). Two slips in quick succession are separated only if the skin springs back in between;
 otherwise no signal shows the stop.
 """
 
@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip import words as slip_words
-from tactiled.detect.slip.after import SlipDecision
-from tactiled.detect.slip.again import OUTGROWS_S, ShakeTracker, SwingHistory, extent
-from tactiled.detect.slip.course import SlipPhaseTracker
+from tactiled.detect.slip import slip_events
 from tactiled.detect.slip.evidence import ShearEvidence, ShearGrowth
+from tactiled.detect.slip.friction_limit import FrictionLimitTest
 from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings, moved_in_gap
+from tactiled.detect.slip.gross import SlipDecision
+from tactiled.detect.slip.history import ResponseHistory
 from tactiled.detect.slip.kink import KinkEstimate
-from tactiled.detect.slip.limit import FrictionLimitTest
-from tactiled.detect.slip.past import ResponseHistory
+from tactiled.detect.slip.phases import SlipPhaseTracker
 from tactiled.detect.slip.response import PRESSURE, motion, unit
-from tactiled.detect.slip.stretch import TaxelSetSegment
-from tactiled.detect.slip.witness import ScanEvidence, SlipDescription
+from tactiled.detect.slip.scan_evidence import ScanEvidence, SlipDescription
+from tactiled.detect.slip.segments import TaxelSetSegment
+from tactiled.detect.slip.swings import OUTGROWS_S, ShakeTracker, SwingHistory, extent
 from tactiled.events.types import SlipEvent
 
 _SWING_S = 2.0  # a whole swing of 0.5 Hz
@@ -86,7 +86,7 @@ class SlipTracker:
         """Return the end of an active slip cut off by a gap, marked as not valid."""
         if self._slip is None:
             return []
-        return [slip_words.ended(self._slip.event, time_s, time_s, valid=False)]
+        return [slip_events.ended(self._slip.event, time_s, time_s, valid=False)]
 
     def lift(self, now: ScanEvidence) -> list[SlipEvent]:
         """Process a scan without contact; an active slip ends."""
@@ -191,7 +191,7 @@ class SlipTracker:
     ) -> SlipEvent:
         """Begin a slip and return its onset; `before` is set if a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
-        event = slip_words.onset(now, onset_s, kink, said, self._evidence, statistic)
+        event = slip_events.onset(now, onset_s, kink, said, self._evidence, statistic)
         start = self._past.at(now.seen, kink.delay_scans)
         limit = now.limit(kink.delay_scans)
         if before is not None:
@@ -290,7 +290,7 @@ class SlipTracker:
 
     def _deepen(self, verdict: SlipDecision, now: ScanEvidence, gross_s: float) -> SlipEvent:
         assert self._slip is not None
-        event = slip_words.gross(self._slip.event, now, gross_s, verdict.sd_scans)
+        event = slip_events.gross(self._slip.event, now, gross_s, verdict.sd_scans)
         self._slip = self._slip._replace(event=event)
         return event
 
@@ -298,4 +298,4 @@ class SlipTracker:
         assert self._slip is not None
         event = self._slip.event
         self._slip = None
-        return slip_words.ended(event, ended_s, now.time_s, valid=not now.is_late)
+        return slip_events.ended(event, ended_s, now.time_s, valid=not now.is_late)

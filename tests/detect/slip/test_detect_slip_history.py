@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.past import ResponseHistory
+from tactiled.detect.slip.history import ResponseHistory
 
 ALONG = np.array([0.6, 0.8, 0.0])
 WINDOW, LONGEST_RAMP = 144, 128

@@ -8,8 +8,8 @@ tenths slip, Mindlin's slope is 0.32 of that at the start.
 
 A load that stops growing below the friction limit has the same shape. Three criteria distinguish it: little
 shear over pressure is no gross slip on any likely surface; pressure that came with the shear and stops with
-it is a load; and the taxels' shares of the shear differ (`slip.limit`). A response that falls back at once is
-a load that is removed; one that falls much faster than it rose has broken away (stick-slip). `slip.after`
+it is a load; and the taxels' shares of the shear differ (`slip.friction_limit`). A response that falls back at once is
+a load that is removed; one that falls much faster than it rose has broken away (stick-slip). `slip.gross`
 follows the slip from there.
 """
 
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.slip.after import (
+from tactiled.detect.slip.friction_limit import FrictionLimitTest
+from tactiled.detect.slip.gross import (
     FELL_PART,
     GROWS_PART,
     NEAR_PART,
@@ -33,9 +34,8 @@ from tactiled.detect.slip.after import (
     TimedExtreme,
 )
 from tactiled.detect.slip.kink import KinkEstimate
-from tactiled.detect.slip.limit import FrictionLimitTest
+from tactiled.detect.slip.plateau import PlateauTracker
 from tactiled.detect.slip.response import PRESSURE, motion, rising_half
-from tactiled.detect.slip.rest import PlateauTracker
 
 _FLAT = 0.3
 _LINE_S = 0.04  # length of the line fitted to the newest responses: four scans at 100 Hz

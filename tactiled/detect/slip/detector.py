@@ -1,16 +1,16 @@
 """Early slip detector that decides on the response of the whole array ("coherent").
 
-* Evidence (`slip_evidence`): shear of the array as a whole grows beyond noise, pressure and elastic play.
+* Evidence (`slip.evidence`): shear of the array as a whole grows beyond noise, pressure and elastic play.
   That is "incipient": some part of the contact slips, or is about to. The instant is the kink's, when shear
-  began to grow (`slip_kink`); no signal shows when a tenth of the contact slips, since friction is not known.
-* Channels (`slip_stuck`, `slip_stretch`): what is missing, stuck or far noisier than most takes its taxel
+  began to grow (`slip.kink`); no signal shows when a tenth of the contact slips, since friction is not known.
+* Channels (`slip.stuck_channels`, `slip.segments`): what is missing, stuck or far noisier than most takes its taxel
   out, and events name the taxels that are left.
-* Course (`slip_course`): the growth stops while shear is large, and all slips: "gross", an event of its own
+* Course (`slip.phases`): the growth stops while shear is large, and all slips: "gross", an event of its own
   with its own instant. Or it stops below, or goes back: the end of an incipient slip.
 * A gross slip that turns back, turns, or sticks and grows again ends, and another begins at the same instant.
 * While a slip goes on it is not said again; what came and went of late must grow beyond that to be said
-  (`slip_again`).
-* A slip that lies wholly in a gap shows by the shear after it (`slip_gap`).
+  (`slip.swings`).
+* A slip that lies wholly in a gap shows by the shear after it (`slip.gap`).
 
 Nothing is said of an array out of contact, or while its mean pressure is not positive. Arrays without shear
 channels see a load that moves between taxels; they tell no direction. One such taxel alone sees nothing.
@@ -32,12 +32,12 @@ from tactiled.detect.signal.contact import (
     lost_contact_event,
 )
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.slip.alarm_rate import NOISE_PART, shear_at
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings
-from tactiled.detect.slip.rate import NOISE_PART, shear_at
-from tactiled.detect.slip.story import SlipTracker
-from tactiled.detect.slip.stuck import StuckChannelDetector
-from tactiled.detect.slip.witness import ScanEvidence
+from tactiled.detect.slip.scan_evidence import ScanEvidence
+from tactiled.detect.slip.stuck_channels import StuckChannelDetector
+from tactiled.detect.slip.tracker import SlipTracker
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -93,7 +93,7 @@ SETTINGS: Mapping[str, CoherentParams] = {
     "balanced": CoherentParams(false_alarms_per_hour=150.0),
     "quiet": CoherentParams(false_alarms_per_hour=6.0),
 }
-"""Points on the curve of `slip_rate`: ``fast`` says any growth of shear, ``balanced`` what is more than the
+"""Points on the curve of `slip.alarm_rate`: ``fast`` says any growth of shear, ``balanced`` what is more than the
 first swing of a hum, ``quiet`` nearly all that a weak slip has."""
 
 

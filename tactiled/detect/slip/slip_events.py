@@ -6,7 +6,7 @@ import numpy as np
 
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.kink import KinkEstimate
-from tactiled.detect.slip.witness import ScanEvidence, SlipDescription
+from tactiled.detect.slip.scan_evidence import ScanEvidence, SlipDescription
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "coherent"

@@ -7,9 +7,9 @@ import numpy as np
 from tactiled.array import Array, FloatArray
 from tactiled.detect.slip.direction import direction
 from tactiled.detect.slip.evidence import ShearEvidence, ShearGrowth
-from tactiled.detect.slip.limit import START_SCANS, FrictionLimitTest
+from tactiled.detect.slip.friction_limit import START_SCANS, FrictionLimitTest
 from tactiled.detect.slip.response import PRESSURE, motion, moved
-from tactiled.detect.slip.stretch import TaxelSetSegment
+from tactiled.detect.slip.segments import TaxelSetSegment
 from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.samples.block import ScanBlock
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 # Where the odds that all slips are below two to one either way, more scans are waited for, so long; then less
-# than even ones will do. On the seeds that `slip_limit` names, of loads below 0.8 of the limit none of 46 is
+# than even ones will do. On the seeds that `slip.friction_limit` names, of loads below 0.8 of the limit none of 46 is
 # gross at 0.3 and 3 mV, and of slips 97 % are; at even odds 94 %. By other seeds fewer slips are: `tactiled
 # bench slip` counts them.
 _SURE, _WAIT_S, _UNSURE = math.log(2), 0.08, -0.3

@@ -71,7 +71,7 @@ class FrictionLimitTest:
     Parameters
     ----------
     weights : (7, channels) float64
-        Readings to responses (`slip_response`), of the taxels that are read.
+        Readings to responses (`slip.response`), of the taxels that are read.
     numbers : (taxels,) int64
         Of the taxels that are read.
     taxels : (taxels, channels) float64

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from touches import LSB, Touch
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.slip.coherent import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import FAMILIES, parts

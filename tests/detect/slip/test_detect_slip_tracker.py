@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from touches import pieces, run, slips, splits
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.slip.coherent import SETTINGS, CoherentSlip
+from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
