@@ -1,15 +1,15 @@
 """Relation of the false-alarm rate to the growth of shear that is reported.
 
-A hand that moves loads the skin, and friction is not known beforehand, so the first part of a load that
-would have held looks like the first part of a slip. How often that is said depends on how much growth is
-waited for: `SHEAR` over `PER_HOUR` is the measured curve. It is of the families without slip
-(`emulator.families.QUIET`, each as long as every other, nothing announced, at 0.3 and 3 mV of noise, seeds
-1001 to 1024, which no bench reports); ``python -m bench.slip.hand`` remakes it. A hand that does
-less raises fewer: `tactiled tune` measures one's own.
+A hand that moves loads the skin, and friction is not known beforehand, so the first part of a load that will
+hold looks like the first part of a slip. The required growth of shear decides how often that is reported:
+`SHEAR` over `PER_HOUR` is the measured curve. It was measured on the families without slip
+(`emulator.scene.families`, all of equal duration, nothing announced, at 0.3 and 3 mV of noise, seeds 1001 to
+1024, which no bench reports); ``python -m bench.slip.hand`` repeats the measurement. A calmer hand raises
+fewer alarms: `tactiled tune` measures them.
 
-Above the highest rate nothing is gained: shear that grows at all is then said, and noise is what limits.
-Below the lowest nothing is either: a skin of friction 0.3 slips as a whole where shear has grown to 0.57 of
-the pressure.
+Rates above the highest gain nothing, because any growth of shear is then reported and noise limits the
+detection. Nor do rates below the lowest: a skin with a friction coefficient of 0.3 slips as a whole when
+shear has grown to 0.57 of the pressure.
 """
 
 import numpy as np

@@ -1,22 +1,24 @@
-"""Early slip detector that decides on the response of the whole array ("coherent").
+"""Slip detector on the summed shear response of the array ("coherent").
 
-* Evidence (`slip.evidence`): shear of the array as a whole grows beyond noise, pressure and elastic play.
-  That is "incipient": some part of the contact slips, or is about to. The instant is the kink's, when shear
-  began to grow (`slip.kink`); no signal shows when a tenth of the contact slips, since friction is not known.
-* Channels (`slip.stuck_channels`, `slip.segments`): what is missing, stuck or far noisier than most takes its taxel
-  out, and events name the taxels that are left.
-* Course (`slip.phases`): the growth stops while shear is large, and all slips: "gross", an event of its own
-  with its own instant. Or it stops below, or goes back: the end of an incipient slip.
-* A gross slip that turns back, turns, or sticks and grows again ends, and another begins at the same instant.
-* While a slip goes on it is not said again; what came and went of late must grow beyond that to be said
-  (`slip.swings`).
-* A slip that lies wholly in a gap shows by the shear after it (`slip.gap`).
+1. `slip.segments` filters the response of all usable taxels. `slip.stuck_channels` finds channels that do not
+   follow the load; a missing, stuck or far noisier channel takes its taxel out of the response.
+2. `slip.evidence` tests whether shear grows by more than noise, pressure and elastic deformation explain. If
+   so, an "incipient" onset is reported: a part of the contact slips, or is about to. Its instant is when the
+   shear began to grow (`slip.kink`).
+3. `slip.phases` follows the slip. If the growth stops at a large shear, the slip is "gross", which is a
+   second event with its own instant. If it stops at a small shear, or the shear falls back, the incipient
+   slip ends.
+4. `slip.gross` follows a gross slip. If it changes direction, reverses, or sticks and then grows again, it
+   ends and the next slip begins at the same instant.
+5. `slip.tracker` reports each slip once. After a swing of shear, a new slip must exceed that swing
+   (`slip.swings`).
+6. `slip.gap` compares the shear before and after a gap, to find a slip that happened inside it.
 
-Nothing is said of an array out of contact, or while its mean pressure is not positive. Arrays without shear
-channels see a load that moves between taxels; they tell no direction. One such taxel alone sees nothing.
+Nothing is reported without contact, or while the mean pressure is not positive. Arrays without shear channels
+measure a load that moves between taxels, without a direction; one such taxel alone measures nothing.
 
-`confidence` is the opposed part of opposed plus common rise, times the taxels' agreement on it, halved where
-the contact's beginning was not seen; it is no probability.
+`confidence` is the share of the opposed in the whole rise, times the agreement of the taxels on it, halved
+where the beginning of the contact was not observed. It is not a probability.
 """
 
 from collections.abc import Mapping
@@ -42,14 +44,15 @@ from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# On the 2019 array shear over pressure is 1.9 times friction over load; 0.3 is the least friction of dry
-# skins. Pairs of resistors around an electrode all work so; shear channels have any scale, and pads that feel
-# shear as a load that moves have the scale of their thickness: there no size tells gross slip.
+# On the 2019 array, shear over pressure (in volts) is 1.9 times tangential over normal load, and 0.3 is the
+# lowest friction coefficient of dry skins. This ratio holds for all pairs of resistors around an electrode.
+# Other channels have other scales, for which no size indicates gross slip.
 _GROSS_OF_PAIRS = 0.45
-# Friction moves the load of a pad without shear channels by its height over the taxels' distance from the
-# middle, 1.3 mm over some 4 mm: that is 0.3 times friction over load, a sixth of what pairs show.
+# Tangential load moves the centre of load of a pad without shear channels by the pad's height: 1.3 mm, over
+# taxels that are about 4 mm from the middle. That is 0.3 times the ratio of the loads, a sixth of what resistor
+# pairs show.
 _LOAD_MOVES = 1 / 6
-_UNSEEN = ("corrupt", "missing")  # gaps in which the board went on as before
+_UNSEEN = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
@@ -60,26 +63,26 @@ class CoherentParams(Params):
         default=150.0,
         gt=0,
         le=3600,
-        description="of a hand that moves and does not say so: the growth of shear that counts follows",
+        description="of a hand that moves unannounced; sets the growth of shear that is required",
     )
     least_shear: float | None = Field(
         default=None,
         gt=0,
         le=1,
-        description="growth of shear over pressure, both in volts, that counts; the rate then is of "
-        "noise alone; left out: as the rate has it",
+        description="required growth of shear over pressure, both in volts; the rate is then that of "
+        "noise alone; left out: follows from the rate",
     )
     gross_shear: float | None = Field(
         default=None,
         gt=0,
         le=5,
-        description="shear over pressure below which nothing is gross; left out: as the array's kind has it",
+        description="shear over pressure below which no slip is gross; left out: that of the array's kind",
     )
     contact: ContactParams = ContactParams()
 
     @property
     def shear(self) -> float:
-        """Growth of shear over pressure that counts."""
+        """Required growth of shear over pressure."""
         return shear_at(self.false_alarms_per_hour) if self.least_shear is None else self.least_shear
 
     @property
@@ -93,8 +96,11 @@ SETTINGS: Mapping[str, CoherentParams] = {
     "balanced": CoherentParams(false_alarms_per_hour=150.0),
     "quiet": CoherentParams(false_alarms_per_hour=6.0),
 }
-"""Points on the curve of `slip.alarm_rate`: ``fast`` says any growth of shear, ``balanced`` what is more than the
-first swing of a hum, ``quiet`` nearly all that a weak slip has."""
+"""Points on the curve of `slip.alarm_rate`.
+
+``fast`` reports any growth of shear. ``balanced`` requires more than the first swing of a hum. ``quiet``
+requires nearly all the shear of a slip on a surface of low friction.
+"""
 
 
 class CoherentSlip:
@@ -127,7 +133,7 @@ class CoherentSlip:
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
         self._evidence = ShearEvidence(self._array, rate_hz, self._params.noise_per_hour, self._least_shear)
         self._n_seen = 0
-        self._story = SlipTracker(self._evidence, rate_hz, self._least_shear, self._gross_shear, self._before)
+        self._slips = SlipTracker(self._evidence, rate_hz, self._least_shear, self._gross_shear, self._before)
 
     @property
     def contact_state(self) -> ContactState:
@@ -137,8 +143,9 @@ class CoherentSlip:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes.
 
-        A gap, or a new scan rate, ends a slip and a contact with events that are not valid: nobody saw
-        them end. The detector then is as new, but compares the shear after a gap with that before.
+        A gap or a new scan rate ends slip and contact with events that are not valid, because their end was
+        not observed. The detector is then reset, except that it compares the shear after a gap with that
+        before.
         """
         if isinstance(item, Gap):
             before = None
@@ -157,7 +164,7 @@ class CoherentSlip:
         return events
 
     def _forget(self) -> list[Event]:
-        events: list[Event] = [*self._story.cut_off(self._last_time_s)] if self._rate_hz else []
+        events: list[Event] = [*self._slips.cut_off(self._last_time_s)] if self._rate_hz else []
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_time_s, self.contact_state))
         stuck = self._stuck  # stuck channels stay stuck over a gap
@@ -173,18 +180,18 @@ class CoherentSlip:
         pressure = self._tracker.measure(block, held, stuck)
         gate = pressure.rows()
         events: list[Event] = []
-        for stretch in self._evidence.stretches(held):
-            self._story.shift(stretch.jump)
-            for row in range(stretch.scans.stop - stretch.scans.start):
-                scan = stretch.scans.start + row
+        for segment in self._evidence.segments(held):
+            self._slips.shift(segment.jump)
+            for row in range(segment.scans.stop - segment.scans.start):
+                scan = segment.scans.start + row
                 if change := self._tracker.step(*next(gate)):
                     events.append(contact_event(block, scan, pressure, change))
-                now = ScanEvidence(self._array, self._evidence, block, stretch, row, self._n_seen)
+                now = ScanEvidence(self._array, self._evidence, block, segment, row, self._n_seen)
                 if (state := self._tracker.state) == "none":
-                    slips = self._story.lift(now)
+                    slips = self._slips.lift(now)
                 else:
-                    slips = self._story.look(now, stretch, row, is_sure=state != "unknown")
-                self._evidence.learn(stretch, row, disturbed=self._story.happens)
+                    slips = self._slips.look(now, segment, row, is_sure=state != "unknown")
+                self._evidence.learn(segment, row, disturbed=self._slips.is_active)
                 events += slips
                 if change := self._follow():
                     events.append(contact_event(block, scan, pressure, change))
@@ -193,7 +200,7 @@ class CoherentSlip:
 
     def _follow(self) -> ContactTransition | None:
         """Enter or leave the contact state sliding, which only gross slip shows."""
-        state, is_gross = self._tracker.state, self._story.is_gross
+        state, is_gross = self._tracker.state, self._slips.is_gross
         if is_gross and state not in ("sliding", "none"):
             return self._tracker.begin_sliding()
         return self._tracker.end_sliding() if state == "sliding" and not is_gross else None

@@ -1,14 +1,15 @@
 """Direction of a slip and its standard deviation, from a growth of shear.
 
-Shear grows along what moves the skin. On a skin that is sheared at an angle already that need not be where it
-slides: friction bears the sum. An object that is pulled more and more sets off along the sum of all pulls at
-the limit; one that a hand drags goes where it is dragged, and so does the skin. From the growth to the sum at
-the limit is the turn that is open, of which drags make a tenth and pulls two thirds or so; the direction
-stated is between, and its sigma reaches to both.
+Shear grows along the motion that loads the skin. On a skin that already bears shear at an angle to it, the
+slip may take another direction, because friction balances the sum of both. An object that is pulled harder
+and harder begins to slide along the sum of all pulls at the friction limit; one that is dragged by a hand
+follows the hand. The turn from the growth of shear to the sum at the limit is therefore uncertain: drags make
+about a tenth of it, pulls about two thirds. The stated direction lies between, and its standard deviation
+covers both.
 
-Besides, taxels spread (noise, unequal resistors), all bend alike, and a side that is relieved of what it
-carries says no more of the growth. There the other side may tell twice its own change: by how far the two
-differ, the direction is open.
+Further errors are included: the spread of the taxels (noise, unequal resistors), a common bend of all
+taxels, and relieved sides. A side that has lost its load no longer follows the growth. The opposite side may
+then have changed by twice as much, so the difference between the two adds to the uncertainty.
 """
 
 import math

@@ -1,26 +1,27 @@
-"""Detection of shear that grows over the whole array beyond noise, pressure and elastic play.
+"""Detection of shear that grows by more than noise, pressure and elastic deformation explain.
 
-Every ramp of `slip.filters` is tested at every scan; a ramp that passes all of these tests is evidence of
+Every ramp of `slip.filters` is tested at every scan. A ramp that passes all of these tests is evidence of
 slip:
 
 1. Likelihood ratio. The sum over x, y and turn of (output / its standard deviation)^2 is, under noise, a
-   chi-square variable with one degree of freedom an axis. Its threshold follows from the false alarms an hour
-   that the user allows, counting `_LOOKS_A_SCAN` independent looks a scan. What the ramp's standard deviation
-   is, the noise floor says (`slip.noise_floor`), octave by octave.
-2. Size. With the shear there already in its direction, the rise reaches `least_shear` of the pressure, and a
-   fifth of that by itself. A tenth of the contact slips when shear has
-   reached 15 % of what friction bears (Mindlin's curve at x = 0.1), which on the 2019 array is a shear over
-   pressure of 0.07 at friction 0.3 and of 0.25 at 0.9. Below, shear may grow and go with nothing slipping,
-   and no feature of the signal tells friction beforehand: this is the setting's trade of early against
-   sure. Back from shear that is there already it takes twice as much (Masing 1926: reversed, a loaded joint
-   follows its first curve doubled).
-3. Opposed. The rise is larger than what the pressure's rise over the same ramp can leak into it: `_COMMON`
-   of it by unequal resistors, and the shear there already, which goes with the pressure.
-4. News. It also passes the first test with the noise of the scans just before the ramp began: a hum that
-   swells, an arm that shakes and noise that grew at once are their own floor before the floor has followed.
-5. Shared. The taxels agree on it, and no few of many have it alone: a spike, a loose wire or a reading that
-   sticks is no slip of the contact.
-6. Lasting. It rises as much without what came and went within a scan: beside noise, a spike in the middle of
+   chi-square variable with one degree of freedom for each axis. Its threshold follows from the permitted
+   false alarms an hour, with `_LOOKS_A_SCAN` independent tests a scan. The standard deviations come from the
+   noise floor (`slip.noise_floor`), octave by octave.
+2. Size. Together with the shear already present in its direction, the rise reaches `least_shear` of the
+   pressure, and by itself a fifth of that. A tenth of the contact slips at a shear of 15 % of the friction
+   limit (Mindlin's curve at x = 0.1); on the 2019 array that is a shear over pressure of 0.07 at a friction
+   coefficient of 0.3, and of 0.25 at 0.9. Smaller changes of shear happen without any slip, and no feature
+   of the signal gives the friction coefficient beforehand: `least_shear` trades early against certain. A
+   rise against the shear already present must be twice as large (Masing 1926: on reversal, a loaded joint
+   follows its first curve, doubled).
+3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it: `_COMMON`
+   of it through unequal resistors, and the shear already present, which is proportional to pressure.
+4. New. The ramp also passes the first test with the noise of the scans just before it, so that a hum that
+   swells, an arm that shakes, and noise that grew suddenly are compared with themselves before the noise
+   floor has followed.
+5. Shared. The taxels agree on the rise, and it is not confined to a few of many: a spike, a loose wire or a
+   stuck reading is no slip of the contact.
+6. Lasting. The rise is as large without what came and went within one scan, because a spike in the middle of
    a ramp may look shared.
 """
 
@@ -46,7 +47,7 @@ _LOOKS_A_SCAN = 1.5
 # tilting load leaks more than an even one.
 _COMMON = 0.25
 _UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there is none
-# A rise along which pressure doubles is a press: at a slant, within what friction bears, shear grows with it.
+# A rise during which pressure doubles is a press; where it is oblique, shear grows with it without slip.
 _PRESS = 0.5
 # Of 1575 onsets of the physical families, seeds 1001 to 1006, at 0.3 to 10 mV, the least kept 0.90; of 16
 # that spikes raised in holds of the same seeds the most kept 0.69.
@@ -55,10 +56,10 @@ _NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, st
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
 _MEAN_OF_NORMAL = 0.798  # mean size over standard deviation
-# Levels that tell of the noise before a ramp; coarser ones still ring from loads that are over.
+# Levels that measure the noise before a ramp; coarser ones still respond to earlier loads.
 _FINE_LEVELS = 3
-# Of the taxels that are pressed by this part of the mean or more, a third must take part beyond the first:
-# what one shows alone, or two that share a spark, is a fault of their own.
+# Of the taxels that bear at least this part of the mean load, a third must take part beyond the first: a rise
+# of one taxel alone, or of two that share a disturbance, is a fault of those taxels.
 _LOADED, _TAKE_PART = 0.25, 1 / 3
 
 
@@ -111,25 +112,25 @@ class ShearEvidence:
         self._normal_weights = array.normal_weights()
         self._chance = noise_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
         self._least = least_shear
-        self._stretches = ResponseSegmenter(array, rate_hz, self._fits)
-        self._filters = self._stretches.filters
+        self._segmenter = ResponseSegmenter(array, rate_hz, self._fits)
+        self._filters = self._segmenter.filters
         self.window, self.longest = self._filters.window, self._filters.longest
-        self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
+        self._ramp_sd = self._filters.ramp_sd(self._segmenter.axes_sd)
 
     @property
     def taxels(self) -> NDArray[np.bool_]:
         """Taxels (taxels,) included in the response now."""
-        return self._stretches.taxels
+        return self._segmenter.taxels
 
     @property
     def weights(self) -> FloatArray:
         """Weights (7, channels) from readings to the response."""
-        return self._stretches.weights
+        return self._segmenter.weights
 
     @property
     def even(self) -> FloatArray:
         """Response (7,) of an even pressure of 1."""
-        return self._stretches.even
+        return self._segmenter.even
 
     @property
     def threshold(self) -> float:
@@ -137,9 +138,9 @@ class ShearEvidence:
         axes = int((motion(self.weights.T) != 0).any(axis=0).sum())
         return _threshold(self._chance, max(1, axes))
 
-    def stretches(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
-        """Take in the scans of a block, each of which must be learnt from before the next stretch."""
-        return self._stretches.cut(held)
+    def segments(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
+        """Take in the scans of a block, each of which must be learnt from before the next segment."""
+        return self._segmenter.cut(held)
 
     def _fits(self, rises: FloatArray, now: FloatArray) -> NDArray[np.bool_]:
         rise = rises[:, :AXES]
@@ -157,34 +158,34 @@ class ShearEvidence:
             & (rises[:, AXES] <= _PRESS * pressure)
         )
 
-    def growth(self, stretch: TaxelSetSegment, scan: int, since: int, least: float) -> ShearGrowth | None:
+    def growth(self, segment: TaxelSetSegment, scan: int, since: int, least: float) -> ShearGrowth | None:
         """Return the growth of shear at a scan of a segment, or None.
 
         Parameters
         ----------
-        stretch : TaxelSetSegment
+        segment : TaxelSetSegment
         scan : int
         since : int
             Number of newest scans that may count; earlier ones were reported.
         least : float
             Least rise, in steps.
         """
-        fits = stretch.fits[scan] & (self._filters.lengths + N_BASELINE <= since)
+        fits = segment.fits[scan] & (self._filters.lengths + N_BASELINE <= since)
         if not fits.any():
             return None
-        rises = stretch.rises[scan]
+        rises = segment.rises[scan]
         fits &= _size(rises[np.newaxis, :AXES])[0] >= least
-        power = stretch.ramps[scan] ** 2
+        power = segment.ramps[scan] ** 2
         statistic = np.where(fits, (power / self._ramp_sd**2).sum(axis=0), 0.0)
         threshold = self.threshold
         if statistic.max() < threshold:
             return None
-        sd = np.maximum(self._filters.ramp_sd(self._noise_before(stretch, scan)), self._ramp_sd)
+        sd = np.maximum(self._filters.ramp_sd(self._noise_before(segment, scan)), self._ramp_sd)
         statistic = np.where(fits, (power / sd**2).sum(axis=0), 0.0)
         best = int(np.argmax(statistic))
         if statistic[best] < threshold:
             return None
-        seen = stretch.seen[scan : scan + self.window]
+        seen = segment.seen[scan : scan + self.window]
         scans = int(self._filters.lengths[best])
         # A ramp laid through a swing is a fifth steeper than the swing is high.
         if least > 0 and _size(moved(seen[-1 - scans], seen[-1])[np.newaxis])[0] < least:
@@ -194,19 +195,19 @@ class ShearEvidence:
         if lasts @ is_of < _LASTS * (is_of @ is_of):
             return None
         rise = moved(seen[-1] - whole, seen[-1])
-        change = self._filters.rise(best, stretch.steps[scan : scan + self.window])
-        if not self.is_shared(rise, change, stretch.steps[scan + self.window - 1]):
+        change = self._filters.rise(best, segment.steps[scan : scan + self.window])
+        if not self.is_shared(rise, change, segment.steps[scan + self.window - 1]):
             return None
         return ShearGrowth(best, scans, rise, change, float(statistic[best]))
 
-    def _noise_before(self, stretch: TaxelSetSegment, scan: int) -> FloatArray:
+    def _noise_before(self, segment: TaxelSetSegment, scan: int) -> FloatArray:
         """Return the standard deviation (ramps, levels, 3) of the noise just before each ramp began."""
-        newest = len(stretch.details) - len(stretch.fits) + scan
+        newest = len(segment.details) - len(segment.fits) + scan
         before = newest - self._filters.lengths[:, np.newaxis] - np.arange(BEFORE_SCANS)
-        details = stretch.details[before, :AXES]
+        details = segment.details[before, :AXES]
         sizes = np.abs(details).mean(axis=1) / _MEAN_OF_NORMAL  # (ramps, 3, levels)
         sizes[..., _FINE_LEVELS:] = 0.0
-        return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._stretches.axes_sd))
+        return np.asarray(np.maximum(sizes.swapaxes(1, 2), self._segmenter.axes_sd))
 
     def without_skew(self, growth: ShearGrowth, delay: float, late: FloatArray) -> ShearGrowth:
         """Correct a growth for the sampling times `late` (channels,), in scans, within each taxel.
@@ -225,7 +226,7 @@ class ShearEvidence:
 
     def newest(self, n: int) -> FloatArray:
         """Return the last n readings (n, channels)."""
-        return self._stretches.newest(n)
+        return self._segmenter.newest(n)
 
     def shares(self, along: FloatArray, change: FloatArray) -> FloatArray:
         """Return the taxels' shares (taxels,) of a change of the readings (channels,) along a vector (3,)."""
@@ -254,14 +255,14 @@ class ShearEvidence:
         taking_part = total**2 / float(shares @ shares)
         return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
-    def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> None:
+    def learn(self, segment: TaxelSetSegment, row: int, *, disturbed: bool) -> None:
         """Update the noise floor by a scan of a segment; `disturbed` while a slip is active."""
-        if self._stretches.learn(stretch, row, disturbed=disturbed):
-            self._ramp_sd = self._filters.ramp_sd(self._stretches.axes_sd)
+        if self._segmenter.learn(segment, row, disturbed=disturbed):
+            self._ramp_sd = self._filters.ramp_sd(self._segmenter.axes_sd)
 
     def noise(self, along: FloatArray) -> float:
         """Return the standard deviation of a scan's response along a unit vector (3,)."""
-        part = along * self._stretches.axes_sd[0]
+        part = along * self._segmenter.axes_sd[0]
         return float(np.sqrt(part @ part))
 
 

@@ -1,4 +1,4 @@
-"""Causal filters on the array's response: a wavelet bank that knows the noise, ramps that find an onset.
+"""Causal filters on the array's response: ramps detect an onset, a wavelet bank measures the noise.
 
 Ramps. A response that begins to grow m scans ago is ``b + s k``, k = 0 over `N_BASELINE` scans before and
 1..m since. The least-squares slope s is one filter whose weights sum to zero, and with white noise of known
@@ -7,15 +7,17 @@ not grow" (Kay, Fundamentals of Statistical Signal Processing II, 1998, section 
 a half, so that any onset is within a quarter of some length; the ramp is one-sided, so the decision does not
 wait for a peak. Lengths from two scans to `_LONGEST_S` catch slopes from a jolt to a creep.
 
-Ramps decide, and not levels of coif1 on all channels: coif1 has two vanishing moments, so even growth is
-nothing to it but at its beginning. From the beginning of shear to the first event, median (and 95 %) of slips
-of the physical families at one false alarm an hour in noise of 0.3, 1, 3 and 10 mV: coif1 levels together
-10 (17), 14 (39), 22 (129), 27 (332) ms; ramps 12 (22), 12 (22), 14 (30), 19 (89) ms (`bench.slip_levels`).
+The decision uses ramps and not levels of coif1 on all channels: coif1 has two vanishing moments, so it
+responds to linear growth only at its beginning. Median (and 95 %) of the time from the beginning of shear to
+the first event, for slips of the physical families at one false alarm an hour in noise of 0.3, 1, 3 and
+10 mV: coif1 levels together 10 (17), 14 (39), 22 (129), 27 (332) ms; ramps 12 (22), 12 (22), 14 (30),
+19 (89) ms (`bench.slip.levels`).
 
 Bank. The coif1 levels of `wavelet` on the same response share the noise out by octaves: by the wavelet
 variance (Percival and Walden, Wavelet Methods for Time Series Analysis, 2000, section 8.3) the variance of
 any filter's output is the sum over octaves of its energy there times the noise's level there. White noise has
-one level; hum and drift have more where they are, and only filters that look there wait for more.
+the same level in all octaves; hum and drift have a higher one in theirs, which raises the threshold only of
+filters that respond there.
 
 Exactness. Responses are whole within 2^25. Taps are whole multiples of 2^-24 with absolute sums up to 9.14;
 ramps have whole weights with absolute sums below 2^28: every sum stays below 2^53.

@@ -1,9 +1,9 @@
 """Detection of a slip inside a gap, from the readings before and after it.
 
-While a contact holds, its shear stays what it was, or goes with the pressure where that changed. Shear that
-differs by more, after a gap in mid-contact, has come while nobody looked: by a slip, or by a load that did
-not slip, which no reading tells apart any more. Who controls a grip would rather have a hint too many than a
-slip too few: it is told, with an instant as uncertain as the gap is long, and half the confidence.
+While a contact holds, its shear is constant, or changes in proportion to the pressure. If the shear after a
+gap in mid-contact differs by more, either a slip or a load without slip happened inside the gap; readings
+cannot tell which. For a grasp controller a missed slip is worse than a false one, so a slip is reported, with
+a standard deviation of the onset of half the gap and with half the confidence.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.response import PRESSURE, motion
 
-LOOK_SCANS = 8  # averaged on either side
+LOOK_SCANS = 8  # averaged before and after the gap
 # Of shear over pressure: a tenth of the contact slips at a friction of 0.4, creep of a held load is far less.
 _LEAST = 0.1
 # Twice what `slip.evidence` asks of a rise: in a gap pressure and shear may have changed one after the other.

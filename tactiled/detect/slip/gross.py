@@ -1,13 +1,12 @@
-"""Slip after it became gross or its shear fell back: detection of its end, turn or renewed sticking.
+"""Track a gross slip, or a slip whose shear fell back, until it ends, turns or sticks again.
 
-While all slips, shear goes with pressure, so their ratio is followed, once it has come to rest at its
-limit. It drops when the motion ends with a recoil, turns back, or breaks away again; it grows when the skin
-sticks again under a growing load. What drops has ended, be it by recoil, by a load taken off or by turning
-back: that is known when there is shear the other way.
+During gross slip, shear is proportional to pressure, so the ratio of the two is followed once it is steady.
+The ratio drops when the motion ends with a recoil, reverses, or breaks away again. It grows when the skin
+sticks again under a growing load. Each drop ends the slip; shear of the opposite sign shows that it reversed.
 
-A skin that just stops keeps its shear: friction bears at rest what it bore in motion. No reading of a smooth
-plate changes (in the demo's scene none by 0.01 mV, and the rubber creeps on at 0.1 mV/s as before), so the
-slip is said to go on until the shear relaxes, moves again or lifts.
+A skin that stops without recoil keeps its shear, and no reading of a smooth plate changes (in the demo's
+scene, none by 0.01 mV; the rubber keeps creeping at 0.1 mV/s). The slip is therefore reported as continuing
+until the shear relaxes, changes again, or the contact lifts.
 """
 
 import math
@@ -35,7 +34,7 @@ class SlipDecision(NamedTuple):
 
     Attributes
     ----------
-    fate : str
+    outcome : str
         ``gross``: all of it slips. ``stalled``: shear stays, nothing slips. ``back``: shear falls, it has
         ended. ``again``: gross slip had ended, shear grows again. ``turned``: it goes on in another
         direction. After it fell back: ``reversed``, it slips the other way; ``again``; ``rests``.
@@ -44,7 +43,7 @@ class SlipDecision(NamedTuple):
     sd_scans : float
     """
 
-    fate: SlipOutcome
+    outcome: SlipOutcome
     at_index: float
     sd_scans: float
 

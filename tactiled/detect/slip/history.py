@@ -96,6 +96,6 @@ class ResponseHistory:
         means = motion(np.array([mean.row for mean in self._means]).reshape(-1, COLUMNS))[older]
         ago = np.concatenate([ages[older] + (self._each - 1) / 2, np.arange(len(recent) - 1.0, -1.0, -1.0)])
         sd = np.repeat([noise / np.sqrt(self._each), noise], [len(means), len(recent)])
-        course = np.concatenate([means, recent]) @ along
+        series = np.concatenate([means, recent]) @ along
         least = _BEGUN * float(seen[-1, PRESSURE])
-        return find_kink(ago, course, sd, min(float(longest), ago[0] - _LEVEL_SCANS), least)
+        return find_kink(ago, series, sd, min(float(longest), ago[0] - _LEVEL_SCANS), least)

@@ -1,17 +1,17 @@
 """Onset of growth of a response: mean and width of its posterior over instant and shape.
 
-A load that grows may do so evenly, or as any power of the time since: a pull swells, a slide gathers speed,
-a jerk does both. The skin answers what grows as x by Mindlin's curve, ``1 - (1 - x / X)^(3/2)`` (J. Appl.
-Mech. 16, 1949), straight at first and flat when all slips at X. Each instant, power and X is one
-least-squares fit with a free level and size, and its likelihood is ``exp(-residual / (2 variance))`` (Kay,
-Fundamentals of Statistical Signal Processing I, 1993, section 7.5); shapes are averaged over, not chosen.
+A load may grow in proportion to time or to any power of it: a pull swells, a slide accelerates. The skin
+responds to a travel x by Mindlin's curve, ``1 - (1 - x / X)^(3/2)`` (J. Appl. Mech. 16, 1949), which is
+straight at first and flat when all of the contact slips at X. For each instant, power and X, level and size
+are fitted by least squares; the likelihood is ``exp(-residual / (2 variance))`` (Kay, Fundamentals of
+Statistical Signal Processing I, 1993, section 7.5). Shapes are averaged over, not chosen.
 
-No real skin follows any such curve to the noise: one on nine taxels under unequal loads bends gradually, a
-divider bends it, an object on it rings. What readings differ from the shape is taken as a part of the rise
-beside the noise, so that readings near the beginning tell of it, and those far above hardly.
+Real skins differ from these curves: taxels under unequal loads bend gradually, the voltage divider bends the
+curve, and a held object rings. The difference is modelled as a part of the rise that adds to the noise, so
+that readings near the onset have more weight than those far above it.
 
-"Began" is where growth has reached a size that anyone would call one. A swelling load has no earlier
-beginning that a reading could show.
+The onset is where the growth becomes larger than zero in the fitted curve. A load that swells from zero has
+no earlier beginning that a reading could show.
 """
 
 from typing import NamedTuple
@@ -50,7 +50,7 @@ class KinkEstimate(NamedTuple):
 
 
 def find_kink(
-    ago: FloatArray, course: FloatArray, noise: FloatArray, longest: float, least: float
+    ago: FloatArray, series: FloatArray, noise: FloatArray, longest: float, least: float
 ) -> KinkEstimate:
     """Estimate the onset of growth of a response.
 
@@ -58,7 +58,7 @@ def find_kink(
     ----------
     ago : (n,) float64
         Scans before the newest, falling to 0; at least four.
-    course : (n,) float64
+    series : (n,) float64
         The response there.
     noise : (n,) float64
         Its standard deviation, more than 0.
@@ -68,13 +68,13 @@ def find_kink(
         How far it has risen when it has begun.
     """
     oldest = noise[:_LEVEL_READINGS] ** -2
-    risen = np.maximum(course - (oldest @ course[:_LEVEL_READINGS]) / oldest.sum(), 0.0)
+    risen = np.maximum(series - (oldest @ series[:_LEVEL_READINGS]) / oldest.sum(), 0.0)
     weights = 1 / (noise**2 + (_MISFIT * risen) ** 2)
     delays = np.geomspace(_LATEST, max(2.0, longest), _INSTANTS)
-    likely = np.flatnonzero(_likelihood(ago, course, weights, delays)[0].max(axis=(0, 1)) > _UNLIKELY)
+    likely = np.flatnonzero(_likelihood(ago, series, weights, delays)[0].max(axis=(0, 1)) > _UNLIKELY)
     first, last = delays[max(likely[0] - 1, 0)], delays[min(likely[-1] + 1, _INSTANTS - 1)]
     delays = np.linspace(first, last, min(_INSTANTS, 2 + int((last - first) / _FINEST_STEP)))
-    likelihood, sizes = _likelihood(ago, course, weights, delays)
+    likelihood, sizes = _likelihood(ago, series, weights, delays)
     posterior = likelihood * _BEFOREHAND
     posterior /= posterior.sum()
     instants = np.maximum(delays * (1 - _reached(least / np.maximum(sizes, 1e-12))), 0.0)
@@ -85,14 +85,14 @@ def find_kink(
 
 
 def _likelihood(
-    ago: FloatArray, course: FloatArray, weights: FloatArray, delays: FloatArray
+    ago: FloatArray, series: FloatArray, weights: FloatArray, delays: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the likelihood of each shape and delay over the best, and the size of its initial rise.
 
     Both (powers, all slips, delays). A fall explains nothing.
     """
     total_weight = float(weights.sum())
-    centred = course - weights @ course / total_weight
+    centred = series - weights @ series / total_weight
     since = np.maximum(1 - ago / delays[:, np.newaxis], 0.0)  # in delays
     shape = (len(_POWERS), len(_ALL_SLIPS), len(delays))
     explained, sizes = np.empty((2, *shape))
@@ -107,7 +107,7 @@ def _likelihood(
             explained[k, i], sizes[k, i] = overlap**2 / energy, overlap / energy
     best = float(explained.max())
     # Where no shape fits, what is left is no white noise, but its size bounds what can be told.
-    excess = (float(weights @ centred**2) - best) / max(len(course) - _PARAMETERS, 1)
+    excess = (float(weights @ centred**2) - best) / max(len(series) - _PARAMETERS, 1)
     return np.exp((explained - best) / (2 * max(1.0, excess))), sizes
 
 

@@ -1,16 +1,16 @@
 """Phases of a slip after its onset: incipient, gross, ended or reversed.
 
-Shear that grows is answered by Mindlin's curve (Mindlin, J. Appl. Mech. 16, 1949: the tangential force on a
-ball rises as ``1 - (1 - x)^(3/2)`` with the travel x): steep at first, flat when everything slips. A pull on
-a held object rises as it likes and then stays at what friction bears. Either way gross slip is where the
-response stops following the motion: its slope falls to `_FLAT` of the steepest slope. At x = 0.9, where nine
+Under a growing travel x, shear follows Mindlin's curve (J. Appl. Mech. 16, 1949: the tangential force on a
+ball rises as ``1 - (1 - x)^(3/2)``): steep at first, flat when all of the contact slips. A pull on a held
+object rises in any way and then stays at the friction limit. In both cases, gross slip is where the response
+stops following the motion: its slope falls to `_FLAT` of the steepest slope. At x = 0.9, where nine
 tenths slip, Mindlin's slope is 0.32 of that at the start.
 
 A load that stops growing below the friction limit has the same shape. Three criteria distinguish it: little
 shear over pressure is no gross slip on any likely surface; pressure that came with the shear and stops with
-it is a load; and the taxels' shares of the shear differ (`slip.friction_limit`). A response that falls back at once is
-a load that is removed; one that falls much faster than it rose has broken away (stick-slip). `slip.gross`
-follows the slip from there.
+it is a load; and the taxels' shares of the shear differ (`slip.friction_limit`). A response that falls back at
+once is a load that is removed; one that falls much faster than it rose has broken away (stick-slip).
+`slip.gross` follows the slip from there.
 """
 
 import functools
@@ -179,10 +179,10 @@ class SlipPhaseTracker:
         if isinstance(self._after, RecoilTracker):
             return self._after.step(index, shear / pressure, level, noise)
         slope = self._risen(self._trend(seen, self._least_line))
-        verdict = self._after.step(index, (x, y, turn), level, slope, noise)
-        if verdict is not None and verdict.fate == "back":
+        decision = self._after.step(index, (x, y, turn), level, slope, noise)
+        if decision is not None and decision.outcome == "back":
             self._after = self._after.recoil(index, level)
-        return verdict
+        return decision
 
     def _step_incipient(
         self, index: int, seen: FloatArray, steps: FloatArray, shear: float, pressure: float, noise: float

@@ -45,7 +45,7 @@ class ScanEvidence:
     array : Array
     evidence : ShearEvidence
     block : ScanBlock
-    stretch : TaxelSetSegment
+    segment : TaxelSetSegment
         Segment of the block that holds the scan.
     row : int
         Row of the scan in the segment.
@@ -65,15 +65,15 @@ class ScanEvidence:
         array: Array,
         evidence: ShearEvidence,
         block: ScanBlock,
-        stretch: TaxelSetSegment,
+        segment: TaxelSetSegment,
         row: int,
         index: int,
     ) -> None:
         self._array, self._evidence, self._block = array, evidence, block
         self.index = index
-        self.scan = stretch.scans.start + row
-        self.seen = stretch.seen[row : row + evidence.window]
-        self.steps = stretch.steps[row : row + evidence.window]
+        self.scan = segment.scans.start + row
+        self.seen = segment.seen[row : row + evidence.window]
+        self.steps = segment.steps[row : row + evidence.window]
 
     @property
     def time_s(self) -> float:

@@ -1,15 +1,17 @@
 """Segments of scans with a constant set of taxels, and their filtered responses.
 
-A taxel counts while all its channels are good, and were for as long as the filters see: a reading that is
-missing or stuck (`slip.stuck_channels`) takes its taxel along. So does noise: of white noise of their own the mean
-over n taxels has ``sum sd^2 / n^2``, and one with five times the noise of the others alone doubles that of
-nine. Weights by noise would gain little more and bend the response, of which each taxel is an equal part.
+A taxel is used while all its channels have been good for the length of the filters: a missing or stuck
+reading (`slip.stuck_channels`) excludes its taxel. So does noise. The mean over n taxels with independent
+noise has the variance ``sum sd^2 / n^2``; one taxel with five times the noise of the others nearly doubles
+the standard deviation of the mean of nine. Weights by noise would gain little more, and would distort the
+response, to which all taxels contribute equally.
 
 Each channel has its own noise floor, from the coif1 levels of all channels; so has each axis, from its own.
-Channels' floors alone would take noise that they share (a reference, a cable, a hum) for independent and
-call it slip; axes' floors alone cannot tell which channel is noisy, nor what noise is left without it, nor
-noise that grew at once from motion. Motion and pressure add up along an axis, noise of each channel's own
-does not: where channels say that it grew and axes have no more than that makes, all floors grow at once.
+With the floors of the channels alone, noise that they share (a reference, a cable, a hum) would pass as
+independent, and be reported as slip. The floors of the axes alone cannot show which channel is noisy, what
+noise is left without it, or whether a sudden increase is noise or motion. Motion and pressure add up along an
+axis; independent noise of the channels does not. Where the channels' floors have grown, and those of the axes
+by no more than that explains, all floors are raised at once.
 """
 
 import itertools
@@ -30,7 +32,7 @@ Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
 _COMMON = AXES + 1  # axes of motion, and pressure
 BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip.evidence`)
-# Taxels are chosen anew so often: noise is known after some groups, and each choice cuts a stretch.
+# Interval of choosing the taxels: the noise is known after some groups, and each choice begins a segment.
 _CHOOSE_SCANS = 4 * GROUP_SCANS
 _NOISY, _QUIET_AGAIN = 5.0, 3.0
 # Less is followed soon enough; and times what noise of channels makes of four axes: in groups of white noise
@@ -49,7 +51,7 @@ class TaxelSetSegment:
     scans : slice
         Scans of the block.
     jump : (7,) float64
-        By which the response at one and the same scan differs from that of the stretch before.
+        Difference of the response at one and the same scan from that of the segment before.
     steps : (window - 1 + n, channels) float64
     seen : (window - 1 + n, 7) float64
         Responses of these readings.
@@ -134,7 +136,7 @@ class ResponseSegmenter:
         for a, b in itertools.pairwise(bounds):
             if (first + a) % _CHOOSE_SCANS == 0:
                 self._find_noisy(clean[a])
-            yield self._stretch(slice(a, b), held.steps[a:b], clean[a] & ~self._noisy, channels[a:b])
+            yield self._segment(slice(a, b), held.steps[a:b], clean[a] & ~self._noisy, channels[a:b])
 
     def _clean(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the taxels (n, taxels) whose channels are valid over the whole filter window."""
@@ -155,7 +157,7 @@ class ResponseSegmenter:
         """Return the last n readings (n, channels)."""
         return self._steps[-n:].copy()
 
-    def _stretch(
+    def _segment(
         self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
     ) -> TaxelSetSegment:
         jump = np.zeros(self.weights.shape[0])
@@ -185,10 +187,10 @@ class ResponseSegmenter:
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
         return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
 
-    def learn(self, stretch: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
+    def learn(self, segment: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
         """Update the noise floor by a scan of a segment; return True if a group of scans is complete."""
-        common = stretch.details[len(stretch.details) - len(stretch.channels) + row]
-        if not self._floor.take(np.concatenate([common, stretch.channels[row]]), disturbed):
+        common = segment.details[len(segment.details) - len(segment.channels) + row]
+        if not self._floor.take(np.concatenate([common, segment.channels[row]]), disturbed):
             return False
         newest = self._floor.newest
         grew = np.median((newest / self._floor.sd)[:, _COMMON:], axis=1)

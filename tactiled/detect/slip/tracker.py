@@ -33,7 +33,7 @@ class _TrackedSlip(NamedTuple):
     """Slip with its newest onset event, its phase tracker and the statistic that raised it."""
 
     event: SlipEvent
-    course: SlipPhaseTracker
+    phases: SlipPhaseTracker
     statistic: float
 
 
@@ -67,8 +67,8 @@ class SlipTracker:
         self._reported_until = 0  # scans up to this one were reported, or had no contact
         self._swings = SwingHistory(rate_hz)
         self._shake: ShakeTracker | None = None  # sustained shaking, reported as one slip
-        self._beneath: ShakeTracker | None = None  # swings that are not reported
-        self._past = ResponseHistory(rate_hz, evidence.longest)
+        self._unreported: ShakeTracker | None = None  # swings that are not reported
+        self._history = ResponseHistory(rate_hz, evidence.longest)
 
     @property
     def is_gross(self) -> bool:
@@ -79,8 +79,8 @@ class SlipTracker:
         """Correct all kept responses for a change of the taxel set, by which the response jumps by (7,)."""
         for slip in (self._slip, self._recoil):
             if slip is not None:
-                slip.course.shift(jump, self._evidence.taxels)
-        self._past.shift(jump)
+                slip.phases.shift(jump, self._evidence.taxels)
+        self._history.shift(jump)
 
     def cut_off(self, time_s: float) -> list[SlipEvent]:
         """Return the end of an active slip cut off by a gap, marked as not valid."""
@@ -91,41 +91,41 @@ class SlipTracker:
     def lift(self, now: ScanEvidence) -> list[SlipEvent]:
         """Process a scan without contact; an active slip ends."""
         self._reported_until = now.index
-        self._recoil = self._shake = self._beneath = None
-        self._past.forget()
+        self._recoil = self._shake = self._unreported = None
+        self._history.forget()
         return [] if self._slip is None else [self._end(now, now.time_s)]
 
     def look(
-        self, now: ScanEvidence, stretch: TaxelSetSegment, row: int, *, is_sure: bool
+        self, now: ScanEvidence, segment: TaxelSetSegment, row: int, *, is_sure: bool
     ) -> list[SlipEvent]:
         """Process a scan in contact; `is_sure` is True if the beginning of the contact was observed.
 
         With a mean pressure of zero or less there is no load: the scan is kept but not evaluated.
         """
-        self._past.take(now.seen[-1])
+        self._history.take(now.seen[-1])
         if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
             return self._look_back(self._before, now)
         if now.seen[-1, PRESSURE] <= 0:
             return []  # no load, or no valid taxel: shear over pressure is undefined in this scan
         if self._shake is not None:
-            return self._go_on(self._shake, now)
+            return self._follow_shake(self._shake, now)
         if (slip := self._slip or self._recoil) is not None:
-            noise = self._evidence.noise(slip.course.along)
-            verdict = slip.course.step(now.index, now.seen, now.steps, noise)
-            if verdict is None:
+            noise = self._evidence.noise(slip.phases.along)
+            decision = slip.phases.step(now.index, now.seen, now.steps, noise)
+            if decision is None:
                 return []
-            return self._turn_back(verdict, now) if slip is self._recoil else self._conclude(verdict, now)
+            return self._apply_recoil(decision, now) if slip is self._recoil else self._apply(decision, now)
         if self._is_outgrown(now):
-            return self._outgrow(now, self._evidence.threshold)
+            return self._begin_outgrown(now, self._evidence.threshold)
         since, pressure = now.index - self._reported_until, float(now.seen[-1, PRESSURE])
-        growth = self._evidence.growth(stretch, row, since, 0.0)
+        growth = self._evidence.growth(segment, row, since, 0.0)
         if growth is None:
             return []
         least = self._swings.least(now.index)
-        if least > 0 and self._evidence.growth(stretch, row, since, least * pressure) is None:
+        if least > 0 and self._evidence.growth(segment, row, since, least * pressure) is None:
             self._swings.go_on(now.index)
-            if self._beneath is None:
-                self._beneath = self._swinging(now, least)
+            if self._unreported is None:
+                self._unreported = self._swinging(now, least)
             return []
         return [self._onset(growth, now, is_sure)]
 
@@ -142,13 +142,13 @@ class SlipTracker:
 
     def _is_outgrown(self, now: ScanEvidence) -> bool:
         """Return True if shear exceeds the unreported swings; as noise they would hide it."""
-        if self._beneath is None:
+        if self._unreported is None:
             return False
         noise = self._evidence.noise(unit(now.shear)) / float(now.seen[-1, PRESSURE])
-        if self._beneath.rests(now.index, now.shear, noise):
-            self._beneath = None
+        if self._unreported.rests(now.index, now.shear, noise):
+            self._unreported = None
             return False
-        return self._beneath.is_outgrown(now.index, now.shear)
+        return self._unreported.is_outgrown(now.index, now.shear)
 
     def _look_back(self, before: PreGapReadings, now: ScanEvidence) -> list[SlipEvent]:
         """Return the onset of a slip inside a gap, found `LOOK_SCANS` scans after the gap."""
@@ -157,14 +157,16 @@ class SlipTracker:
         if moved is None:
             return []
         half = moved.gap_s * self._rate_hz / 2
-        kink, said = (
+        kink, description = (
             KinkEstimate(LOOK_SCANS - 1 + half, half),
             now.describe_change(moved.along, moved.change).with_half_confidence(),
         )
-        return [self._begin(now, moved.along, kink, said, moved.size / (2 * half), moved.statistic, before)]
+        return [
+            self._begin(now, moved.along, kink, description, moved.size / (2 * half), moved.statistic, before)
+        ]
 
     @property
-    def happens(self) -> bool:
+    def is_active(self) -> bool:
         """True while a slip is active or recoiling, so that the noise floor is frozen."""
         return self._slip is not None or self._recoil is not None
 
@@ -172,34 +174,34 @@ class SlipTracker:
         size = float(np.sqrt((growth.rise**2).sum()))
         along = growth.rise / size
         known, noise = now.index - self._reported_until, self._evidence.noise(along)
-        kink = self._past.began(now.seen, growth.scans, known, along, noise)
+        kink = self._history.began(now.seen, growth.scans, known, along, noise)
         growth = now.without_skew(growth, kink.delay_scans)
         along = unit(growth.rise)
-        said = now.describe_change(along, growth.change)
-        said = said if is_sure else said.with_half_confidence()
-        return self._begin(now, along, kink, said, size / growth.scans, growth.statistic)
+        description = now.describe_change(along, growth.change)
+        description = description if is_sure else description.with_half_confidence()
+        return self._begin(now, along, kink, description, size / growth.scans, growth.statistic)
 
     def _begin(
         self,
         now: ScanEvidence,
         along: FloatArray,
         kink: KinkEstimate,
-        said: SlipDescription,
+        description: SlipDescription,
         slope: float,
         statistic: float,
         before: PreGapReadings | None = None,
     ) -> SlipEvent:
         """Begin a slip and return its onset; `before` is set if a gap hid it."""
         onset_s = now.time_s + now.skew_s(along) - kink.delay_scans / self._rate_hz
-        event = slip_events.onset(now, onset_s, kink, said, self._evidence, statistic)
-        start = self._past.at(now.seen, kink.delay_scans)
+        event = slip_events.onset(now, onset_s, kink, description, self._evidence, statistic)
+        start = self._history.at(now.seen, kink.delay_scans)
         limit = now.limit(kink.delay_scans)
         if before is not None:
             start, limit = (
                 self._evidence.weights @ before.readings,
                 FrictionLimitTest.unobserved(len(before.readings)),
             )
-        course = SlipPhaseTracker(
+        phases = SlipPhaseTracker(
             along,
             start,
             self._evidence.even,
@@ -211,43 +213,43 @@ class SlipTracker:
             gross=self._gross_shear,
             limit=limit,
         )
-        course.look_back(now.steps)
-        self._slip = _TrackedSlip(event, course, statistic)
-        self._beneath = None
+        phases.look_back(now.steps)
+        self._slip = _TrackedSlip(event, phases, statistic)
+        self._unreported = None
         self._swings.begin(now.index)
         return event
 
-    def _conclude(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
+    def _apply(self, decision: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
         """Return the events of a decision on the active slip."""
         assert self._slip is not None
-        along = self._slip.course.along
-        since = now.index - verdict.at_index
+        along = self._slip.phases.along
+        since = now.index - decision.at_index
         at_s = now.time_s + now.skew_s(along) - since / self._rate_hz
-        if verdict.fate == "gross":
-            return [self._deepen(verdict, now, at_s)]
+        if decision.outcome == "gross":
+            return [self._become_gross(decision, now, at_s)]
         slip, was_gross = self._slip, self._slip.event.kind == "gross"
-        excursion = slip.course.excursion(now.seen[-1])
+        excursion = slip.phases.excursion(now.seen[-1])
         if self._swings.are_many:
             self._shake = ShakeTracker(now.index, now.shear, excursion, self._rate_hz, self._least_shear)
             return []
-        if verdict.fate == "back":
+        if decision.outcome == "back":
             self._recoil = slip
-        if verdict.fate == "back" and not was_gross:
+        if decision.outcome == "back" and not was_gross:
             self._swings.record_swing(excursion, now.index)
         events = [self._end(now, at_s)]
-        self._reported_until = int(verdict.at_index)
-        if verdict.fate in ("again", "turned"):
+        self._reported_until = int(decision.at_index)
+        if decision.outcome in ("again", "turned"):
             # Friction points along the motion: in a gross slip that goes on, all of the response does.
-            goes_on = was_gross and verdict.fate == "turned"
+            goes_on = was_gross and decision.outcome == "turned"
             towards = unit(now.shear) if goes_on else now.along(since)
-            events += self._resume(verdict, now, towards, slip.statistic)
+            events += self._resume(decision, now, towards, slip.statistic)
         return events
 
-    def _go_on(self, shake: ShakeTracker, now: ScanEvidence) -> list[SlipEvent]:
+    def _follow_shake(self, shake: ShakeTracker, now: ScanEvidence) -> list[SlipEvent]:
         """Process a scan during sustained shaking."""
         assert self._slip is not None
         shear, slip = now.shear, self._slip
-        noise = self._evidence.noise(slip.course.along) / float(now.seen[-1, PRESSURE])
+        noise = self._evidence.noise(slip.phases.along) / float(now.seen[-1, PRESSURE])
         is_outgrown = shake.is_outgrown(now.index, shear)
         if not is_outgrown and not shake.rests(now.index, shear, noise):
             return []
@@ -256,41 +258,41 @@ class SlipTracker:
         self._reported_until = int(now.index - since)
         self._swings.record_swing(shake.largest, now.index)
         events = [self._end(now, now.time_s - since / self._rate_hz)]
-        return events + self._outgrow(now, slip.statistic) if is_outgrown else events
+        return events + self._begin_outgrown(now, slip.statistic) if is_outgrown else events
 
-    def _outgrow(self, now: ScanEvidence, statistic: float) -> list[SlipEvent]:
+    def _begin_outgrown(self, now: ScanEvidence, statistic: float) -> list[SlipEvent]:
         """Return the onset of a slip that exceeds the swings before it."""
         since = OUTGROWS_S * self._rate_hz
-        verdict = SlipDecision("again", now.index - since, since / 2)
-        return self._resume(verdict, now, now.along(since), statistic)
+        decision = SlipDecision("again", now.index - since, since / 2)
+        return self._resume(decision, now, now.along(since), statistic)
 
-    def _turn_back(self, verdict: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
+    def _apply_recoil(self, decision: SlipDecision, now: ScanEvidence) -> list[SlipEvent]:
         """Return the events of a decision on a slip whose shear fell back."""
         assert self._recoil is not None
         recoil, self._recoil = self._recoil, None
         was_gross = recoil.event.kind == "gross"
-        self._reported_until = int(verdict.at_index)
-        if verdict.fate == "rests":
+        self._reported_until = int(decision.at_index)
+        if decision.outcome == "rests":
             if not was_gross:  # a swing goes from one end to the other
-                self._swings.record_swing(recoil.course.swing(now.seen[-1]), now.index)
+                self._swings.record_swing(recoil.phases.swing(now.seen[-1]), now.index)
             return []
-        return self._resume(verdict, now, now.along(now.index - verdict.at_index), recoil.statistic)
+        return self._resume(decision, now, now.along(now.index - decision.at_index), recoil.statistic)
 
     def _resume(
-        self, verdict: SlipDecision, now: ScanEvidence, along: FloatArray, statistic: float
+        self, decision: SlipDecision, now: ScanEvidence, along: FloatArray, statistic: float
     ) -> list[SlipEvent]:
         """Return the onset of a slip that directly follows another."""
-        since = now.index - verdict.at_index
+        since = now.index - decision.at_index
         size = float(np.sqrt((motion(now.seen[-1] - now.seen[now.ago(since)]) ** 2).sum()))
         if not along.any() or size == 0:
             return []
-        said = now.describe_change(along, now.changed(since))
-        kink = KinkEstimate(since, max(verdict.sd_scans, 1.0))
-        return [self._begin(now, along, kink, said, size / max(since, 1.0), statistic)]
+        description = now.describe_change(along, now.changed(since))
+        kink = KinkEstimate(since, max(decision.sd_scans, 1.0))
+        return [self._begin(now, along, kink, description, size / max(since, 1.0), statistic)]
 
-    def _deepen(self, verdict: SlipDecision, now: ScanEvidence, gross_s: float) -> SlipEvent:
+    def _become_gross(self, decision: SlipDecision, now: ScanEvidence, gross_s: float) -> SlipEvent:
         assert self._slip is not None
-        event = slip_events.gross(self._slip.event, now, gross_s, verdict.sd_scans)
+        event = slip_events.gross(self._slip.event, now, gross_s, decision.sd_scans)
         self._slip = self._slip._replace(event=event)
         return event
 

@@ -145,7 +145,7 @@ def alarms_per_hour(allowed: float, smooth: float, scans: int, seed: int) -> flo
             row += smooth * state
             state = row.copy()
         held = HeldReadings(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_))
-        for stretch in evidence.stretches(held):
+        for stretch in evidence.segments(held):
             for row in range(len(stretch.fits)):
                 if index > 400 and evidence.growth(stretch, row, 10**6, 0.0) is not None:
                     alarms += index - last > 30  # one noise, one alarm
@@ -323,8 +323,8 @@ def follow(shear: FloatArray, *, noise: float = 0.0, seed: int = 0) -> list[tupl
     fates: list[tuple[str, float, int]] = []
     for index in range(205, len(rows)):
         if verdict := course.step(index, rows[index - 155 : index + 1], readings, noise * np.sqrt(2)):
-            fates.append((verdict.fate, verdict.at_index - 200, index - 200))
-            if verdict.fate not in ("gross", "back"):
+            fates.append((verdict.outcome, verdict.at_index - 200, index - 200))
+            if verdict.outcome not in ("gross", "back"):
                 break
     return fates
 
@@ -393,7 +393,7 @@ def test_ramps_have_a_baseline_of_their_own() -> None:
     steps = np.full((120, ARRAY.n_channels), 1e6)
     steps += 1e5 * np.clip((np.arange(120)[:, np.newaxis] - 60) / 5, 0, 1) * shown(20.0)
     grown = {}
-    for stretch in evidence.stretches(HeldReadings(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
+    for stretch in evidence.segments(HeldReadings(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
         for scan, since in ((64, 64), (90, 90), (90, 90 - 66), (64, N_BASELINE + 1)):
             if stretch.scans.start <= scan < stretch.scans.stop:
                 grown[scan, since] = evidence.growth(stretch, scan - stretch.scans.start, since, 0.0)
