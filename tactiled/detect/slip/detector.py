@@ -49,8 +49,8 @@ from tactiled.tomlfile import Params
 # Other channels have other scales, for which no size indicates gross slip.
 _GROSS_OF_PAIRS = 0.45
 # Tangential load moves the centre of load of a pad without shear channels by the pad's height: 1.3 mm, over
-# taxels that are about 4 mm from the middle. That is 0.3 times the ratio of the loads, a sixth of what resistor
-# pairs show.
+# taxels that are about 4 mm from the middle. That is 0.3 times the ratio of the loads, a sixth of what
+# resistor pairs show.
 _LOAD_MOVES = 1 / 6
 _UNSEEN = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
 _PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks

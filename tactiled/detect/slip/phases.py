@@ -8,8 +8,8 @@ tenths slip, Mindlin's slope is 0.32 of that at the start.
 
 A load that stops growing below the friction limit has the same shape. Three criteria distinguish it: little
 shear over pressure is no gross slip on any likely surface; pressure that came with the shear and stops with
-it is a load; and the taxels' shares of the shear differ (`slip.friction_limit`). A response that falls back at
-once is a load that is removed; one that falls much faster than it rose has broken away (stick-slip).
+it is a load; and the taxels' shares of the shear differ (`slip.friction_limit`). A response that falls back
+at once is a load that is removed; one that falls much faster than it rose has broken away (stick-slip).
 `slip.gross` follows the slip from there.
 """
 

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable
 
-# Log odds of gross slip. Between two to one either way, the decision waits for `_WAIT_S`; then odds slightly
-# below even suffice. On the seeds that `slip.friction_limit` names, at 0.3 and 3 mV, 97 % of the slips are then
-# called gross (at even odds 94 %), and none of 46 loads below 0.8 of the limit. `./run bench slip` counts both
-# on other seeds.
+# Log odds of gross slip. Between two to one either way, the decision waits for `_WAIT_S`; then odds
+# slightly below even suffice. On the seeds that `slip.friction_limit` names, at 0.3 and 3 mV, 97 % of the
+# slips are then called gross (at even odds 94 %), and none of 46 loads below 0.8 of the limit. `./run bench
+# slip` counts both on other seeds.
 _SURE, _WAIT_S, _UNSURE = math.log(2), 0.08, -0.3
 # A shear that only stays is looked at anew when it has grown by more than this and noise: the last tenth of a
 # slow slip adds 0.03.
