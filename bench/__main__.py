@@ -14,6 +14,7 @@ from tactiled.progress import ProgressBar
 BENCHES = {
     "clock": "bench.daemon.clock",
     "faults": "bench.daemon.faults",
+    "latency": "bench.latency.bench",
     "soak": "bench.daemon.soak",
     "paper": "bench.paper.bench",
     "contact": "bench.contact.bench",
@@ -33,8 +34,9 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
-    cost and errors of each contact model. soak: days of board time, every frame accounted for. faults: faults
-    of line and board, done to a daemon on a pty. slip: detection latency and false alarms. texture: errors of
+    cost and errors of each contact model. latency: from a scan's last byte to a subscriber, beside a C
+    program. soak: days of board time, every frame accounted for. faults: faults of line and board, done to a
+    daemon on a pty. slip: detection latency and false alarms. texture: errors of
     groove estimates over the Cramer-Rao bound, and windows that break the model.
 
     Example: ./run bench slip --plot slip.png --json slip.json

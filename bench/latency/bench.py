@@ -1,0 +1,345 @@
+"""Latency of scans from the last byte to a subscriber, beside a C program that gets the same frames.
+
+Real processes: an emulated board, a relay that notes when it wrote each frame (`relay`), the daemon on one
+pty and the C program (`reference.c`) on another, and one subscriber of both (`listen`). The phases of the
+scene (untouched, held, sliding over grooves whose speed is not given) are compared in one run, because
+machines differ; the spread over repeats shows what the comparison is worth.
+"""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.report import Aim, BenchOptions, BenchReport, aims_table, judge, table
+from tactiled.array import FloatArray
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.phases import GroovedPlate
+from tactiled.emulator.scene.truth import Truth
+from tactiled.errors import OperatorError
+from tactiled.progress import ProgressBar
+from tactiled.wire.codec import Decoder
+from tactiled.wire.frames import Scan
+from tactiled.wire.layout import load_layout
+
+SCENE = str(Path(__file__).with_name("scene.toml"))
+PHASES = ("rest", "contact", "sliding")
+_REPEATS, _QUICK_REPEATS = 3, 1
+_START_S = 30.0  # a cold start of the interpreter on a busy machine
+# Left out at the beginning of each phase: the start of the processes, and the time until the first fit.
+_SETTLE_S = 3.0
+_TICKS_HZ = os.sysconf("SC_CLK_TCK")
+_LAYOUT = load_layout("board-v1")
+_ADC_VOLTS = 3.0 / 4096  # of the emulated board
+_CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
+
+
+@dataclass(frozen=True)
+class PhaseLatency:
+    """What was measured of one program in one phase of one run.
+
+    Attributes
+    ----------
+    latency_s : (scans,) float64
+        From writing the frame to the subscriber's receipt.
+    lost : int
+        Frames that no message answers.
+    cpu_part : float
+        Processor time over time.
+    """
+
+    latency_s: FloatArray
+    lost: int
+    cpu_part: float
+
+    def quantile_ms(self, q: float) -> float:
+        """Quantile of the latency in milliseconds."""
+        return 1e3 * float(np.quantile(self.latency_s, q))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: both programs by phase, and the daemon's own account."""
+
+    daemon: Mapping[str, PhaseLatency]
+    reference: Mapping[str, PhaseLatency]
+    loop_lag_s: Mapping[str, float]
+    fits_late: int
+
+    def ratio(self, phase: str, q: float) -> float:
+        """Quantile of the daemon's latency over that of the reference."""
+        return self.daemon[phase].quantile_ms(q) / self.reference[phase].quantile_ms(q)
+
+
+def bench_latency(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Measure the latency of both programs."""
+    repeats = _QUICK_REPEATS if options.quick else _REPEATS
+    runs = []
+    with tempfile.TemporaryDirectory(prefix="tactiled-latency-") as name:
+        reference = _compiled(Path(name))
+        for repeat in range(repeats):
+            progress.reach(repeat / repeats)
+            folder = Path(name) / str(repeat)
+            folder.mkdir()
+            runs.append(_run(folder, reference))
+    load, _, _ = os.getloadavg()
+    text = (
+        f"{repeats} runs; load average {load:.1f} on {os.cpu_count()} processors. Ratios "
+        "are within a run: median over the runs, and their range."
+    )
+    return BenchReport([text, _latency_table(runs), aims_table(AIMS, {"measured": runs})])
+
+
+def _compiled(folder: Path) -> Path:
+    """Compile the reference."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        raise OperatorError("bench latency needs a C compiler: sudo apt install gcc")
+    program = folder / "reference"
+    source = Path(__file__).with_name("reference.c")
+    subprocess.run([compiler, "-O2", "-Wall", "-Werror", "-o", program, source], check=True)
+    return program
+
+
+@contextmanager
+def _process(*command: str | Path, wait_for: str = "ready") -> Iterator[subprocess.Popen[str]]:
+    """Process that has printed a line with some words, ended at the end of the block."""
+    process = subprocess.Popen(
+        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None  # asked for above
+    try:
+        if wait_for and wait_for not in (line := process.stdout.readline()):
+            raise OperatorError(f"{command[0]} did not start: {line!r}")
+        yield process
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+
+def _run(folder: Path, reference: Path) -> Run:
+    """Play the scene once through both programs."""
+    board, daemon_link, reference_link = folder / "board", folder / "daemon", folder / "reference"
+    endpoint, port = f"ipc://{folder}/events", _free_port()
+    config = folder / "tactiled.toml"
+    config.write_text(_CONFIG.format(port=daemon_link, endpoint=endpoint))
+    relayed, heard = folder / "relayed", folder / "heard"
+    python = (sys.executable, "-m")
+    cpu: dict[str, list[tuple[float, float]]] = {"daemon": [], "reference": []}
+    end_s = scene_end_s()
+    with ExitStack() as stack:
+        stack.enter_context(_process(*python, "bench.latency.listen", endpoint, str(port), heard))
+        emulator = stack.enter_context(
+            _process(*python, "tactiled", "emulate", "--scene", SCENE, "--link", board, wait_for="")
+        )
+        _wait(board)
+        relay = stack.enter_context(
+            _process(*python, "bench.latency.relay", board, daemon_link, reference_link, relayed)
+        )
+        programs = {
+            "reference": stack.enter_context(_process(reference, reference_link, str(port))),
+            "daemon": stack.enter_context(
+                _process(*python, "tactiled", "run", "--config", config, wait_for="")
+            ),
+        }
+        start_s = _scene_start_s(emulator)
+        while time.monotonic() < start_s + end_s:
+            time.sleep(0.2)
+            for name, process in programs.items():
+                cpu[name].append((time.monotonic() - start_s, _cpu_s(process.pid)))
+        emulator.terminate()
+        relay.wait(10)
+    return matched(relayed, heard, start_s, cpu)
+
+
+def _wait(path: Path) -> None:
+    until_s = time.monotonic() + _START_S
+    while not path.exists():
+        if time.monotonic() > until_s:
+            raise OperatorError(f"{path} did not appear in {_START_S:g} s: is this machine too busy?")
+        time.sleep(0.02)
+
+
+def _scene_start_s(emulator: subprocess.Popen[str]) -> float:
+    """Time at which the emulated board began to play, host monotonic seconds."""
+    assert emulator.stdout is not None
+    for line in emulator.stdout:
+        if (said := json.loads(line))["what"] == "scene":
+            return float(said["t0_s"])
+    raise OperatorError("the emulated board ended before its scene began: was the daemon able to start it?")
+
+
+def scene_end_s() -> float:
+    """End of the last phase to be measured, in the scene's time."""
+    return max(span[1] for span in spans_of_phases())
+
+
+def spans_of_phases() -> list[tuple[float, float, str]]:
+    """Begin and end of each phase to be measured, in the scene's time."""
+    spans = []
+    truth = Truth(load_scene(SCENE))
+    starts = [phase.start_s for phase in truth.phases]
+    for phase, end_s in zip(truth.phases, [*starts[1:], truth.scene.duration_s], strict=True):
+        begin_s = phase.start_s + _SETTLE_S
+        kind = {"rest": "rest", "hold": "contact"}.get(phase.kind, "")
+        if phase.kind == "slide" and isinstance(phase.surface, GroovedPlate):
+            kind = "sliding"
+        if kind and end_s > begin_s:
+            spans.append((begin_s, end_s, kind))
+    return spans
+
+
+def _cpu_s(pid: int) -> float:
+    """Processor time of a process with all its threads (proc(5): utime and stime)."""
+    try:
+        values = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    except OSError:
+        return 0.0
+    return (int(values[11]) + int(values[12])) / _TICKS_HZ
+
+
+class _SentScan(NamedTuple):
+    """Scan that the relay passed on, and when it wrote it to each program."""
+
+    sequence: int
+    counts: bytes
+    written_s: Mapping[str, float]
+
+
+def matched(
+    relayed: Path, heard: Path, start_s: float, cpu: Mapping[str, Sequence[tuple[float, float]]]
+) -> Run:
+    """Match frames and messages of a run."""
+    decoder, sent = Decoder(_LAYOUT), list[_SentScan]()
+    for line in relayed.read_text().splitlines():
+        daemon_s, reference_s, octets = json.loads(line)
+        for frame in decoder.feed(bytes.fromhex(octets)):
+            if isinstance(frame, Scan):
+                times = {"daemon": daemon_s, "reference": reference_s}
+                sent.append(_SentScan(frame.sequence, frame.counts.tobytes(), times))
+    by_counts = {scan.counts: number for number, scan in enumerate(sent)}
+    by_sequence = {scan.sequence: number for number, scan in enumerate(sent)}
+    came: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
+    lags, fits_late = [], 0
+    for line in heard.read_text().splitlines():
+        time_s, said = json.loads(line)
+        if said["topic"] == "reference":
+            came["reference"][by_sequence[said["sequence"]]] = time_s
+        elif said["topic"] == "scan":
+            counts = np.rint(np.array(said["volts"]) / _ADC_VOLTS).astype(np.int64).tobytes()
+            if counts in by_counts:
+                came["daemon"][by_counts[counts]] = time_s
+        elif said["topic"] == "status":
+            lags.append((time_s - start_s, said["loop_lag_s"]))
+            fits_late = max(fits_late, said["fits_late"])
+    found: dict[str, dict[str, PhaseLatency]] = {"daemon": {}, "reference": {}}
+    lag: dict[str, float] = {}
+    for phase in PHASES:
+        spans = [(begin, end) for begin, end, kind in spans_of_phases() if kind == phase]
+        for program in found:
+            chosen = [
+                number
+                for number, scan in enumerate(sent)
+                if any(begin <= scan.written_s[program] - start_s < end for begin, end in spans)
+            ]
+            latencies = [came[program][n] - sent[n].written_s[program] for n in chosen if n in came[program]]
+            found[program][phase] = PhaseLatency(
+                np.array(latencies), len(chosen) - len(latencies), _cpu_part(cpu[program], spans)
+            )
+        lag[phase] = max(
+            (value for at_s, value in lags if any(begin <= at_s < end for begin, end in spans)), default=0.0
+        )
+    return Run(found["daemon"], found["reference"], lag, fits_late)
+
+
+def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[float, float]]) -> float:
+    """Processor time over time, within spans."""
+    times, used = np.array(samples).T
+    total_s = sum(end - begin for begin, end in spans)
+    used_s = sum(float(np.diff(np.interp([begin, end], times, used))[0]) for begin, end in spans)
+    return used_s / total_s
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _over_runs(values: Sequence[float], form: str) -> str:
+    return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
+def _latency_table(runs: Sequence[Run]) -> str:
+    rows = []
+    for phase in PHASES:
+        row = {"phase": phase}
+        for name in ("daemon", "reference"):
+            each: list[PhaseLatency] = [getattr(run, name)[phase] for run in runs]
+            label = "tactiled" if name == "daemon" else "C"
+            p50, p99, most = (
+                float(np.median([one.quantile_ms(q) for one in each])) for q in (0.5, 0.99, 1.0)
+            )
+            row[f"{label}: p50 / p99 / max"] = f"{p50:.2f} / {p99:.2f} / {most:.1f} ms"
+            row[f"{label}: processor"] = f"{100 * np.median([one.cpu_part for one in each]):.1f} %"
+            row[f"{label}: lost"] = str(sum(one.lost for one in each))
+        row["ratio of p50"] = _over_runs([run.ratio(phase, 0.5) for run in runs], ".1f")
+        row["ratio of p99"] = _over_runs([run.ratio(phase, 0.99) for run in runs], ".1f")
+        row["longest turn of the loop"] = f"{1e3 * max(run.loop_lag_s[phase] for run in runs):.1f} ms"
+        rows.append(row)
+    return table(rows)
+
+
+def _ratio_aim(phase: str, name: str, q: float, limit: float) -> Aim[Sequence[Run]]:
+    def measure(runs: Sequence[Run]) -> tuple[str, bool]:
+        values = [run.ratio(phase, q) for run in runs]
+        return _over_runs(values, ".1f"), bool(np.median(values) <= limit)
+
+    return Aim(
+        f"{name} of tactiled over C, {phase}", f"at most {limit:g}", lambda runs: judge(*measure(runs))
+    )
+
+
+def _longest_turn(runs: Sequence[Run]) -> tuple[str, bool]:
+    sliding = max(run.loop_lag_s["sliding"] for run in runs)
+    rest = max(run.loop_lag_s["rest"] for run in runs)
+    return f"{1e3 * sliding:.1f} ms, at rest {1e3 * rest:.1f} ms", sliding <= max(0.005, 3 * rest)
+
+
+AIMS = (
+    *(_ratio_aim(phase, "p50", 0.5, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
+    *(_ratio_aim(phase, "p99", 0.99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
+    Aim[Sequence[Run]](
+        "longest turn of the loop while sliding",
+        "5 ms, or 3 times that at rest",
+        lambda runs: judge(*_longest_turn(runs)),
+    ),
+    Aim[Sequence[Run]](
+        "scans lost",
+        "none",
+        lambda runs: judge(
+            str(lost := sum(one.lost for run in runs for one in run.daemon.values())), lost == 0
+        ),
+    ),
+    Aim[Sequence[Run]](
+        "groove fits late", "none", lambda runs: judge(str(late := sum(r.fits_late for r in runs)), late == 0)
+    ),
+)
