@@ -92,19 +92,19 @@ class DemoComparison:
         good = abs(error) <= allowed
         shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
         form = ".3f" if unit else "g"
-        said = f"{estimate:{form}} {unit}" if math.isfinite(estimate) else "none"
+        reported = f"{estimate:{form}} {unit}" if math.isfinite(estimate) else "none"
         self.rows.append(
             [
                 what,
                 f"{truth:{form}} {unit}",
-                said,
+                reported,
                 shown,
                 f"{allowed:.3g} {unit}",
                 "good" if good else "WRONG",
             ]
         )
         if not good:
-            self.wrong.append(f"{what}: {said.strip() if math.isfinite(estimate) else 'not reported'}")
+            self.wrong.append(f"{what}: {reported.strip() if math.isfinite(estimate) else 'not reported'}")
 
 
 def true_slides(truth: Truth) -> list[TrueSlip]:
@@ -148,12 +148,12 @@ def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) ->
             found = _nearest(onsets, kind, t0_s + true_s)
             if found is not None:
                 onsets.remove(found)
-            said_s = math.inf if found is None else found.onset_s - t0_s
-            out.add(f"{name}: {kind} at", true_s, said_s, MAX_ONSET_ERROR_S, "s")
-        said_deg = math.inf if found is None else found.direction_deg
+            found_s = math.inf if found is None else found.onset_s - t0_s
+            out.add(f"{name}: {kind} at", true_s, found_s, MAX_ONSET_ERROR_S, "s")
+        found_deg = math.inf if found is None else found.direction_deg
         true_deg = slide.direction_deg or 0.0
-        error = _turn_deg(said_deg - true_deg)
-        out.add(f"{name}: direction", true_deg, said_deg, MAX_DIRECTION_ERROR_DEG, "deg", error)
+        error = _turn_deg(found_deg - true_deg)
+        out.add(f"{name}: direction", true_deg, found_deg, MAX_DIRECTION_ERROR_DEG, "deg", error)
         if isinstance(slide.surface, GroovedPlate):
             own = [e for e in textures if slide.onset_s <= e.time_s - t0_s <= slide.end_s + 1.0]
             textures = [e for e in textures if e not in own]

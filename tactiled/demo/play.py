@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Empty, Queue
 from typing import IO, Any
@@ -32,11 +32,11 @@ from tactiled.plain_table import table
 from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 
-SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml, as the gripper that moves the finger would tell
+SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml; on a robot, the gripper knows it
 SCENE = "demo"
-LETS_GO = "slip on the spot: the shear that is left is let go"
+RELEASE = "slip without motion: the remaining shear is released"
 START_WITHIN_S = 60.0  # of each process; Python and its libraries take 6 s to start on a small loaded machine
-GRACE_S = 5.0  # for what is late: a queue that takes longer to empty is no queue but a host that is too slow
+GRACE_S = 5.0  # for scans that are late at the end; a longer backlog means that the host is too slow
 CONFIG = """\
 [port]
 url = "{link}"
@@ -102,9 +102,9 @@ def run_demo(picture: Path) -> bool:
         truth = Truth(load_scene(SCENE))
         slides = true_slides(truth)
         end_s = finds_end_s(slides, truth.scene.duration_s)
-        told = sorted(
+        true_events = sorted(
             [(phase.start_s, _phase_words(phase)) for phase in truth.phases]
-            + [(slip.onset_s, LETS_GO) for slip in truth.slips if slip.direction_deg is None]
+            + [(slip.onset_s, RELEASE) for slip in truth.slips if slip.direction_deg is None]
         )
         _await(lines, "subscriber", "the daemon's first status")
         _say("board: tactiled emulate --scene", SCENE, "--link", str(link))
@@ -121,16 +121,18 @@ def run_demo(picture: Path) -> bool:
                     seen.host.missed, seen.host.held_s = message["missed"], message["held_s"]
                 elif name == "subscriber":
                     _receive(message, unix_offset_s, seen)
-            while told and time.monotonic() >= t0_s + told[0][0]:
-                scene_s, words = told.pop(0)
+            while true_events and time.monotonic() >= t0_s + true_events[0][0]:
+                scene_s, words = true_events.pop(0)
                 _say(f"{scene_s:6.2f} s  true:", words)
             if not cut_short and time.monotonic() > t0_s + end_s + GRACE_S:
                 reached_s = seen.time_s[-1] - t0_s if seen.time_s else 0.0
                 cut_short = f"{GRACE_S:g} s after its end, scans had come of {reached_s:.1f} of {end_s:.1f} s"
-    return _judge(picture, seen, slides, t0_s, cut_short)
+    return _judge(picture, seen, truth, slides, t0_s, cut_short)
 
 
-def _judge(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: float, cut_short: str) -> bool:
+def _judge(
+    picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float, cut_short: str
+) -> bool:
     """Print the results; estimates are judged only if the host kept up with the board."""
     verdict = compare(slides, seen.events, t0_s)
     _say("host:", str(seen.host))
@@ -145,7 +147,7 @@ def _judge(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: fl
     if cut_short:
         _say(f"the demo was cut short: {cut_short}")
     if seen.time_s:
-        _draw(picture, seen, slides, t0_s)
+        _draw(picture, seen, truth, slides, t0_s)
         click.echo(f"\npicture: {picture}")
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
@@ -178,11 +180,11 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
     event = _event(topic, message, unix_offset_s)
     t0_s = time_s if seen.t0_s is None else seen.t0_s
     if topic == "contact":
-        _say(f"{time_s - t0_s:6.2f} s  said: contact", message["state"])
+        _say(f"{time_s - t0_s:6.2f} s  found: contact", message["state"])
     elif isinstance(event, SlipEvent):
         seen.events.append(event)
         words = f"slip {event.state}, {event.kind}, since {event.onset_s - t0_s:.2f} s"
-        _say(f"{event.detected_s - t0_s:6.2f} s  said: {words}", f"direction {event.direction_deg:.0f} deg")
+        _say(f"{event.detected_s - t0_s:6.2f} s  found: {words}", f"direction {event.direction_deg:.0f} deg")
     elif isinstance(event, TextureEvent):
         seen.events.append(event)
         words = (
@@ -191,7 +193,7 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
             if event.status == "ok"
             else ""
         )
-        _say(f"{event.answered_s - t0_s:6.2f} s  said: texture {event.status}", words)
+        _say(f"{event.answered_s - t0_s:6.2f} s  found: texture {event.status}", words)
 
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
@@ -210,13 +212,20 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
     return None
 
 
-def _draw(picture: Path, seen: DemoRecord, slides: Sequence[TrueSlip], t0_s: float) -> None:
-    shown = KnownTruth(onsets_s=tuple(t0_s + slide.onset_s for slide in slides))
+def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float) -> None:
+    shear_s = [phase.start_s for phase in truth.phases if phase.kind == "slide"]
+    shown = KnownTruth(
+        onsets_s=tuple(t0_s + slide.onset_s for slide in slides),
+        spans_s=tuple(
+            (t0_s + max(s for s in shear_s if s <= slide.onset_s), t0_s + (slide.gross_s or slide.end_s))
+            for slide in slides
+        ),
+    )
     for slide in slides:
         if isinstance(grooves := slide.surface, GroovedPlate):
             turn = math.radians(grooves.angle_deg - (slide.direction_deg or 0.0))
-            shown = KnownTruth(
-                onsets_s=shown.onsets_s,
+            shown = replace(
+                shown,
                 frequency_hz=SPEED_MM_S * abs(math.cos(turn)) / grooves.period_mm,
                 label=f"truth: D = {grooves.period_mm:.3f} mm, angle {grooves.angle_deg:.1f}°",
             )
@@ -257,7 +266,7 @@ def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) 
             reader.join(5)
             process.stdout.close()
             if failed:
-                click.echo(f"{name} said:\n{log.read_text()}", err=True)
+                click.echo(f"stderr of {name}:\n{log.read_text()}", err=True)
 
 
 def _read(name: str, stream: IO[str], lines: Lines) -> None:

@@ -1,6 +1,6 @@
-"""Picture of a log: readings, detector signals and events, with the ground truth where known."""
+"""Picture of a log: readings, slip criterion and events, with the ground truth where known."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,27 +11,46 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.detect.suite import DetectParams
-from tactiled.detect.wang2019.slip import level_at
 from tactiled.detect.wang2019.spectrum import spectrum
 from tactiled.events.types import Event, SlipEvent, TextureEvent
-from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map
+from tactiled.plots.criterion import draw_criterion
+from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, refusal_reason
+from tactiled.plots.palette import CHANNELS, GROOVES, SLIP, TRUTH
 from tactiled.recording.table import to_blocks
 from tactiled.samples.block import ScanBlock
 
 FloatArray = NDArray[np.float64]
-TRUE, FOUND, QUIET = "#1a7f37", "#c0392b", "#777777"
-CHANNELS = ("#1f4e79", "#e07b00", "#6aa4d8", "#5b3a8c", "#b38f00", "#2b8a8a")
+_REFUSED_WINDOW_S = 2.0  # least window in the spectrum of a refusal
+_SPECTRUM_MARGIN = 4  # times the estimated frequency: its first harmonics
 
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """Ground truth: slip onsets, and the ripple frequency of the grooves, if any."""
+    """Ground truth: slips, and the ripple frequency of the grooves, if any.
+
+    Attributes
+    ----------
+    onsets_s : tuple of float
+        Instants at which a tenth of the contact slips.
+    spans_s : tuple of (float, float)
+        Each slip from the beginning of shear to gross slip. An onset estimated inside is no false alarm.
+    """
 
     onsets_s: tuple[float, ...] = ()
+    spans_s: tuple[tuple[float, float], ...] = ()
     frequency_hz: float | None = None
     label: str = ""
+
+
+@dataclass(frozen=True)
+class _SlipSpan:
+    """A reported slip: onset, detection and end; the end of the log where the slip has no end."""
+
+    onset_s: float
+    detected_s: float
+    end_s: float
+    is_gross: bool
 
 
 def draw_log(
@@ -46,14 +65,15 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: KnownTruth | None = None,
 ) -> None:
-    """Draw voltages and wavelet coefficients of a taxel, groove estimates, and their fit.
+    """Draw the readings of a taxel, the slip criterion, groove estimates and their fit.
 
     Parameters
     ----------
     path : Path
-        PNG (or any format matplotlib knows by ending).
+        PNG, or another format that matplotlib derives from the suffix.
     time_s : (n,) float64
     volts : (n, channels) float64
+        In the unit of the array.
     events : sequence of Event
         Events of this log, on the same clock.
     channel_offset_s : (channels,) float64, optional
@@ -64,88 +84,85 @@ def draw_log(
     if channel_offset_s is None:
         channel_offset_s = np.zeros(array.n_channels)
     origin_s = float(time_s[0])
-    onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
-    said = [e for e in events if isinstance(e, TextureEvent)]
-    textures = [e for e in said if e.status == "ok"]
-    taxel = _liveliest(array, volts)
-    channels = np.flatnonzero(array.channel_taxel == taxel)
+    slips = [e for e in events if isinstance(e, SlipEvent)]
+    onsets = [e for e in slips if e.state == "onset"]
+    textures = [e for e in events if isinstance(e, TextureEvent)]
+    answers = [e for e in textures if e.status == "ok"]
+    taxel = _most_varying_taxel(array, volts)
+    channels = np.flatnonzero(array.channel_taxel == taxel)[: len(CHANNELS)]
     last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
-    rows = ["vv", "cc"] + ["pa", "mf"] * bool(textures) + ["".join((last_row * 2)[:2])] * bool(last_row)
+    rows = ["vv", "cc"] + ["pa", "mf"] * bool(answers) + ["".join((last_row * 2)[:2])] * bool(last_row)
     figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
     axes = figure.subplot_mosaic("\n".join(rows))
-    answer = answer_in_words(said, onsets)
+    answer = answer_in_words(textures, onsets)
     figure.suptitle(f"{title}: taxel {taxel} of {array.name}" + f"\n{answer}" * bool(answer))
-    _draw_volts(axes["v"], array, channels, time_s - origin_s, volts)
-    _draw_coefficients(axes["c"], array, channels, time_s, volts, params)
+    _draw_readings(axes["v"], array, channels, time_s - origin_s, volts)
+    parts = to_blocks(time_s, volts, None, array.in_range(volts))
+    blocks = [part for part in parts if isinstance(part, ScanBlock)]
+    draw_criterion(axes["c"], array, channels, blocks, origin_s, params)
+    spans = list(_spans(slips, float(time_s[-1])))
     for name in "vc":
-        _mark_onsets(axes[name], onsets, truth, origin_s)
+        _mark_slips(axes[name], spans, truth, origin_s)
         axes[name].set_xlim(0, float(time_s[-1]) - origin_s)
         axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
         axes[name].set_xlabel("time (s)")
-    if textures:
-        draw_answers(axes["p"], axes["a"], said, origin_s)
-        draw_map(axes["m"], array, textures[-1], onsets)
-        draw_folded(axes["f"], array, time_s, volts, channel_offset_s, textures[-1], onsets)
+    if answers:
+        draw_answers(axes["p"], axes["a"], textures, origin_s)
+        draw_map(axes["m"], array, answers[-1], onsets)
+        draw_folded(axes["f"], array, time_s, volts, channel_offset_s, answers[-1], onsets)
     if onsets:
-        _draw_onset(axes["o"], channels, time_s, volts, channel_offset_s, onsets, truth)
+        _draw_onset(axes["o"], channels, time_s, volts, channel_offset_s, onsets, truth, array.unit)
     if textures:
-        _draw_spectrum(axes["s"], array, channels, time_s, volts, textures[-1], params, truth)
+        shown = (answers or [e for e in textures if e.status != "no-slip"] or textures)[-1]
+        _draw_spectrum(axes["s"], array, channels, time_s, volts, shown, params, truth)
     figure.savefig(path, dpi=110)
 
 
-def _liveliest(array: Array, volts: FloatArray) -> int:
+def _most_varying_taxel(array: Array, volts: FloatArray) -> int:
     """Select the taxel with the largest variation."""
     spread = np.nan_to_num(np.nanstd(np.where(np.isfinite(volts), volts, 0.0), axis=0))
     return int(np.argmax(np.bincount(array.channel_taxel, spread, array.n_taxels)))
 
 
-def _draw_volts(
+def _draw_readings(
     axis: Axes, array: Array, channels: NDArray[np.int64], seconds: FloatArray, volts: FloatArray
 ) -> None:
     for color, channel in zip(CHANNELS, channels, strict=False):
         name = array.channel_name[channel].split(".")[-1]
         axis.plot(seconds, volts[:, channel], color=color, lw=0.9, label=name)
-    axis.set_ylabel("volts")
+    axis.set_ylabel(f"readings ({array.unit})")
 
 
-def _draw_coefficients(
-    axis: Axes,
-    array: Array,
-    channels: NDArray[np.int64],
-    time_s: FloatArray,
-    volts: FloatArray,
-    params: DetectParams,
-) -> None:
-    slip = params.wang2019.slip
-    largest = slip.threshold_volts
-    for block in to_blocks(time_s, volts, None, array.in_range(volts)):
-        if not isinstance(block, ScanBlock):
-            continue
-        level = level_at(block.rate_hz, slip)
-        found = SwtBank(array, BankParams(levels=(level,))).process(block)
-        shown = np.where(found.usable[:, 0], found.volts[:, 0], np.nan)[:, channels]
-        for color, values in zip(CHANNELS, shown.T, strict=False):
-            axis.plot(block.time_s - time_s[0], values * 1e3, color=color, lw=0.8)
-        if np.isfinite(shown).any():
-            largest = max(largest, float(np.nanmax(np.abs(shown))))
-        axis.set_ylabel(f"coif1 level {level} (mV)")
-    for sign in (-1, 1):
-        label = f"threshold {slip.threshold_volts * 1e3:g} mV" if sign > 0 else None
-        axis.axhline(sign * slip.threshold_volts * 1e3, color=QUIET, ls="--", lw=1, label=label)
-    # Linear up to the threshold, logarithmic beyond: kinks of slip are a hundred times larger.
-    axis.set_yscale("symlog", linthresh=slip.threshold_volts * 1e3)
-    axis.set_ylim(-1.5e3 * largest, 1.5e3 * largest)
+def _spans(slips: Sequence[SlipEvent], last_s: float) -> Iterator[_SlipSpan]:
+    """Pair onsets with what ends them: an end, a gross onset of the same slip, or the end of the log."""
+    for number, event in enumerate(slips):
+        if event.state == "onset":
+            after = slips[number + 1] if number + 1 < len(slips) else None
+            end_s = last_s if after is None else after.onset_s if after.state == "onset" else after.time_s
+            yield _SlipSpan(event.onset_s, event.detected_s, end_s, event.kind == "gross")
 
 
-def _mark_onsets(axis: Axes, onsets: Sequence[SlipEvent], truth: KnownTruth, origin_s: float) -> None:
-    for number, onset_s in enumerate(truth.onsets_s):
-        label = "true onset" if not number else None
-        axis.axvline(onset_s - origin_s, color=TRUE, lw=2.5, alpha=0.6, label=label)
-    for number, event in enumerate(onsets):
-        label = "estimated onset" if not number else None
-        axis.axvline(event.onset_s - origin_s, color=FOUND, lw=1.2, label=label)
-        label = "said at" if not number else None
-        axis.axvline(event.detected_s - origin_s, color=FOUND, lw=0.9, ls=":", label=label)
+def _mark_slips(axis: Axes, spans: Sequence[_SlipSpan], truth: KnownTruth, origin_s: float) -> None:
+    """Shade each slip from onset to end, darker up to its detection, and the true slips."""
+    seen: set[str] = set()
+
+    def once(label: str) -> str | None:
+        if label in seen:
+            return None
+        seen.add(label)
+        return label
+
+    for begin_s, gross_s in truth.spans_s:
+        label = once("true: shear begins to gross slip")
+        axis.axvspan(begin_s - origin_s, gross_s - origin_s, color=TRUTH, alpha=0.5, lw=0, label=label)
+    for span in spans:
+        kind = "gross slip" if span.is_gross else "incipient slip"
+        begin, detected, end = span.onset_s - origin_s, span.detected_s - origin_s, span.end_s - origin_s
+        if end > begin:
+            axis.axvspan(
+                begin, end, color=SLIP, alpha=0.16 if span.is_gross else 0.07, lw=0, label=once(kind)
+            )
+        axis.axvspan(begin, detected, color=SLIP, alpha=0.6, lw=0.6, label=once("onset to detection"))
 
 
 def _draw_onset(
@@ -156,8 +173,9 @@ def _draw_onset(
     channel_offset_s: FloatArray,
     onsets: Sequence[SlipEvent],
     truth: KnownTruth,
+    unit: str,
 ) -> None:
-    """Draw the first onset enlarged, in milliseconds and millivolts relative to it."""
+    """Draw the first onset enlarged: milliseconds and thousandths of the unit relative to it."""
     onset_s = truth.onsets_s[0] if truth.onsets_s else onsets[0].onset_s
     near = (time_s > onset_s - 0.1) & (time_s < onset_s + 0.25)
     for color, channel in zip(CHANNELS, channels, strict=False):
@@ -165,16 +183,18 @@ def _draw_onset(
         sampled_s = time_s[near] + channel_offset_s[channel]
         axis.plot(1e3 * (sampled_s - onset_s), 1e3 * change, ".-", color=color, lw=0.9, ms=4)
     if truth.onsets_s:
-        axis.axvline(0, color=TRUE, lw=2.5, alpha=0.6)
+        axis.axvline(0, color=TRUTH, lw=2.5, alpha=0.6, label="true: a tenth slips")
     first = onsets[0]
-    begins, sd = 1e3 * (first.onset_s - onset_s), 1e3 * first.onset_sd_s
-    axis.axvline(begins, color=FOUND, lw=1.2)
-    axis.axvspan(begins - sd, begins + sd, color=FOUND, alpha=0.12, lw=0, label="estimate ± sigma")
-    axis.axvline(1e3 * (first.detected_s - onset_s), color=FOUND, lw=0.9, ls=":")
-    axis.set_xlabel("time since the true onset (ms)" if truth.onsets_s else "time since the onset (ms)")
-    axis.set_ylabel("change (mV)")
-    axis.set_title("the first slip", fontsize=10)
-    axis.legend(frameon=False, fontsize=9, loc="upper left")
+    begin_ms, sd_ms = 1e3 * (first.onset_s - onset_s), 1e3 * first.onset_sd_s
+    latency_ms = 1e3 * (first.detected_s - first.onset_s)
+    axis.axvspan(begin_ms - sd_ms, begin_ms + sd_ms, color=SLIP, alpha=0.12, lw=0, label="onset ± 1 sd")
+    axis.axvline(begin_ms, color=SLIP, lw=1.2, label="estimated onset")
+    label = f"detected {latency_ms:.0f} ms later"
+    axis.axvline(begin_ms + latency_ms, color=SLIP, lw=1.2, ls=":", label=label)
+    axis.set_xlabel("time since a tenth slips (ms)" if truth.onsets_s else "time since the onset (ms)")
+    axis.set_ylabel(f"change (m{unit})" if unit in ("V", "N") else f"change (0.001 {unit})")
+    axis.set_title("first slip", fontsize=10)
+    axis.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncol=2)
 
 
 def _draw_spectrum(
@@ -187,31 +207,31 @@ def _draw_spectrum(
     params: DetectParams,
     truth: KnownTruth,
 ) -> None:
-    inside = (time_s > event.time_s - event.window_s) & (time_s <= event.time_s + 1e-9)
+    """Draw the spectrum of the channel with the largest peak, with the estimate or the refusal's reason."""
+    is_answer = event.status == "ok"
+    window_s = event.window_s if is_answer else max(event.window_s, _REFUSED_WINDOW_S)
+    inside = (time_s > event.time_s - window_s) & (time_s <= event.time_s + 1e-9)
     window = np.nan_to_num(volts[inside][:, channels])
+    title = f"spectrum of {window_s:.3g} s until {event.time_s - float(time_s[0]):.1f} s"
+    axis.set_title(title if is_answer else f"{title}, no answer:\n{refusal_reason(event)}", fontsize=10)
+    axis.set_xlabel("frequency (Hz)")
+    axis.set_ylabel(f"amplitude (0.001 {array.unit})")
+    if len(window) < 8:  # nothing to transform
+        return
     rate_hz = float(1 / np.median(np.diff(time_s)))
     step = Quantiser(array).volts_per_step
-    seen = spectrum(window, rate_hz, step, params.wang2019.texture.low_pass_hz)
-    best = int(np.argmax(seen.amplitude_volts[seen.peak]))
+    found = spectrum(window, rate_hz, step, params.wang2019.texture.low_pass_hz)
+    best = int(np.argmax(found.amplitude_volts[found.peak]))
     name = array.channel_name[channels[best]].split(".")[-1]
-    axis.plot(
-        seen.frequency_hz,
-        1e3 * seen.amplitude_volts[:, best],
-        ".-",
-        color=CHANNELS[best],
-        lw=1,
-        ms=4,
-        label=name,
-    )
+    amplitude = 1e3 * found.amplitude_volts[:, best]
+    axis.plot(found.frequency_hz, amplitude, ".-", color=CHANNELS[best], lw=1, ms=4, label=name)
     if truth.frequency_hz is not None:
-        axis.axvline(truth.frequency_hz, color=TRUE, lw=2.5, alpha=0.6, label=truth.label)
-    label = (
-        f"estimate: {event.frequency_hz:.2f} Hz\nD = {event.period_mm:.3f} mm, "
-        f"angle {event.angle_deg:.1f}°\n(window {event.window_s:.3g} s)"
-    )
-    axis.axvline(event.frequency_hz, color=FOUND, lw=1.2, label=label)
-    axis.set_xlim(0, max(4 * event.frequency_hz, 1.0))
-    axis.set_xlabel("frequency (Hz)")
-    axis.set_ylabel("amplitude (mV)")
-    axis.set_title("spectrum of the last window", fontsize=10)
+        axis.axvline(truth.frequency_hz, color=TRUTH, lw=2.5, alpha=0.6, label=truth.label)
+    if is_answer:
+        label = (
+            f"estimate: {event.frequency_hz:.2f} Hz\nD = {event.period_mm:.3f} mm, "
+            f"angle {event.angle_deg:.1f}°\n(window {event.window_s:.3g} s)"
+        )
+        axis.axvline(event.frequency_hz, color=GROOVES, lw=1.2, label=label)
+        axis.set_xlim(0, max(_SPECTRUM_MARGIN * event.frequency_hz, 1.0))
     axis.legend(frameon=False, fontsize=9, loc="upper right")

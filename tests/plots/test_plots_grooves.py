@@ -1,4 +1,4 @@
-"""Pictures of groove answers: events over time, folded ripples, the map of the array, the answer in words."""
+"""Pictures of groove estimates: events over time, folded ripples, map of the array, text."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from bench.texture.signal import Wave, sensed_by, wave_volts
 from bench.texture.trials import slip_at
 from tactiled.array import load_array
 from tactiled.events.types import Candidate, TextureEvent
-from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, in_words
+from tactiled.plots.grooves import answer_in_words, draw_answers, draw_map, folded_ripples, in_words
 
 ARRAY = load_array("wang2019-3x3")
 
@@ -56,10 +56,10 @@ def test_ripples_fold_to_one_where_the_grooves_are_right(angle_deg: float, direc
     offset_s, slip = 1e-4 * np.arange(36, dtype=np.float64), slip_at(0.0, direction_deg)
     spreads = []
     for shown in (event, replace(event, angle_deg=angle_deg + 10)):
-        axis = Figure().subplots()
-        draw_folded(axis, ARRAY, time_s, volts, offset_s, shown, [slip])
+        _, phase, ripple = folded_ripples(ARRAY, time_s, volts, offset_s, shown, [slip])
         phases = np.linspace(0.05, 0.95, 30)
-        curves = [np.interp(phases, *np.asarray(line.get_xydata()).T) for line in axis.lines]
+        known = np.isfinite(ripple)
+        curves = [1e3 * np.interp(phases, phase[k], row[k]) for row, k in zip(ripple, known, strict=True)]
         assert len(curves) == 9
         spreads.append(float(np.std(curves, axis=0).mean()))
     assert spreads[0] < 2.0  # mV of 20: a cubic takes a little, and bins are as wide as a scan
@@ -81,7 +81,7 @@ def test_map_has_grooves_taxels_and_motion() -> None:
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == [
         "second: 2 mm, -20.0°",
-        "the skin goes to 10°",
+        "direction of slip 10°",
     ]
 
 
@@ -94,7 +94,7 @@ def test_the_answer_in_words() -> None:
     both = tuple(Candidate(period_mm=mm, angle_deg=30.0, weight=0.5) for mm in (1.2, 2.5))
     assert "; another of 2.5 mm at 30.0°" in answer_in_words([replace(told, candidates=both)], [])
     assert answer_in_words([refused, told], [slip_at(0.5, 0.0)]) == (
-        "grooves of 1.200 ± 0.001 mm at 30.0 ± 0.1° (joint; first answer 1.5 s after slip was said)"
+        "grooves of 1.200 ± 0.001 mm at 30.0 ± 0.1° (joint; first answer 1.5 s after slip was detected)"
     )
 
 

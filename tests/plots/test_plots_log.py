@@ -1,0 +1,68 @@
+"""Picture of a whole log: slip spans, the slip criterion, and the spectrum of a refusal."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.suite import DetectParams
+from tactiled.events.types import SlipEvent, TextureEvent
+from tactiled.plots import log as log_module
+from tactiled.plots.criterion import shear_growth
+from tactiled.plots.log import draw_log
+from tactiled.recording.table import to_blocks
+from tactiled.samples.block import ScanBlock
+
+ARRAY = load_array("wang2019-3x3")
+TIME_S = np.arange(400) / 100
+
+
+def sheared(growth: float) -> FloatArray:
+    """Constant pressure of 1 V; the shear over pressure along x grows by `growth` from 2 s to 3.28 s."""
+    ramp = growth * np.clip((TIME_S - 2.0) / 1.28, 0, 1)
+    volts = np.ones((len(TIME_S), ARRAY.n_channels))
+    names = np.array([name.split(".")[-1] for name in ARRAY.channel_name])
+    volts[:, names == "R1"] += ramp[:, np.newaxis] / 2
+    volts[:, names == "R3"] -= ramp[:, np.newaxis] / 2
+    return volts
+
+
+@pytest.mark.parametrize("growth", [0.05, 0.3])
+def test_the_criterion_is_the_growth_of_shear_over_pressure(growth: float) -> None:
+    volts = sheared(growth)
+    blocks = [b for b in to_blocks(TIME_S, volts, None, ARRAY.in_range(volts)) if isinstance(b, ScanBlock)]
+    found = shear_growth(ARRAY, blocks)
+    assert np.abs(found.values[TIME_S < 2.0]).max() < 1e-6
+    assert found.values[328] == pytest.approx(growth, rel=1e-3)  # the longest ramp has just this length
+
+
+def test_a_log_with_refused_grooves_shows_slips_and_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    onset = SlipEvent(
+        time_s=2.0, state="onset", kind="incipient", onset_s=2.0, onset_sd_s=0.002, direction_deg=0.0,
+        direction_sd_deg=5.0, confidence=1.0, taxels=(4,), detector="test", statistic=2.0, threshold=1.0,
+        valid=True, detected_s=2.02,
+    )  # fmt: skip
+    end = SlipEvent(**{**vars(onset), "state": "end", "time_s": 3.0, "detected_s": 3.0})
+    refusal = TextureEvent(time_s=3.9, answered_s=3.9, status="low-snr")
+    figures: list[Figure] = []
+
+    def kept(*args: Any, **options: Any) -> Figure:
+        figures.append(Figure(*args, **options))
+        return figures[-1]
+
+    monkeypatch.setattr(log_module, "Figure", kept)
+    out = tmp_path / "a.png"
+    draw_log(out, ARRAY, TIME_S, sheared(0.3), [onset, end, refusal], DetectParams(), "a")
+    assert out.stat().st_size > 10_000
+    titles = [axis.get_title() for axis in figures[0].axes]
+    assert any(title.endswith("no answer:\nno ripple above the noise") for title in titles)
+    legend = figures[0].axes[0].get_legend()
+    assert legend is not None
+    assert {text.get_text() for text in legend.get_texts()} >= {"incipient slip", "onset to detection"}
+    for axis in figures[0].axes:
+        assert len(axis.lines) <= 5 + 3  # channels, and marks of one slip
