@@ -17,9 +17,9 @@ from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold at which latencies are compared
-SWEEP_PER_HOUR = (10.0, 30.0, 70.0, 130.0, 200.0, 270.0)  # the range of `detect.slip_rate`
+SWEEP_PER_HOUR = (10.0, 30.0, 70.0, 130.0, 200.0, 270.0)  # the range of `detect.slip.alarm_rate`
 SWEEP_NOISE_V = 0.3e-3  # the board's own
-PAPER_LEVEL = 3  # at 100 Hz: `detect.slip_wavelet.level_at`
+PAPER_LEVEL = 3  # at 100 Hz: `detect.wang2019.slip.level_at`
 
 
 @dataclass(frozen=True)

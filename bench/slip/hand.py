@@ -1,4 +1,4 @@
-"""``python -m bench.slip.hand``: false alarms of unannounced motion, the table in `detect.slip_rate`.
+"""``python -m bench.slip.hand``: false alarms of unannounced motion, the table in `detect.slip.alarm_rate`.
 
 All families without slip have equal weight. The table is part of the detector, therefore it is measured on
 tuning seeds only.
@@ -49,7 +49,7 @@ def curve(scenes: Iterable[tuple[str, float, Row]]) -> Row:
 
 
 def main(write: Callable[[str], object]) -> None:
-    """Print the table for `detect.slip_rate`."""
+    """Print the table for `detect.slip.alarm_rate`."""
     scenes = [(f, seed) for f in QUIET for seed in (_LONG_SEEDS if f in _LONG else _SEEDS)]
     with workers() as pool:
         rates = curve(pool.map(one_scene, *zip(*scenes, strict=True)))

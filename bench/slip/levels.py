@@ -10,7 +10,7 @@ likelihood ratio for unknown slope and direction is
     max over age of |z' C^-1 k| / sqrt(k' C^-1 k),   z: (values, 2),
 
 the Gaussian matched filter (Kay, Detection Theory, 1998, section 4.3) of the bank's outputs. The noise is
-given, which `detect.slip_coherent` must learn; there are no conditions on pressure, size or contact. With one
+given, which `detect.slip.detector` must learn; there are no conditions on pressure, size or contact. With one
 lag the 95th percentile of latency on tuning seeds at 0.3 mV is 44 instead of 17 ms.
 """
 

@@ -42,7 +42,7 @@ def any_channel(array: Array, coefficients: FloatArray) -> FloatArray:
 def opposed_channel(array: Array, coefficients: FloatArray) -> FloatArray:
     """Largest channel where, over all taxels, pairs change more in opposition than together.
 
-    This is the paper's second peak, as `detect.slip_wavelet` takes it.
+    This is the paper's second peak, as `detect.wang2019.slip` takes it.
     """
     shear, normal = array.shear_weights(), array.normal_weights()
     against = np.hypot(*(coefficients @ (shear.sum(axis=1) / np.abs(shear).sum(axis=(1, 2))[:, None]).T).T)

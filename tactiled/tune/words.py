@@ -143,7 +143,7 @@ def _proposal(found: Study) -> str:
     lines = [
         f"proposed for {wanted:g} false alarms per hour: least_shear {found.proposed.params.shear:g}, "
         f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}",
-        f"an emulated hand that announces no motion causes {_rate(there)} per hour there (detect.slip.rate)",
+        f"an emulated hand that announces no motion causes {_rate(there)} per hour there (docs/slip.md)",
     ]
     proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
     lines.append(

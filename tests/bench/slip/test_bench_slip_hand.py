@@ -1,4 +1,4 @@
-"""The table of rates in `detect.slip_rate`, and the command that makes it."""
+"""The table of rates in `detect.slip.alarm_rate`, and the command that makes it."""
 
 import itertools
 

@@ -1,7 +1,7 @@
 """Scenes kept apart: no constant of a detector, and no setting, was set on them.
 
-What they showed did change what is scored (`bench.slip_truth`: pulls that swell have grown before truth calls
-it growth) and what is modelled (`detect.slip_direction`: skin that is sheared already), by other scenes.
+What they showed did change what is scored (`bench.slip.truth`: pulls that swell have grown before truth calls
+it growth) and what is modelled (`detect.slip.direction`: skin that is sheared already), by other scenes.
 """
 
 from tactiled.emulator.scene.description import Scene
