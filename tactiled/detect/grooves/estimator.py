@@ -1,11 +1,14 @@
 """Online groove estimator by the joint fit ("joint"): an early answer that later fits refine.
 
-`fit` holds the fit of one window; this module manages the window.
+`fit` holds the fit of one window and `track` follows its wave to the next; this module manages the window.
 
 * A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. It is
   fitted every `hop_s`, counted in scans, so the arithmetic does not depend on how scans were chunked.
 * Each fit is handed to a worker, and its answer is reported `answer_after_s` after the end of its window, at
   a fixed scan. A fit that is not ready by then is reported as "stale".
+* Once there is an answer, its wave is tracked. The window is fitted anew when it has doubled or, at its full
+  length, when all its scans are new, and at every hop without an answer or with more than one wave in view.
+  Another pattern under the skin is reported as "ambiguous" and begins a new window.
 * The first answer comes when the number of periods and both standard deviations meet the criteria, or when
   the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
   the window is full and after every further full length, and at the end of a slip that had no answer.
@@ -24,11 +27,13 @@ from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
@@ -118,8 +123,10 @@ class _Window:
     def __init__(self, n_scans: int, n_channels: int) -> None:
         self.scans = ScanWindow(n_scans, n_channels)
         self.n_scans = 0
+        self.n_next_fit = 0
         self.n_pending = 0
         self.has_answer = False
+        self.is_over = False
         self.last = WaveFit("no-slip")
         self.end: SlipEnd | None = None
 
@@ -275,18 +282,25 @@ class JointTexture:
             done += n
             if window.n_scans % n_hop == 0:
                 events += self._answer(part)
-                self._hand_over(window, part[-1:], n_hop)
-                events += self._answer(part)  # where nothing is to be waited for
+                if not window.is_over:
+                    self._hand_over(window, part[-1:], n_hop)
+                    events += self._answer(part)  # where nothing is to be waited for
+                if window.is_over:
+                    self._window = None
         return events
 
     def _n_scans(self, duration_s: float, rate_hz: float) -> int:
         return max(1, round(duration_s * rate_hz))
 
     def _hand_over(self, window: _Window, newest: ScanBlock, n_hop: int) -> None:
-        """Hand a copy of the window to the worker."""
+        """Hand a copy of the window to the worker, to track the wave of the last answer or to fit anew."""
         scans, time_s = window.scans, float(newest.time_s[-1])
+        last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None
+        if last is None or last.wave is None:
+            window.n_next_fit = window.n_scans + len(scans)
         work = partial(
-            fit_wave,
+            _track_or_fit,
+            last,
             scans.volts.copy(),
             scans.time_s.copy(),
             newest.channel_offset_s,
@@ -327,6 +341,9 @@ class JointTexture:
                 window.has_answer = fit.status == "ok"
                 events.append(_event(pending.span, fit, answered_s, self._params))
             window.last = fit
+            if fit.is_new_pattern:
+                window.is_over, window.n_pending = True, 0
+                self._pending = deque(other for other in self._pending if other.window is not window)
             events += self._refusal(window, answered_s)
         return events
 
@@ -362,6 +379,23 @@ class JointTexture:
             direction_deg += 180.0
         speed_mm_s = float(np.abs(scans.speeds_mm_s).mean())
         return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
+
+
+def _track_or_fit(
+    last: WaveFit | None,
+    volts: FloatArray,
+    time_s: FloatArray,
+    channel_offset_s: FloatArray,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+    good: NDArray[np.bool_],
+    speeds_mm_s: FloatArray,
+) -> WaveFit:
+    """Track the wave of an answer; fit the window where there is none or where it is lost."""
+    window = volts, time_s, channel_offset_s, layout, motion, params, good, speeds_mm_s
+    tracked = None if last is None else track_wave(last, *window)
+    return fit_wave(*window) if tracked is None else tracked
 
 
 def _stale() -> WaveFit:

@@ -22,6 +22,7 @@ from tactiled.detect.grooves.ambiguity import TEMPERATURE, assess_ambiguity, has
 from tactiled.detect.grooves.model import (
     ALIASED,
     ChannelLayout,
+    TrackedWave,
     WaveFit,
     WaveMotion,
     WaveParams,
@@ -103,6 +104,21 @@ def fit_wave(
     >>> print(f"{fit.status}: {fit.period_mm:.3f} mm, {fit.angle_deg:.1f} degrees")
     ok: 1.200 mm, 20.0 degrees
     """
+    prepared = prepare_window(volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s)
+    return prepared if isinstance(prepared, WaveFit) else _fit(*prepared, motion, params)
+
+
+def prepare_window(
+    volts: FloatArray,
+    time_s: FloatArray,
+    channel_offset_s: FloatArray,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+    usable: NDArray[np.bool_] | None = None,
+    speeds_mm_s: FloatArray | None = None,
+) -> tuple[DetrendedWindow, ChannelLayout] | WaveFit:
+    """The window of `fit_wave` and the layout of its usable channels about their centre; or a refusal."""
     sane = np.abs(volts) <= _MOST_VOLTS
     usable = sane if usable is None else usable & sane
     chosen = np.flatnonzero(usable.mean(axis=0) >= 1 - _MOST_BAD_PART)
@@ -118,8 +134,7 @@ def fit_wave(
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
-    window = make_window(readings, time_s, rate, channel_offset_s[chosen])
-    return _fit(window, here, motion, params)
+    return make_window(readings, time_s, rate, channel_offset_s[chosen]), here
 
 
 def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
@@ -226,10 +241,15 @@ def _wave(
     fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
     if line[0] * window.largest_step > 2 * np.pi * ALIASED:
         return replace(fit, status="aliased"), line
-    fit = with_estimates(fit, best, window, layout, motion)
+    fit = stated = with_estimates(fit, best, window, layout, motion)
     noise_inflation = fit.noise_inflation
     fit = assess_ambiguity(fit, best, found, window, layout, motion, params)
     pairs = pairs_in_line(noise_inflation, best, found, window, layout, motion, params)
+    is_alone = fit.status == "ok" and not pairs and not window.removed
+    if is_alone and stated.wave is not None:
+        fit = replace(fit, wave=replace(stated.wave, added=fit.covariance - stated.covariance))
+    else:
+        fit = replace(fit, wave=None)
     if pairs and not pairs_confirm_fit(pairs, best, layout):
         refused = WaveFit("ambiguous", fit.frequency_hz, fit.snr_db, error_probability=fit.error_probability)
         return replace(refused, candidates=pair_candidates(pairs)), line
@@ -264,27 +284,49 @@ def _own_lines(
 def with_estimates(
     fit: WaveFit, best: RefinedWave, window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion
 ) -> WaveFit:
-    """Add period, angle, speed and their covariance to a fit."""
+    """Add period, angle, speed, their covariance and, as `wave`, what is needed to track them."""
+    slope = estimate_slope(best, window, motion)
+    solver = WaveSolver(window, layout, motion, best.variance, best.mismatch)
+    by_noise, by_mismatch = variance_inflation(window, layout, solver, best, slope)
+    wave = TrackedWave(
+        best.waves.k[0],
+        float(best.waves.phase_rate[0]) / window.half_travel,
+        best.mismatch,
+        np.sqrt(np.maximum(by_noise, by_mismatch)),
+        np.zeros((3, 3)),
+    )
+    fit = with_wave(replace(fit, wave=wave), best, window, motion)
+    return replace(fit, noise_inflation=float(by_noise.max()))
+
+
+def estimate_slope(best: RefinedWave, window: DetrendedWindow, motion: WaveMotion) -> FloatArray:
+    """Derivative of period, angle (radians) and speed by kx, ky and phase rate: (3, 3)."""
     k, phase_rate = best.waves.k[0], float(best.waves.phase_rate[0])
     size = float(np.hypot(k[0], k[1]))
-    period_mm, angle_deg = period_and_angle(k)
-    # Rows: period, angle, speed; columns: kx, ky, phase_rate.
     slope = np.zeros((3, 3))
-    slope[0, :2] = -period_mm * k / size**2
+    slope[0, :2] = -period_and_angle(k)[0] * k / size**2
     slope[1, :2] = -k[1] / size**2, k[0] / size**2
-    speed_mm_s = motion.speed_mm_s if motion.has_speed else 0.0
     along = float(k @ motion.heading)
     if motion.has_direction and not motion.has_speed:
         speed_mm_s = phase_rate / window.half_travel / along
         slope[2, :2] = -speed_mm_s * motion.heading / along
         slope[2, 2] = speed_mm_s / phase_rate
-    solver = WaveSolver(window, layout, motion, best.variance, best.mismatch)
-    by_noise, by_mismatch = variance_inflation(window, layout, solver, best, slope)
-    scale = np.sqrt(np.maximum(by_noise, by_mismatch))
-    covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
+    return slope
+
+
+def with_wave(fit: WaveFit, best: RefinedWave, window: DetrendedWindow, motion: WaveMotion) -> WaveFit:
+    """Add period, angle, speed and their covariance, which `fit.wave` widens."""
+    assert fit.wave is not None
+    k, phase_rate = best.waves.k[0], float(best.waves.phase_rate[0])
+    period_mm, angle_deg = period_and_angle(k)
+    slope = estimate_slope(best, window, motion)
+    covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(fit.wave.scale, fit.wave.scale)
+    speed_mm_s = motion.speed_mm_s if motion.has_speed else 0.0
     if motion.has_speed:
         covariance[2, 2] = motion.speed_sd_mm_s**2
     elif motion.has_direction:
+        along = float(k @ motion.heading)
+        speed_mm_s = phase_rate / window.half_travel / along
         turned = float(k[1] * motion.heading[0] - k[0] * motion.heading[1]) / along
         covariance[2, 2] += (speed_mm_s * turned * np.radians(motion.direction_sd_deg)) ** 2
     return replace(
@@ -292,10 +334,9 @@ def with_estimates(
         period_mm=period_mm,
         angle_deg=angle_deg,
         speed_mm_s=speed_mm_s,
-        covariance=covariance,
+        covariance=covariance + fit.wave.added,
         n_harmonics=best.equations.n_harmonics,
         uses_given_speed=motion.has_speed,
-        noise_inflation=float(by_noise.max()),
     )
 
 
@@ -314,4 +355,4 @@ def refit_without_pair(
     alone = with_estimates(fit, anew, window, layout, motion)
     turned = np.radians((alone.angle_deg - fit.angle_deg + 90) % 180 - 90)
     off = np.array([alone.period_mm - fit.period_mm, turned, alone.speed_mm_s - fit.speed_mm_s])
-    return replace(alone, covariance=alone.covariance + np.outer(off, off))
+    return replace(alone, covariance=alone.covariance + np.outer(off, off), wave=None)

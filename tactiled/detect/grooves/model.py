@@ -159,6 +159,33 @@ def channel_layout(array: Array) -> ChannelLayout:
 
 
 @dataclass(frozen=True, eq=False)
+class TrackedWave:
+    """What `track` needs of a fitted wave to find the same wave in a later window.
+
+    Nothing here depends on where the window begins or ends.
+
+    Attributes
+    ----------
+    k : (2,) float64
+        Wave vector, radians per millimetre.
+    frequency : float
+        Phase per unit of travel: radians per millimetre, or per second where no speed was given.
+    mismatch : (kinds, harmonics) float64
+        Variance of phases within a kind, radians^2, as `RefinedWave` has it.
+    scale : (3,) float64
+        Factors that the fit found for the standard deviations of period, angle and speed.
+    added : (3, 3) float64
+        Covariance that the fit added after that, because two models of mismatch gave different answers.
+    """
+
+    k: FloatArray
+    frequency: float
+    mismatch: FloatArray
+    scale: FloatArray
+    added: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class WaveFit:
     """Result for one window; estimates are zero where `status` is not "ok".
 
@@ -174,6 +201,10 @@ class WaveFit:
         Probability that another reading of the phases is the true one.
     second : WaveFit or None
         A second grating in view, of less power.
+    wave : TrackedWave or None
+        Set where one wave is all that the window holds, so that it can be tracked.
+    is_new_pattern : bool
+        True where the newest scans show another pattern than those before (`track`).
     """
 
     status: TextureStatus
@@ -189,6 +220,8 @@ class WaveFit:
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()
     second: "WaveFit | None" = None
+    wave: TrackedWave | None = None
+    is_new_pattern: bool = False
 
     @property
     def period_sd_mm(self) -> float:

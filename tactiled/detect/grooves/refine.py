@@ -108,33 +108,58 @@ def _climb(
     window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, start: PlaneWaves, n_harmonics: int
 ) -> RefinedWave:
     """Alternate between wave, noise and mismatch until they agree."""
-    best, phase = start, None
     mismatch = np.zeros((len(np.unique(layout.kind)), n_harmonics))
+    k, phase_rate, phase = start.k, start.phase_rate, None
     for _ in range(_REFINEMENTS):
-        equations = normal_equations(window, float(best.phase_rate[0]), n_harmonics)
-        variance = noise_variance(window, equations)
-        solver = WaveSolver(window, layout, motion, variance, mismatch)
-        before, best = best, solver.solve(equations, best.k, best.phase_rate, 2, phase)
-        phase = best.phase
-
-        previous, mismatch = mismatch, solver.mismatch_variance(equations, best)
+        best = refine_once(window, layout, motion, k, phase_rate, mismatch, phase)
         moved = max(
-            float(np.abs(best.phase_rate - before.phase_rate)[0]), float(np.abs(best.k - before.k).max())
+            float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
-        if moved < _CONVERGED_RAD and np.allclose(mismatch, previous, rtol=0.05):
+        is_converged = moved < _CONVERGED_RAD and np.allclose(best.mismatch, mismatch, rtol=0.05)
+        k, phase_rate, phase, mismatch = best.waves.k, best.waves.phase_rate, best.waves.phase, best.mismatch
+        if is_converged:
             break
-    free = float((equations.explained() / variance).sum())
-    noise = float(special.chdtri(len(variance) * n_harmonics, FALSE_LINE))
-    plain = WaveSolver(window, layout, motion, variance)
+    return replace(best, is_wave=suits_channels(best, window, layout, motion, float(start.phase_rate[0])))
+
+
+def refine_once(
+    window: DetrendedWindow,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    k: FloatArray,
+    phase_rate: FloatArray,
+    mismatch: FloatArray,
+    phase: FloatArray | None = None,
+) -> RefinedWave:
+    """Climb from a wave vector (1, 2) and phase rate (1,) with a known mismatch; then estimate that anew.
+
+    `is_wave` is not tested.
+    """
+    equations = normal_equations(window, float(phase_rate[0]), mismatch.shape[1])
+    variance = noise_variance(window, equations)
+    solver = WaveSolver(window, layout, motion, variance, mismatch)
+    waves = solver.solve(equations, k, phase_rate, 2, phase)
+    return RefinedWave(waves, equations, variance, solver.mismatch_variance(equations, waves), True, window.n)
+
+
+def suits_channels(
+    best: RefinedWave, window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, phase_rate: float
+) -> bool:
+    """True where the phases of a wave that was found from a start at `phase_rate` suit the channels."""
+    waves, equations = best.waves, best.equations
+    if abs(float(waves.phase_rate[0]) - phase_rate) >= _LARGEST_PHASE_RATE_MOVE:
+        return False
+    if float(best.mismatch[:, 0].mean()) / equations.n_harmonics >= _MOST_MISMATCH:
+        return False
+    free = float((equations.explained() / best.variance).sum())
+    noise = float(special.chdtri(len(best.variance) * equations.n_harmonics, FALSE_LINE))
+    plain = WaveSolver(window, layout, motion, best.variance)
     # Where this wave is right, it also passes at the maximum without mismatch.
-    is_wave = any(
-        free - float(plain.solve(equations, best.k, best.phase_rate, steps, best.phase).gain[0])
+    return any(
+        free - float(plain.solve(equations, waves.k, waves.phase_rate, steps, waves.phase).gain[0])
         < max(MOST_UNEXPLAINED_PART * free, noise)
         for steps in (0, 2)
     )
-    is_wave &= abs(float(best.phase_rate[0] - start.phase_rate[0])) < _LARGEST_PHASE_RATE_MOVE
-    is_wave &= float(mismatch[:, 0].mean()) / n_harmonics < _MOST_MISMATCH
-    return RefinedWave(best, equations, variance, mismatch, is_wave, window.n)
 
 
 def variance_inflation(

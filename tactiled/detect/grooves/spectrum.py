@@ -40,7 +40,7 @@ FALSE_LINE = 1e-6
 LEAST_VARIANCE = (1e-6) ** 2 / 12
 # Periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound of a
 # straight trend.
-_FEW_PERIODS = 2.5
+FEW_PERIODS = 2.5
 # Power of a fundamental as a part of its harmonics' power; less may be what the model does not describe.
 _LEAST_FUNDAMENTAL = 0.03
 # Probability that phase mismatch of a wave's own harmonic passes as another wave.
@@ -247,8 +247,8 @@ def strongest_line(window: DetrendedWindow, params: WaveParams) -> list[RippleHy
     curved = window.with_trend_order(params.trend_order)
     straight_lines, curved_lines = line_spectra(window, curved)
     slow = _hypotheses(window, straight_lines, params, 0.0)
-    fast = _hypotheses(curved, curved_lines, params, _FEW_PERIODS)
-    if not slow or slow[0].periods >= _FEW_PERIODS:
+    fast = _hypotheses(curved, curved_lines, params, FEW_PERIODS)
+    if not slow or slow[0].periods >= FEW_PERIODS:
         return fast
     if not fast:
         return slow
