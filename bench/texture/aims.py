@@ -13,6 +13,7 @@ from bench.report import Aim, Reading, grouped, judge, never
 from bench.texture.plates import DRAWN_WINDOWS_S, Plate
 from bench.texture.spoiled import GROOVELESS
 from bench.texture.tables import CONFIDENCE, SPEEDS, TrialSet, by_plate, first_answers, windows_of, within
+from bench.texture.tracks import COLOURED, NOTICED_S, WHITE
 from bench.texture.trials import MEMORIES, MIN_PERIODS, QUANTITIES, Quantity, Trial, noise_name
 
 Found = Mapping[str, Sequence[Trial]]  # by the parts of the bench
@@ -84,6 +85,30 @@ def _first(found: Found) -> Reading:
     return judge(f"{max(after_s):.1f} s, latest of {len(after_s)}", max(after_s) <= _FIRST_S)
 
 
+def _followed(quantity: Quantity, found: Found) -> Reading:
+    trials = TrialSet(t for t in found["tracks"] if np.isfinite(t.of(quantity).bound))
+    if not trials.right:
+        return judge("nothing answered", False, is_open=True)
+    error = trials.over_bound(quantity)
+    is_open = bool(error * (1 - _SURE / np.sqrt(2 * len(trials.right))) <= _OVER_BOUND)
+    return judge(f"{error:.2f} ({len(trials.right)} windows)", error <= _OVER_BOUND, is_open=is_open)
+
+
+def _rarely_wrong_slides(found: Found) -> Reading:
+    """Answers of one slide are not independent: only their rate is judged."""
+    trials = TrialSet(t for t in found["tracks"] if t.name in {kind.name for kind in (*WHITE, *COLOURED)})
+    words = f"{trials.n_wrong} of {len(trials.ok)}"
+    return judge(words, trials.n_wrong <= _WRONG * len(trials.ok), is_open=not trials.ok)
+
+
+def _noticed(found: Found) -> Reading:
+    after_s = [t.after_s for t in found["changes"]]
+    if not after_s:
+        return judge("not measured", False, is_open=True)
+    late = sum(t > NOTICED_S for t in after_s)
+    return judge(f"latest {max(after_s):.1f} s, {late} of {len(after_s)} later", not late)
+
+
 def _drawn_refused(found: Found) -> Reading:
     full = [t for t in windows_of(found["drawn plates"]) if t.window_s == max(DRAWN_WINDOWS_S)]
     refused, most = sum(t.status != "ok" for t in full), _MOST_REFUSED * len(full)
@@ -138,6 +163,16 @@ AIMS: tuple[Aim[Found], ...] = (
         f"at most {_FIRST_S:g} s",
         _first,
     ),
+    *(
+        Aim(
+            f"error of the {quantity} over its bound, followed slides",
+            f"at most {_OVER_BOUND:g}",
+            partial(_followed, quantity),
+        )
+        for quantity in reversed(QUANTITIES)
+    ),
+    Aim("wrong answers, followed slides", f"at most {1e3 * _WRONG:g} in 1000", _rarely_wrong_slides),
+    Aim("grooves that change are noticed", f"within {NOTICED_S:g} s", _noticed),
     Aim(
         f"plates drawn at random: windows of {max(DRAWN_WINDOWS_S):g} s refused",
         f"at most {100 * _MOST_REFUSED:g} %",

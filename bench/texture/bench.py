@@ -20,6 +20,17 @@ from bench.texture.aims import AIMS
 from bench.texture.cost import cost_table, online_table, run_cost
 from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
 from bench.texture.tables import TrialSet
+from bench.texture.tracks import (
+    CHANGE_PERIODS_MM,
+    CHANGE_SNR_DB,
+    CHANGES,
+    COLOURED,
+    SLIDE_S,
+    STRAYS,
+    WHITE,
+    change_trials,
+    track_trials,
+)
 from bench.texture.trials import (
     CURVE_SNR_DB,
     MEMORIES,
@@ -39,6 +50,7 @@ SNRS_DB = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
 COLOURED_SEED = 5001  # seeds of reports from here on; nothing is tuned on them
 _TWO_WAVES_S, _SHORT_S, _SHORT_SNR_DB = 10.0, 4.0, 20.0
 _BATCH = 50  # coloured windows at a time, so that both workers end together
+_SLIDES = 5  # followed slides at a time, likewise
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,8 @@ class TextureSizes:
         Plates drawn at random, a slide each.
     misfits : int
         Windows of each kind, speed known and not; so for two waves.
+    tracks : int
+        Slides of each kind that are followed, and slides over each change of grooves.
     """
 
     trials: int
@@ -67,14 +81,17 @@ class TextureSizes:
     drawn: int
     misfits: int
     slides: int
+    tracks: int
     repeats: int
 
 
 # A fine plate, and one that the procedure mostly refuses.
-QUICK = TextureSizes(3, 5, 100, ((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, slides=2, repeats=2)
+QUICK = TextureSizes(
+    3, 5, 100, ((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, slides=2, tracks=2, repeats=2
+)
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
-FULL = TextureSizes(80, 50, 3400, PLATES, scenes=5, drawn=40, misfits=30, slides=16, repeats=10)
+FULL = TextureSizes(80, 50, 3400, PLATES, scenes=5, drawn=40, misfits=30, slides=16, tracks=40, repeats=10)
 
 
 class BenchPart(NamedTuple):
@@ -97,6 +114,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     coloured = range(COLOURED_SEED, COLOURED_SEED + sizes.coloured)
     batches = [coloured[first : first + _BATCH] for first in range(0, len(coloured), _BATCH)]
     plates = list(itertools.product(sizes.plates, range(sizes.scenes)))
+    tracked = [range(first, min(first + _SLIDES, sizes.tracks)) for first in range(0, sizes.tracks, _SLIDES)]
     return {
         "grid": BenchPart(
             1.15 * sizes.trials, partial(grid_trials, "joint", sizes.trials), cells(True, False)
@@ -120,6 +138,10 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
         "slides": BenchPart(
             3.1 * sizes.slides, slide_trials, list(itertools.product(PRESETS, range(sizes.slides)))
         ),
+        "tracks": BenchPart(
+            8.0 * sizes.tracks, track_trials, list(itertools.product((*WHITE, *COLOURED, *STRAYS), tracked))
+        ),
+        "changes": BenchPart(1.0 * sizes.tracks, change_trials, list(itertools.product(CHANGES, tracked))),
     }
 
 
@@ -206,4 +228,10 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         f"{sizes.slides} slides ({seeds_in_words(sizes.slides)}) at {spoiled.SPEED_MM_S:g} mm/s, "
         f"{CURVE_SNR_DB:g} dB; bound: of all scans since.",
         tables.curve_table(trials["slides"]),
+        f"Slides of {SLIDE_S:g} s that are followed ({seeds_in_words(sizes.tracks)} of each kind, the speed "
+        "given to every other), gains 0.7 to 1.3: the answer of every hop is counted.",
+        tables.track_table(trials["tracks"]),
+        f"Grooves that change under the skin, {CHANGE_PERIODS_MM[0]:g} to {CHANGE_PERIODS_MM[1]:g} mm "
+        f"before, {CHANGE_SNR_DB:g} dB: time until the old answer is withdrawn or replaced.",
+        tables.change_table(trials["changes"]),
     ]

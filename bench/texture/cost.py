@@ -23,11 +23,12 @@ from bench.texture.signal import (
     scan_times_s,
     sensed_by,
 )
-from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, joint_fit, procedure, slip_at
+from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, joint_fit, joint_motion, procedure, slip_at
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
-from tactiled.detect.grooves.model import WaveParams
+from tactiled.detect.grooves.model import WaveParams, channel_layout
 from tactiled.detect.grooves.spectrum import line_spectra
+from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import make_window
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.samples.block import ScanBlock, regular_block
@@ -52,6 +53,8 @@ class FitCost:
         Channels alike: speed known, unknown; then the same where they stray.
     recursive : float
         Of that, in each: spectrum and trends, which running sums could spare; none for the procedure.
+    tracked : list of float
+        The same windows tracked, where the fit had an answer to track.
     """
 
     what: str
@@ -60,6 +63,7 @@ class FitCost:
     window_s: float
     milliseconds: list[float]
     recursive: float = 0.0
+    tracked: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,17 +73,18 @@ class OnlineCost:
     Attributes
     ----------
     fits : int
-        Fits (windows, for the procedure) in the slide.
+        Hops (windows, for the procedure) in the slide, at which waves are fitted or tracked.
     microseconds : float
-        For each fit or window.
-    longest_ms : float
-        Of a hop: for so long the scans that come meanwhile wait.
+        Mean of a hop or window.
+    median_ms, longest_ms : float
+        Of a hop, which a worker computes where there is one.
     scans_per_s : float
     """
 
     estimator: str
     fits: int
     microseconds: float
+    median_ms: float
     longest_ms: float
     scans_per_s: float
 
@@ -109,15 +114,21 @@ def grating_of(array: Array, window_s: float, stray_rad: float = 0.0) -> Grating
 
 
 def _fit_cost(array: Array, window_s: float, repeats: int) -> FitCost:
-    spent_ms = []
+    spent_ms, tracked_ms, layout = [], [], channel_layout(array)
     for stray_rad in (0.0, STRAY_RAD):
         grating = grating_of(array, window_s, stray_rad)
         volts, offset_s = readings(grating, np.random.default_rng(1)), grating.sensed.offset_s
         for speed_mm_s in (_WAVE.speed_mm_s, 0.0):
             motion = speed_mm_s, 0.0, DIRECTION_SD_DEG
             spent_ms.append(_least_ms(lambda: joint_fit(array, volts, offset_s, *motion), repeats))  # noqa: B023
+            fit = joint_fit(array, volts, offset_s, *motion)
+            window = volts, grating.time_s, offset_s, layout, joint_motion(*motion), WaveParams()
+            if fit.wave is not None:
+                tracked_ms.append(_least_ms(lambda: track_wave(fit, *window), repeats))  # noqa: B023
     recursive_ms = _least_ms(lambda: _recursive(volts, grating.time_s, offset_s), repeats)
-    return FitCost("joint fit", array.name, array.n_channels, window_s, spent_ms, recursive_ms)
+    return FitCost(
+        "joint fit", array.name, array.n_channels, window_s, spent_ms, recursive_ms, tuple(tracked_ms)
+    )
 
 
 def _recursive(volts: FloatArray, time_s: FloatArray, offset_s: FloatArray) -> None:
@@ -162,7 +173,8 @@ def _online(
         estimator.process(block[first : first + hop])
         spent_s.append(time.process_time() - began_s)
     total_s, fits = sum(spent_s), int(_SLIDE_S / every_s)
-    return OnlineCost(name, fits, 1e6 * total_s / fits, 1e3 * max(spent_s), len(block) / total_s)
+    median_ms, longest_ms = 1e3 * float(np.median(spent_s)), 1e3 * max(spent_s)
+    return OnlineCost(name, fits, 1e6 * total_s / fits, median_ms, longest_ms, len(block) / total_s)
 
 
 def cost_table(found: Sequence[FitCost]) -> str:
@@ -182,6 +194,7 @@ def cost_table(found: Sequence[FitCost]) -> str:
                 f"straying by {STRAY_RAD:g} rad: speed known": spent[2],
                 "straying: unknown": spent[3],
                 "of it, spectrum and trends": f"{c.recursive:.1f} ({min(parts):.0f} to {max(parts):.0f} %)",
+                "tracked": f"{min(c.tracked):.1f} to {max(c.tracked):.1f}" if c.tracked else NONE,
             }
         )
     return table(rows)
@@ -192,8 +205,9 @@ def online_table(found: Sequence[OnlineCost]) -> str:
     return table(
         {
             "estimator": c.estimator,
-            f"fits in {_SLIDE_S:g} s": f"{c.fits}",
-            "us a fit": f"{c.microseconds:.0f}",
+            f"hops in {_SLIDE_S:g} s": f"{c.fits}",
+            "us a hop": f"{c.microseconds:.0f}",
+            "hop, median": f"{c.median_ms:.1f} ms",
             "longest hop": f"{c.longest_ms:.0f} ms",
             "scans a second": f"{c.scans_per_s:.0f}",
             "part of a core at 100 Hz": f"{100 * RATE_HZ / c.scans_per_s:.1f} %",

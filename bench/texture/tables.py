@@ -172,6 +172,51 @@ def noise_table(white: Sequence[Trial], coloured: Sequence[Trial]) -> str:
     return table(rows)
 
 
+def track_table(trials: Sequence[Trial]) -> str:
+    """Answers of whole slides, at every hop, by noise and by how the channels' phases stray."""
+    rows = []
+    for name, mine in grouped(trials, lambda t: t.name).items():
+        found = TrialSet(mine)
+        answered = {t.seed for t in found.ok}
+        wrong = {t.seed for t in found.ok if t.is_wrong}
+        errors = [f"{found.over_bound(quantity):.2f}" for quantity in reversed(QUANTITIES)]
+        is_bounded = any(np.isfinite(t.angle.bound) for t in found.right)
+        rows.append(
+            {
+                "noise": name,
+                "slides with answers": f"{len(answered)} of {len({t.seed for t in found.all})}",
+                "answers": f"{len(found.ok)}",
+                "wrong": f"{found.n_wrong} (in {len(wrong)} slides)" if wrong else "0",
+                "in 1000, at most (95 %)": f"{1e3 * found.most_wrong:.2f}",
+                "angle within 95 %": f"{100 * within(found.ok, 'angle'):.1f} %" if found.ok else NONE,
+                "period within 95 %": f"{100 * within(found.ok, 'period'):.1f} %" if found.ok else NONE,
+                "over the bound: angle, period": ", ".join(errors) if is_bounded else NONE,
+                "refused as": found.refused,
+            }
+        )
+    return table(rows)
+
+
+def change_table(trials: Sequence[Trial]) -> str:
+    """Time until the answer to the old grooves is no longer given."""
+    rows = []
+    for name, mine in grouped(trials, lambda t: t.name).items():
+        found, after_s = TrialSet(mine), sorted(t.after_s for t in mine)
+        rows.append(
+            {
+                "change": name,
+                "slides": f"{len(mine)}",
+                "noticed after (median, 90 %, latest)": ", ".join(
+                    f"{after_s[min(int(part * len(after_s)), len(after_s) - 1)]:.1f} s"
+                    for part in (0.5, 0.9, 1)
+                ),
+                "last answer right": f"{len(found.right)}",
+                "wrong": f"{found.n_wrong}",
+            }
+        )
+    return table(rows)
+
+
 def threshold_table(trials: Sequence[Trial]) -> str:
     """Largest noise up to which 9 of 10 windows of `MIN_PERIODS` or more are answered, by window."""
     long = grouped(

@@ -6,49 +6,90 @@ seen as it would be live, and each of its answers is one of the windows that are
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from bench.texture.signal import RATE_HZ, FloatArray, Grating, Wave, bound, draw_grating, readings, wave_volts
-from bench.texture.trials import ARRAY, MIN_PERIODS, Trial, compare, online_answers, slip_at, turns_off
+from bench.texture.signal import (
+    RATE_HZ,
+    FloatArray,
+    Grating,
+    Wave,
+    bound,
+    draw_grating,
+    readings,
+    scan_times_s,
+    wave_volts,
+)
+from bench.texture.trials import (
+    ARRAY,
+    MEMORIES,
+    MIN_PERIODS,
+    Trial,
+    compare,
+    noise_name,
+    online_answers,
+    slip_at,
+    turns_off,
+)
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.events.types import TextureEvent
 
-SLIDE_S = 12.0
-SNRS_DB = (0.0, 10.0, 20.0, 30.0, 40.0)
-STRAYS_RAD = (0.0, 0.1, 0.15, 0.2, 0.3)  # rms, of a channel's phase from its kind's
-STRAY_SNR_DB = 20.0
+SLIDE_S = 12.6
 CHANGES = {"period 10 % longer": (1.1, 0.0), "angle 10 degrees more": (1.0, 10.0)}
 CHANGE_S = 6.0  # since the slide began
-_CHANGE_PERIODS = 9.0  # in the time before: three blocks of a period and a half, at twice the least speed
-_COMPARED_S = (2.0, 5.0, 8.0, 12.0)  # windows set over the bound: since the slide began
+NOTICED_S = 1.6  # after the change, at the latest
+# Changes of longer periods move the phases over the array by less than 0.3 radians, and are not noticed.
+CHANGE_PERIODS_MM = (0.6, 4.0)
+_CHANGE_PERIODS = 6.0  # in the time before: three blocks of a period and a half, and a hop or two
+CHANGE_SNR_DB = 20.0
+_COMPARED_S = (2.0, 5.0, 8.0, 12.0)  # ends of the windows that are set over the bound, since the slide began
 _GAINS = (0.7, 1.3)
 _PARAMS = JointParams(settle_s=0.0)
 _LONGEST_S = _PARAMS.criteria.max_window_s
 
 
-def track_trials(stray_rad: float, snr_db: float, seeds: Sequence[int]) -> list[Trial]:
-    """Answers and refusals of slides over one grating each; those of `_COMPARED_S` have their bound."""
+class TrackKind(NamedTuple):
+    """Noise of a slide, and rms of a channel's phase from its kind's."""
+
+    snr_db: float
+    memory: float = 0.0
+    stray_rad: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Words for a table."""
+        if self.stray_rad:
+            return f"phases stray by {self.stray_rad:g} rad, {self.snr_db:g} dB"
+        return f"{noise_name(self.memory) if self.memory else 'white noise'}, {self.snr_db:g} dB"
+
+
+WHITE = tuple(TrackKind(snr_db) for snr_db in (0.0, 10.0, 20.0, 30.0, 40.0))
+COLOURED = tuple(TrackKind(15.0, memory) for memory in MEMORIES)
+STRAYS = tuple(TrackKind(20.0, 0.0, stray_rad) for stray_rad in (0.05, 0.1, 0.15, 0.2, 0.3))
+
+
+def track_trials(kind: TrackKind, seeds: Sequence[int]) -> list[Trial]:
+    """Answers and refusals of slides over one grating each.
+
+    Those of `_COMPARED_S` have their bound, where the noise is white and phases do not stray.
+    """
     trials = []
     for seed in seeds:
-        rng = np.random.default_rng([seed, round(snr_db) + 100, round(100 * stray_rad)])
-        grating = draw_grating(ARRAY, rng, _COMPARED_S[0], snr_db, MIN_PERIODS)
-        time_s = np.arange(round(SLIDE_S * RATE_HZ)) / RATE_HZ
-        grating = _strayed(replace(grating, time_s=time_s), rng, stray_rad)
-        for event in _answers(grating, readings(grating, rng), is_known=seed % 2 == 1):
-            end = round(event.time_s * RATE_HZ) + 1
-            used_s = time_s[max(0, end - round(_LONGEST_S * RATE_HZ)) : end]
+        numbers = (kind.snr_db + 100, 100 * kind.memory, 100 * kind.stray_rad)
+        rng = np.random.default_rng([seed, *(round(number) for number in numbers)])
+        grating = draw_grating(ARRAY, rng, _COMPARED_S[0], kind.snr_db, MIN_PERIODS)
+        time_s = scan_times_s(SLIDE_S)
+        grating = _strayed(replace(grating, time_s=time_s), rng, kind.stray_rad)
+        is_known = seed % 2 == 1
+        for event in _answers(grating, readings(grating, rng, kind.memory), is_known=is_known):
+            end_s = round(event.time_s + 1 / RATE_HZ, 3)
+            used_s = time_s[(time_s >= end_s - _LONGEST_S - 1e-9) & (time_s < end_s - 1e-9)]
             least = None
-            if event.status == "ok" and not stray_rad and end / RATE_HZ in _COMPARED_S:
-                least = bound(grating.wave, grating.sensed, used_s, is_speed_known=seed % 2 == 1)
-            fields = {
-                "name": f"{stray_rad:g} rad",
-                "seed": seed,
-                "is_speed_known": seed % 2 == 1,
-                "window_s": end / RATE_HZ,
-                "snr_db": snr_db,
-                "periods": abs(grating.wave.frequency_hz) * len(used_s) / RATE_HZ,
-            }
+            if event.status == "ok" and kind in WHITE and end_s in _COMPARED_S:
+                least = bound(grating.wave, grating.sensed, used_s, is_speed_known=is_known)
+            fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": end_s}
+            fields |= {"snr_db": kind.snr_db, "periods": grating.periods * len(used_s) / len(time_s)}
             trials.append(compare(event, grating.wave, least, **fields))
     return trials
 
@@ -59,9 +100,11 @@ def change_trials(name: str, seeds: Sequence[int]) -> list[Trial]:
     trials = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        grating = draw_grating(ARRAY, rng, CHANGE_S, STRAY_SNR_DB, _CHANGE_PERIODS)
-        time_s = np.arange(round(SLIDE_S * RATE_HZ)) / RATE_HZ
-        grating = _strayed(replace(grating, time_s=time_s), rng, 0.0)
+        grating = draw_grating(ARRAY, rng, CHANGE_S, CHANGE_SNR_DB, _CHANGE_PERIODS)
+        time_s = scan_times_s(SLIDE_S)
+        while grating.wave.period_mm > CHANGE_PERIODS_MM[1]:
+            grating = draw_grating(ARRAY, rng, CHANGE_S, CHANGE_SNR_DB, _CHANGE_PERIODS)
+        grating = replace(grating, time_s=time_s)
         old = grating.wave
         new = replace(old, period_mm=old.period_mm * longer, angle_deg=old.angle_deg + more_deg)
         volts = readings(grating, rng)
@@ -91,13 +134,10 @@ def _strayed(grating: Grating, rng: np.random.Generator, stray_rad: float) -> Gr
     sensed = grating.sensed
     gain = rng.uniform(*_GAINS, (len(sensed.kind), 1))
     phase_rad = sensed.phase_rad[sensed.kind] + stray_rad * rng.standard_normal(gain.shape)
-    if not stray_rad:
-        return replace(grating, sensed=replace(sensed, amplitude_volts=gain * sensed.amplitude_volts))
-    kind = np.arange(len(sensed.kind))
-    return replace(
-        grating,
-        sensed=replace(sensed, amplitude_volts=gain * sensed.amplitude_volts, kind=kind, phase_rad=phase_rad),
-    )
+    sensed = replace(sensed, amplitude_volts=gain * sensed.amplitude_volts)
+    if stray_rad:
+        sensed = replace(sensed, kind=np.arange(len(sensed.kind)), phase_rad=phase_rad)
+    return replace(grating, sensed=sensed)
 
 
 def _answers(grating: Grating, volts: FloatArray, *, is_known: bool) -> list[TextureEvent]:

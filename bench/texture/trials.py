@@ -156,9 +156,14 @@ def joint_fit(
     direction_sd_deg: float,
 ) -> WaveFit:
     """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
-    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
+    motion = joint_motion(speed_mm_s, direction_deg, direction_sd_deg)
     time_s = np.arange(len(volts)) / RATE_HZ
     return fit_wave(volts, time_s, offset_s, channel_layout(array), motion, WaveParams())
+
+
+def joint_motion(speed_mm_s: float, direction_deg: float, direction_sd_deg: float) -> WaveMotion:
+    """Motion as the joint fit is given it: the speed is exact, or 0 where it is unknown."""
+    return WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
 
 
 def grid_trials(estimator: str, n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:

@@ -29,14 +29,22 @@ def test_windows_that_are_timed_are_answered(speed_mm_s: float) -> None:
 
 def test_the_share_is_of_the_cheapest_and_of_the_dearest_fit() -> None:
     cells = (
-        cost_table([FitCost("joint fit", "pad", 9, 2.0, [4.0, 5.0, 10.0, 8.0], 1.0)])
+        cost_table([FitCost("joint fit", "pad", 9, 2.0, [4.0, 5.0, 10.0, 8.0], 1.0, (1.0, 2.0))])
         .splitlines()[-1]
         .split("|")
     )
-    assert [cell.strip() for cell in cells[5:-1]] == ["4.0", "5.0", "10.0", "8.0", "1.0 (10 to 25 %)"]
+    assert [cell.strip() for cell in cells[5:-1]] == [
+        "4.0",
+        "5.0",
+        "10.0",
+        "8.0",
+        "1.0 (10 to 25 %)",
+        "1.0 to 2.0",
+    ]
 
 
 def test_the_longest_hop_is_said() -> None:
-    row = online_table([OnlineCost("quick", 100, 15000.0, 21.4, 1000.0)]).splitlines()[-1]
+    row = online_table([OnlineCost("quick", 100, 15000.0, 1.52, 21.4, 1000.0)]).splitlines()[-1]
+    assert "1.5 ms" in row
     assert "21 ms" in row
     assert "10.0 %" in row  # of a core, at a hundred scans a second

@@ -151,6 +151,8 @@ def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
         "drawn plates": [],
         "misfits": [],
         "two waves": [],
+        "tracks": [replace(t, name="white noise, 20 dB") for t in grid],
+        "changes": [],
     }
     found |= {name.replace("_", " "): trials for name, trials in parts.items()}
     return {row[0]: row[2] for row in rows(aims_table(AIMS, {"measured": found}))}
@@ -162,6 +164,8 @@ def test_aims_that_are_met() -> None:
     assert words["error of the angle over its bound, speed known"] == "met: 1.00 (2 s); all 1.00"
     assert words["95 % intervals of the angle hold, white noise, speed known"] == "met: 95.0 %"
     assert words["wrong answers, AR(1), 0.9"] == "met: 0 of 3000 (95 %: below 1.00 in 1000)"
+    assert words["error of the angle over its bound, followed slides"] == "met: 1.00 (3000 windows)"
+    assert words["wrong answers, followed slides"] == "met: 0 of 3000"
     assert words["1.2 mm at 30 deg, balanced: first answer after slip began"] == "met: 2.4 s, latest of 1"
     assert not any("MISSED" in measured for measured in words.values())
 
@@ -181,6 +185,9 @@ def test_aims_that_are_missed() -> None:
     assert words["error of the angle over its bound, speed known"].startswith("MISSED")
     assert words["95 % intervals of the angle hold, white noise, speed known"].startswith("MISSED")
     assert words["wrong answers, white noise"].startswith("MISSED")
+    assert words["wrong answers, followed slides"].startswith("MISSED")
+    late = aims(far, changes=[replace(RIGHT, after_s=after_s) for after_s in (0.8, 2.0)])
+    assert late["grooves that change are noticed"] == "MISSED: latest 2.0 s, 1 of 2 later"
     name = "errors of the {} smaller than the procedure's of 10 s: joint, 10 s"
     assert words[name.format("period")] == "MISSED: 5.0 times (1.2 mm, 30 deg; 1 of 1 plates)"
     assert words["plates without grooves: answered"] == "MISSED: 1 of 1"
