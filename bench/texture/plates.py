@@ -107,6 +107,6 @@ def _first_answer(slide: ScenePlay, wave: Wave, preset: Preset, seed: int) -> Tr
         start_s=float(slide.time_s[0]),
     )
     answer = next((event for event in events if event.status == "ok"), None)
-    after_s = answer.time_s - onset_s if answer else np.inf
+    after_s = answer.answered_s - onset_s if answer else np.inf
     nan = float("nan")
     return compare(answer, wave, name=preset, seed=seed, window_s=nan, is_speed_known=True, after_s=after_s)

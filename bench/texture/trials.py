@@ -276,7 +276,9 @@ def _full_window(
     """Answer of the online estimator to a window when it is full."""
     # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
     direction_deg = window.wave.direction_deg
-    params = JointParams(max_window_s=window_s, hop_s=window_s, settle_s=0.0, direction_deg=direction_deg)
+    params = JointParams(
+        max_window_s=window_s, hop_s=window_s, answer_after_s=0.0, settle_s=0.0, direction_deg=direction_deg
+    )
     events = online_answers(
         params,
         window.volts(rng),
@@ -306,8 +308,8 @@ def slide_trials(preset: Preset, seed: int) -> list[Trial]:
         params, window.volts(rng), window.sensed.offset_s, slip, given_mm_s=window.given_mm_s
     )
     answers = [event for event in events if event.status == "ok"]
-    # An event is about the scans up to its own: the next one begins a scan later.
-    ready_s = [event.time_s + 1 / RATE_HZ for event in answers]
+    # An answer comes with a scan, which is complete when the next one begins.
+    ready_s = [event.answered_s + 1 / RATE_HZ for event in answers]
     fields = {"name": preset, "seed": seed, "is_speed_known": True}
     trials = []
     for time_s in CURVE_TIMES_S:

@@ -5,11 +5,8 @@ The steps: find the line in the pooled spectrum (`spectrum`); list every wave ve
 against the others (`ambiguity`) and against two waves of one frequency (`two_waves`); state the covariance
 from the Fisher information. `model` defines the wave.
 
-Each window is fitted without knowledge of earlier ones. Running sums could save what depends on the scans
-alone, the spectrum and the projection of trends, but only once a window slides: while it grows, its bins move
-with it. `./run bench texture` prints their part of a fit. Starting from the last answer would save the
-search. But the search finds a competing reading that has since become as likely, and results would then
-depend on which windows came before.
+Each window is fitted without knowledge of earlier ones, so that a competing reading that has since become as
+likely is found. Between fits, `track` follows the answer.
 """
 
 from dataclasses import replace
@@ -33,7 +30,7 @@ from tactiled.detect.grooves.search import common_mode_power, search_wave_vector
 from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.spectrum import RippleHypothesis, foreign_lines, strongest_line
 from tactiled.detect.grooves.two_waves import pair_candidates, pairs_confirm_fit, pairs_in_line
-from tactiled.detect.grooves.window import DetrendedWindow, make_window, normal_equations
+from tactiled.detect.grooves.window import STRAIGHT, DetrendedWindow, make_window, normal_equations
 
 # Part of a channel's readings. A channel with more bad ones is left out.
 _MOST_BAD_PART = 0.05
@@ -117,6 +114,7 @@ def prepare_window(
     params: WaveParams,
     usable: NDArray[np.bool_] | None = None,
     speeds_mm_s: FloatArray | None = None,
+    trend_order: int = STRAIGHT,
 ) -> tuple[DetrendedWindow, ChannelLayout] | WaveFit:
     """The window of `fit_wave` and the layout of its usable channels about their centre; or a refusal."""
     sane = np.abs(volts) <= _MOST_VOLTS
@@ -134,7 +132,7 @@ def prepare_window(
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
-    return make_window(readings, time_s, rate, channel_offset_s[chosen]), here
+    return make_window(readings, time_s, rate, channel_offset_s[chosen], trend_order), here
 
 
 def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:

@@ -22,7 +22,7 @@ from tactiled.detect.grooves.fit import prepare_window, with_wave
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_channels
 from tactiled.detect.grooves.spectrum import FEW_PERIODS
-from tactiled.detect.grooves.window import DetrendedWindow, trend_basis
+from tactiled.detect.grooves.window import STRAIGHT, DetrendedWindow, trend_basis
 
 # Length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6 s.
 _BLOCK_S = 1.0
@@ -78,8 +78,14 @@ def track_wave(
     >>> print(f"{later.period_mm:.3f} mm, {later.angle_deg:.1f} degrees")
     1.200 mm, 20.0 degrees
     """
-    prepared = prepare_window(volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s)
-    if isinstance(prepared, WaveFit) or last.wave is None:
+    if last.wave is None:
+        return None
+    is_long = last.frequency_hz * (time_s[-1] - time_s[0]) >= FEW_PERIODS
+    trend_order = params.trend_order if is_long else STRAIGHT
+    prepared = prepare_window(
+        volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s, trend_order
+    )
+    if isinstance(prepared, WaveFit):
         return None
     window, here = prepared
     tied = motion if last.uses_given_speed else motion.without_speed
@@ -87,8 +93,6 @@ def track_wave(
     is_new_kind = here.is_kind.shape[1] != len(last.wave.mismatch)
     if is_new_kind:
         return None
-    if phase_rate >= np.pi * FEW_PERIODS:
-        window = window.with_trend_order(params.trend_order)
     k = last.wave.k[np.newaxis]
     best = refine_once(window, here, tied, k, np.array([phase_rate]), last.wave.mismatch)
     found = float(best.waves.phase_rate[0])
@@ -138,7 +142,7 @@ def _block_phasors(window: DetrendedWindow, best: RefinedWave, n_block: int) -> 
     angle = harmonics * float(best.waves.phase_rate[0]) * window.travel[:, newest]
     waves = np.concatenate([np.cos(angle), np.sin(angle)]).swapaxes(0, 1)
     waves = waves.reshape(len(waves), -1, n_blocks, n_block).swapaxes(1, 2)
-    slow = np.broadcast_to(trend_basis(n_block, 1).T, (*waves.shape[:2], 2, n_block))
+    slow = np.broadcast_to(trend_basis(n_block, STRAIGHT).T, (*waves.shape[:2], 2, n_block))
     basis = np.concatenate([waves, slow], axis=2)  # (1 or channels, blocks, functions, scans)
     volts = window.volts[:, newest].reshape(-1, n_blocks, n_block, 1)
     parts = np.linalg.solve(basis @ basis.swapaxes(2, 3), basis @ volts)[..., 0]

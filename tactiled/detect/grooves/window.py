@@ -9,7 +9,7 @@ each channel, and every question about wave vectors, phases and amplitudes is an
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from tactiled.samples.block import ScanBlock
 # Phase rate. Lines that are less than this apart cannot be resolved in one window: 0.75 of its periods.
 _NEXT_RAD = 0.75 * np.pi
 # Order of the trend that is always removed: level and slope.
-_STRAIGHT = 1
+STRAIGHT = 1
 # Ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the trend absorbs
 # whole. The ridge changes amplitudes by less than a 30-bit converter can resolve.
 _RIDGE = 1e-9
@@ -150,7 +150,7 @@ class DetrendedWindow:
 
     def with_trend_order(self, order: int) -> "DetrendedWindow":
         """A copy in which polynomials of up to `order` are part of the trend."""
-        return self._without(trend_basis(self.n, order)[:, _STRAIGHT + 1 :])
+        return self._without(trend_basis(self.n, order)[:, STRAIGHT + 1 :])
 
     def without_wave(self, phasors: NDArray[np.complex128], phase_rate: float) -> "DetrendedWindow":
         """A copy without a wave of known phasors (channels,), stated for sampling at one instant."""
@@ -173,16 +173,23 @@ class DetrendedWindow:
         return float(np.diff(self.travel[0]).max())
 
 
+@lru_cache(maxsize=16)  # windows that have their full length ask for the same few
 def trend_basis(n: int, order: int) -> FloatArray:
-    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1)."""
+    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1), read-only."""
     steps = np.linspace(-1.0, 1.0, n)
-    return np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
+    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
+    basis.flags.writeable = False
+    return basis
 
 
 def make_window(
-    volts: FloatArray, time_s: FloatArray, travel_rate: FloatArray, channel_offset_s: FloatArray
+    volts: FloatArray,
+    time_s: FloatArray,
+    travel_rate: FloatArray,
+    channel_offset_s: FloatArray,
+    trend_order: int = STRAIGHT,
 ) -> DetrendedWindow:
-    """Remove the straight trend from readings and scale the distance travelled.
+    """Remove a polynomial trend from readings and scale the distance travelled.
 
     Parameters
     ----------
@@ -193,10 +200,11 @@ def make_window(
         Distance per second after each scan, mm/s; ones where the speed is unknown.
     channel_offset_s : (channels,) float64
         Delay from the beginning of a scan to the sampling of each channel.
+    trend_order : int
     """
     duration_s = float(time_s[-1] - time_s[0])
     travel = np.concatenate([[0.0], np.cumsum(travel_rate[:-1] * np.diff(time_s))])
-    trend = trend_basis(len(volts), _STRAIGHT)
+    trend = trend_basis(len(volts), trend_order)
     readings = volts.T - (volts.T @ trend) @ trend.T
     half_travel = float(np.ptp(travel)) / 2 or 1.0
     travel = (travel - (travel.min() + travel.max()) / 2) / half_travel

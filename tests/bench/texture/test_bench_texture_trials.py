@@ -142,12 +142,12 @@ def test_both_gratings_are_found_where_frequencies_differ() -> None:
 
 def test_answers_do_not_depend_on_blocks() -> None:
     rng = np.random.default_rng(0)
-    made = model_window(ARRAY, rng, 2.0)
+    made = model_window(ARRAY, rng, 3.0)
     volts, offset_s = made.volts(rng), made.sensed.offset_s
     params, slip = JointParams(max_window_s=1.5), slip_at(0.0, 0.0)
     events = [
         list(online_answers(params, volts, offset_s, slip, given_mm_s=[(0, 1.5)], block_scans=n))
-        for n in (7, 200)
+        for n in (7, 300)
     ]
     assert events[0] == events[1]
     assert events[0]
