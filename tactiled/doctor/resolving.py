@@ -17,17 +17,15 @@ import numpy as np
 
 from tactiled.array import Array
 from tactiled.detect.grooves.estimator import JointParams
-from tactiled.detect.wang2019.grooves import GrooveParams
+from tactiled.detect.wang2019.grooves import EQUAL_MM, GrooveParams
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.waves import check_waves
-
-_EQUAL_MM = 1e-6  # gaps that differ by less are equal: two decimals in a file
 
 
 def lever_mm(array: Array, column: list[int]) -> tuple[float, bool]:
     """Lever of a column in mm, and True where it is the difference of two unequal gaps."""
     gaps_mm = np.diff(array.y_mm[column])
-    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
+    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > EQUAL_MM:
         return float(abs(gaps_mm[0] - gaps_mm[1])), True
     return float(gaps_mm[0]), False
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip.evidence import ShearEvidence
-from tactiled.detect.slip.response import AXES, PRESSURE, motion
+from tactiled.detect.slip.response import AXES, PRESSURE, UNEQUAL_SHEAR, motion
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 # One taxel shows no spread: resistors that are 5 % unequal turn it by so much (radians), and then its noise.
@@ -33,7 +33,6 @@ _MODEL_SD = 0.004
 _RELIEVED = 0.6
 # Shear over pressure at the limit, in the middle of dry skins: pairs show 1.9 times friction, 0.3 to 0.9.
 _LIMIT = 1.1
-_UNEQUAL = 0.07  # shear over pressure that unequal resistors show where there is none
 # Of the turn that is open: drags 0 to 0.3, pulls 0.4 to 1, on 32 scenes of both whose skin was sheared at 20
 # to 110 degrees to the growth.
 _TURNS, _TURNS_SD = 0.4, 0.33
@@ -100,4 +99,4 @@ def _open_turn(towards: FloatArray, now: FloatArray) -> float:
     x, y = motion(now)[:2] / max(float(now[PRESSURE]), 1.0)
     ahead, across = float(towards[0] * x + towards[1] * y), float(towards[0] * y - towards[1] * x)
     at_limit = max(ahead, math.sqrt(max(_LIMIT**2 - across**2, 0.0)))
-    return math.atan2(math.copysign(max(abs(across) - _UNEQUAL, 0.0), across), at_limit)
+    return math.atan2(math.copysign(max(abs(across) - UNEQUAL_SHEAR, 0.0), across), at_limit)

@@ -14,7 +14,7 @@ slip:
    of the signal gives the friction coefficient beforehand: `least_shear` trades early against certain. A
    rise against the shear already present must be twice as large (Masing 1926: on reversal, a loaded joint
    follows its first curve, doubled).
-3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it: `_COMMON`
+3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it: `_LEAKED_PART`
    of it through unequal resistors, and the shear already present, which is proportional to pressure.
 4. New. The ramp also passes the first test with the noise of the scans just before it, so that a hum that
    swells, an arm that shakes, and noise that grew suddenly are compared with themselves before the noise
@@ -37,7 +37,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.slip.filters import N_BASELINE, lasting
 from tactiled.detect.slip.friction_limit import FrictionLimitTest
-from tactiled.detect.slip.response import AXES, motion, moved
+from tactiled.detect.slip.response import AXES, UNEQUAL_SHEAR, motion, moved
 from tactiled.detect.slip.segments import BEFORE_SCANS, ResponseSegmenter, TaxelSetSegment
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
@@ -45,8 +45,7 @@ from tactiled.detect.slip.segments import BEFORE_SCANS, ResponseSegmenter, Taxel
 _LOOKS_A_SCAN = 1.5
 # Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
 # tilting load leaks more than an even one.
-_COMMON = 0.25
-_UNEQUAL = 0.07  # what such resistors show of shear, over pressure, where there is none
+_LEAKED_PART = 0.25
 # A rise during which pressure doubles is a press; where it is oblique, shear grows with it without slip.
 _PRESS = 0.5
 # Of 1575 onsets of the physical families, seeds 1001 to 1006, at 0.3 to 10 mV, the least kept 0.90; of 16
@@ -149,8 +148,8 @@ class ShearEvidence:
         size, there = _size(rise), _size(start)
         along = (start * rise).sum(axis=1) / np.maximum(size * there, 1.0)  # cosine
         is_back = (along < -0.5) & (there > self._least * pressure)
-        reached = size + np.where(along > 0.5, np.maximum(there - _UNEQUAL * pressure, 0.0), 0.0)
-        leak = _COMMON + there / np.maximum(pressure - rises[:, AXES], 1.0)
+        reached = size + np.where(along > 0.5, np.maximum(there - UNEQUAL_SHEAR * pressure, 0.0), 0.0)
+        leak = _LEAKED_PART + there / np.maximum(pressure - rises[:, AXES], 1.0)
         return np.asarray(
             (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
             & (size >= _NEWS * self._least * pressure)

@@ -58,9 +58,9 @@ _LEAST_ROWS = 5  # of a rise: what is faster is not of one instant
 _EVEN = 0.008
 _LOADED = 0.3  # of the mean load: taxels with less have shares that are mostly noise
 _SEEN = 0.08  # of the rise: less is mostly noise, and hardly bends
-# A side that is relieved of its load reads half of what spreads from its taxel's other half, and falls no
-# further; from here on it bends. Then only the rising side tells, at twice the noise.
-_BOTTOMED = 0.6
+# A side that loses its load ends at about half of the reading of the opposite side (`slip.response`). Below this
+# part of it, its curve bends for that reason; then only the rising side is used, at twice the noise.
+_BENDS_BELOW_PART = 0.6
 _MOST_ROWS = 128  # kept of a rise: then two become one
 _START_ROW = np.array([[0.0, 0.0, math.sqrt(START_SCANS)]])
 
@@ -162,7 +162,7 @@ class FrictionLimitTest:
         along = unit(moved(self._weights @ self._start, self._weights @ now))
         both = along @ motion(self._weights.T).T
         rising = rising_half(along) @ self._weights[:PRESSURE]
-        bears_both = (rising - both) @ now >= _BOTTOMED * (rising @ now)
+        bears_both = (rising - both) @ now >= _BENDS_BELOW_PART * (rising @ now)
         return self._taxels * (both if bears_both else 2 * rising)
 
     def _without_skew(self, at: FloatArray, risen: FloatArray, shear: FloatArray) -> FloatArray:

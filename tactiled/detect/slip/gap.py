@@ -12,14 +12,14 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.gross import NOISE_SDS
 from tactiled.detect.slip.response import PRESSURE, motion
 
 LOOK_SCANS = 8  # averaged before and after the gap
 # Of shear over pressure: a tenth of the contact slips at a friction of 0.4, creep of a held load is far less.
 _LEAST = 0.1
 # Twice what `slip.evidence` asks of a rise: in a gap pressure and shear may have changed one after the other.
-_COMMON = 0.5
-_NOISE_SDS = 6.0
+_LEAKED_PART = 0.5
 _LONGEST_S = 2.0  # longer, and what is held is held anew
 
 
@@ -103,7 +103,7 @@ def moved_in_gap(
     along = news / size
     noise = before.evidence.noise(along) * np.sqrt(2 / LOOK_SCANS)
     enough = max(least, _LEAST) * now[PRESSURE]
-    if size < max(enough, _NOISE_SDS * noise, _COMMON * abs(now[PRESSURE] - then[PRESSURE])):
+    if size < max(enough, NOISE_SDS * noise, _LEAKED_PART * abs(now[PRESSURE] - then[PRESSURE])):
         return None
     change = after - readings * pressed
     if not evidence.is_shared(news, change, after):

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 _RISES = 0.05  # of the steepest: a response that grows slower has come to its limit
 FELL_PART = 0.15  # of the rise: more than creep and unequal taxels make of a load that stays
-NOISE_SDS = 6.0  # a fall within the noise is none
+NOISE_SDS = 6.0  # a change of shear below this many standard deviations of its noise does not count
 # A load that stays near its limit looks like gross slip until it grows again: by little, and for any setting.
 GROWS_PART = 0.1
 # An extreme lasts until the response has left it by more than ripple and noise.

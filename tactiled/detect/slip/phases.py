@@ -58,7 +58,7 @@ _SLOPE_SD_PART = 0.15
 _STALLED_S, _BENT_SCANS = 0.3, 2
 _BROKE_AWAY = 3.0  # a fall so many times as steep as the steepest rise is no unloading
 # Pressure alone moves twice a side by some three times itself, shear moves the pressure by an eighth of it.
-_COMMON = 4.0
+_PRESSURE_CHANGES = 4.0
 # Pressure that grew with the shear by more than this of it is a load that came at a slant: slip itself moves
 # the pressure by an eighth, jolts by up to 0.65, slanted loads on the physical families by 1.1 to 1.7.
 _PRESSED = 0.8
@@ -202,7 +202,7 @@ class SlipPhaseTracker:
             self._least * pressure,
             FELL_PART * (self._top.value - self._start),
             NOISE_SDS * noise,
-            _COMMON * abs(pressure - self._top_pressure),
+            _PRESSURE_CHANGES * abs(pressure - self._top_pressure),
         ):
             since = max(index - self._top.index, 1)
             broke = fall / since > _BROKE_AWAY * self._steepest

@@ -31,9 +31,10 @@ COLUMNS = 7
 # Readings are whole within 2^23 and an axis weighs at most a few of them; what is larger is clipped, so that
 # filters of whole weights stay exact (`slip.filters`).
 _LARGEST = 2.0**24
-# A half that is relieved of all it carries still reads what spreads under its electrodes from the taxel's
-# other half: 0.41 to 0.45 of that on scenes of 8 to 16 N.
-_BOTTOMED = 0.5
+# A side that has lost all its load still reads what spreads under its electrodes from the opposite side: 0.41
+# to 0.45 of the reading there, on scenes of 8 to 16 N.
+_UNLOADED_PART = 0.5
+UNEQUAL_SHEAR = 0.07  # shear over pressure that unequal resistors (5 %) show where there is none
 
 
 class ResponseModel:
@@ -126,6 +127,6 @@ def moved(before: FloatArray, now: FloatArray) -> FloatArray:
     lowest = halves.min(axis=0)
     change = halves[1] - halves[0]
     both = change[0] - change[1]
-    rising_only = lowest[1] < _BOTTOMED * lowest[0]
-    falling_only = lowest[0] < _BOTTOMED * lowest[1]
+    rising_only = lowest[1] < _UNLOADED_PART * lowest[0]
+    falling_only = lowest[0] < _UNLOADED_PART * lowest[1]
     return np.asarray(np.where(rising_only, 2 * change[0], np.where(falling_only, -2 * change[1], both)))

@@ -30,7 +30,7 @@ from tactiled.detect.slip.response import AXES, PRESSURE, ResponseModel, motion,
 
 Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
-_COMMON = AXES + 1  # axes of motion, and pressure
+_RESPONSES = AXES + 1  # axes of motion, and pressure
 BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip.evidence`)
 # Interval of choosing the taxels: the noise is known after some groups, and each choice begins a segment.
 _CHOOSE_SCANS = 4 * GROUP_SCANS
@@ -105,9 +105,9 @@ class ResponseSegmenter:
         self.filters = RampFilters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
-        self._floor = NoiseFloor(len(LEVELS), _COMMON + array.n_channels, rate_hz)
+        self._floor = NoiseFloor(len(LEVELS), _RESPONSES + array.n_channels, rate_hz)
         self._steps = np.zeros((0, array.n_channels))
-        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _COMMON, len(LEVELS)))
+        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _RESPONSES, len(LEVELS)))
         self._newest_bad = np.full(array.n_taxels, -self.filters.window - 1)
         self._n_seen = 0
         self._noisy = np.zeros(array.n_taxels, dtype=np.bool_)
@@ -149,7 +149,7 @@ class ResponseSegmenter:
 
     def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
         """Find taxels with far more noise than the median, with hysteresis."""
-        noise = self._response.worst(self._floor.sd[0, _COMMON:])
+        noise = self._response.worst(self._floor.sd[0, _RESPONSES:])
         usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
         self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
 
@@ -168,7 +168,7 @@ class ResponseSegmenter:
             now = self._made_of(self._floor.sd)
             known = (noise > 0) & (now > 0)
             self._floor.scale(
-                np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _COMMON)
+                np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _RESPONSES)
             )
         n = len(steps)
         steps = np.concatenate([self._steps, steps])
@@ -185,7 +185,7 @@ class ResponseSegmenter:
     def _made_of(self, noise: FloatArray) -> FloatArray:
         """Return the noise (levels, 4) of axes and pressure if the noise of channels is independent."""
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
-        return np.asarray(np.sqrt(noise[:, _COMMON:] ** 2 @ weights**2))
+        return np.asarray(np.sqrt(noise[:, _RESPONSES:] ** 2 @ weights**2))
 
     def learn(self, segment: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
         """Update the noise floor by a scan of a segment; return True if a group of scans is complete."""
@@ -193,9 +193,9 @@ class ResponseSegmenter:
         if not self._floor.take(np.concatenate([common, segment.channels[row]]), disturbed):
             return False
         newest = self._floor.newest
-        grew = np.median((newest / self._floor.sd)[:, _COMMON:], axis=1)
+        grew = np.median((newest / self._floor.sd)[:, _RESPONSES:], axis=1)
         if grew[0] > _GREW:
             made = np.maximum(self._made_of(newest)[0], 1.0)
-            if np.mean((newest[0, :_COMMON] / made) ** 2) < _INCOHERENT**2:
+            if np.mean((newest[0, :_RESPONSES] / made) ** 2) < _INCOHERENT**2:
                 self._floor.scale(np.maximum(grew, 1.0)[:, np.newaxis])
         return True

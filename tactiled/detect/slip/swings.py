@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.slip.gross import NOISE_SDS
 
 # A slip that follows on a swing of nine tenths of what friction bears still outgrows it by so much.
 _NEWS = 1.1
@@ -23,7 +24,6 @@ _FEW = 3  # that are said one by one
 _RESTS_S = 1.0  # a shake of 0.5 Hz rests shorter
 _OUTGROWN = 1.25  # times the largest swing: something else
 OUTGROWS_S = 0.1  # ago it began to, give or take the half: the swing it came out of hides when
-_NOISE_SDS = 6.0
 
 
 class SwingHistory:
@@ -108,7 +108,7 @@ class ShakeTracker:
 
     def rests(self, index: int, shear: FloatArray, noise: float) -> bool:
         """Return True if shear over pressure has stayed within noise for `_RESTS_S`."""
-        if extent(shear - self._shear) > max(self._least, _NOISE_SDS * noise):
+        if extent(shear - self._shear) > max(self._least, NOISE_SDS * noise):
             self._shear, self.rests_since = shear, index
         return index - self.rests_since > _RESTS_S * self._rate_hz
 

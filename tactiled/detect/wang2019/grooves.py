@@ -54,7 +54,7 @@ _COUNTED_SIGMAS = 3.0
 # from it.
 _IMAGE_RAD = 0.102
 # Gaps that differ by less are equal: array files have two decimals.
-_EQUAL_MM = 1e-6
+EQUAL_MM = 1e-6
 
 
 class GrooveParams(Params):
@@ -153,7 +153,7 @@ def estimate(
     phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
     phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
     # Flow chart: delays t1 - t2 over l1 - l2. Ours: t1 over l1 where the gaps are equal.
-    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > _EQUAL_MM:
+    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > EQUAL_MM:
         gap_mm = float(gaps_mm[0] - gaps_mm[1])
         delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
         delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
