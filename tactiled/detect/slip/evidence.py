@@ -14,8 +14,9 @@ slip:
    of the signal gives the friction coefficient beforehand: `least_shear` trades early against certain. A
    rise against the shear already present must be twice as large (Masing 1926: on reversal, a loaded joint
    follows its first curve, doubled).
-3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it: `_LEAKED_PART`
-   of it through unequal resistors, and the shear already present, which is proportional to pressure.
+3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it:
+   `_LEAKED_PART` of it through unequal resistors, and the shear already present, which is proportional to
+   pressure.
 4. New. The ramp also passes the first test with the noise of the scans just before it, so that a hum that
    swells, an arm that shakes, and noise that grew suddenly are compared with themselves before the noise
    floor has followed.

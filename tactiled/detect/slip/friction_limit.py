@@ -58,8 +58,8 @@ _LEAST_ROWS = 5  # of a rise: what is faster is not of one instant
 _EVEN = 0.008
 _LOADED = 0.3  # of the mean load: taxels with less have shares that are mostly noise
 _SEEN = 0.08  # of the rise: less is mostly noise, and hardly bends
-# A side that loses its load ends at about half of the reading of the opposite side (`slip.response`). Below this
-# part of it, its curve bends for that reason; then only the rising side is used, at twice the noise.
+# A side that loses its load ends at about half of the reading of the opposite side (`slip.response`). Below
+# this part of it, its curve bends for that reason; then only the rising side is used, at twice the noise.
 _BENDS_BELOW_PART = 0.6
 _MOST_ROWS = 128  # kept of a rise: then two become one
 _START_ROW = np.array([[0.0, 0.0, math.sqrt(START_SCANS)]])
