@@ -1,8 +1,9 @@
 """The worker thread: same results as in place, none waited for, none computed in vain."""
 
+import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -91,6 +92,16 @@ def reads() -> list[Read]:
     return simulated_reads(19.0)
 
 
+@pytest.fixture(params=[1, 2])
+def cores(request: pytest.FixtureRequest) -> Iterator[int]:
+    """Threads that begin in the test run on so many cores, where there are as many."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[: request.param])
+    yield request.param
+    os.sched_setaffinity(0, before)
+
+
+@pytest.mark.usefixtures("cores")
 def test_events_are_those_of_fits_in_place(reads: list[Read]) -> None:
     in_place = events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
     assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in in_place)
