@@ -22,7 +22,7 @@ class Ripple:
     SILENCE = -0.1  # least log odds of a look: silence repeats itself
 
 
-WALK_SD = 0.05  # of log friction in a second: wetting, warming, a new spot of the surface
+WALK_SD = 0.15  # of log friction in a second: wetting, warming, a new spot of the surface
 EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its friction
 KINETIC_LEAST = 0.75  # of the static limit, that a sliding contact bears at least
 FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore

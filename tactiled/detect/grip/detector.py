@@ -114,7 +114,7 @@ class GripDetector:
         """Take a scan (channels,) with its details (levels, channels), None where they still see a gap."""
         self._last_s = time_s
         if details is not None:
-            self._floor.take(details, self._rate_hz)
+            self._floor.take(volts, details, self._rate_hz)
         response = self._responses.of(volts - self._baseline)
         self._history[:-1] = self._history[1:]
         self._history[-1] = response

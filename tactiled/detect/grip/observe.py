@@ -23,6 +23,7 @@ _NOISE_WANTED = (
 )
 _FLOOR_S = 1.0  # averaging time of the noise
 _CLIP = 3.0  # standard deviations: a coefficient beyond counts as this much, since it is signal
+_ROUNDING = math.sqrt(12)  # rounding to steps of q has a standard deviation of q / sqrt(12)
 _MEAN_ABS = math.sqrt(2 / math.pi)  # of a normal variable of unit variance
 
 
@@ -128,10 +129,16 @@ class NoiseFloor:
     def __init__(self, n_channels: int, volts_per_step: float) -> None:
         self._mean_abs = np.zeros((FLOOR_LEVELS, n_channels))
         self._least = volts_per_step
+        self._last: FloatArray | None = None
+        self._step = np.full(n_channels, np.inf)
         self._n = 0
 
-    def take(self, details: FloatArray, rate_hz: float) -> None:
-        """Take the detail coefficients (FLOOR_LEVELS, channels) of a scan whose filters are full."""
+    def take(self, volts: FloatArray, details: FloatArray, rate_hz: float) -> None:
+        """Take readings (channels,) and details (FLOOR_LEVELS, channels) of a scan whose filters are full."""
+        if self._last is not None:
+            step = np.abs(volts - self._last)
+            self._step = np.minimum(self._step, np.where(step > 0, step, np.inf))
+        self._last = volts
         self._n += 1
         part = 1.0 / min(self._n, max(2.0, _FLOOR_S * rate_hz))
         size = np.abs(details)
@@ -140,8 +147,13 @@ class NoiseFloor:
         self._mean_abs += part * (size - self._mean_abs)
 
     def sd(self) -> FloatArray:
-        """Return the noise (channels,) in volts."""
-        return np.asarray(np.maximum(self._mean_abs.max(axis=0) / _MEAN_ABS, self._least))
+        """Return the noise (channels,) in volts.
+
+        It is no less than the rounding of the converter, whose step is the smallest between two readings:
+        at rest a coarse converter shows no noise, and in motion it shows its steps.
+        """
+        rounding = np.where(np.isfinite(self._step), self._step, 0.0) / _ROUNDING
+        return np.asarray(np.maximum(np.hypot(self._mean_abs.max(axis=0) / _MEAN_ABS, rounding), self._least))
 
 
 def history_scans(rate_hz: float) -> int:

@@ -1,0 +1,236 @@
+"""``./run bench grip``: how well the contact model tells what is in use, and what comes.
+
+Worlds are drawn with their contact law, materials, sensor and hand (`worlds`). Constants of the model were
+set on seeds from `TUNED_FROM`; what is printed is measured on seeds from 0.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.grip.score import (
+    Told,
+    by_hand,
+    forecast,
+    gross_told,
+    margin,
+    rests_called_gross,
+    tell,
+    threshold_for,
+    warned,
+)
+from bench.grip.worlds import DURATION_S, draw_worlds
+from bench.pool import workers
+from bench.report import (
+    NONE,
+    Aim,
+    BenchOptions,
+    BenchReport,
+    Reading,
+    aims_table,
+    grouped,
+    judge,
+    ratio,
+    table,
+)
+from tactiled.detect.grip.detector import GripParams
+from tactiled.progress import ProgressBar
+
+TUNED_FROM = 10_000  # seeds on which constants were set; those reported are far below
+N_WORLDS, N_QUICK = 300, 48
+_BATCH = 12  # worlds that are simulated at once, and by one process
+_TIME_IN_ALARM = 0.015
+_LEAST_SLIPS = 10  # below, a share of slips decides nothing
+_KNOWN_SD = 0.1  # of log friction, where it is known
+
+
+@dataclass(frozen=True, eq=False)
+class GripFound:
+    """What was told of all worlds, without and with knowledge of friction."""
+
+    told: list[Told]
+    informed: list[Told]
+    cost_us: float
+
+
+def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Margins, forecasts, alarms and gross slips over random worlds.
+
+    Quick: 48 worlds instead of 300.
+    """
+    n = N_QUICK if options.quick else N_WORLDS
+    progress.begin(n)
+    told: list[Told] = []
+    informed: list[Told] = []
+    cost_us: list[float] = []
+    with workers() as pool:
+        batches = [range(start, min(start + _BATCH, n)) for start in range(0, n, _BATCH)]
+        for some, some_informed, cost in pool.map(_measure, batches):
+            told += some
+            informed += some_informed
+            cost_us.append(cost)
+            for _ in some:
+                progress.advance("world")
+    found = GripFound(told, informed, float(np.median(cost_us)))
+
+    def draw(path: Path) -> None:
+        from bench.grip.picture import draw_grip  # matplotlib is an extra
+
+        draw_grip(path, found.told)
+
+    return BenchReport(
+        [
+            f"{n} random worlds of {DURATION_S:g} s (seeds 0..{n - 1}), "
+            f"{sum(t.world.slips for t in told)} with gross slip.",
+            aims_table(AIMS, {"measured": found}),
+            "Rows by kind of hand. u: rms error, bias and coverage of the 90 % intervals of utilisation from "
+            "0.5 up; gross: first gross slips called gross within 100 and 300 ms; rests called gross: of the "
+            "worlds without gross slip, those ever called gross.",
+            table(_row(name, some) for name, some in by_hand(told).items()),
+            "The same by contact law of the world.",
+            table(_row(name, some) for name, some in grouped(told, lambda t: t.world.law).items()),
+            "Calibration of p_gross_300ms over scans without gross slip.",
+            table(_reliability(told)),
+        ],
+        draw=draw,
+    )
+
+
+def _measure(seeds: range) -> tuple[list[Told], list[Told], float]:
+    """Run the model over some worlds, twice; processor time of a scan in microseconds, in the first run."""
+    worlds = draw_worlds(seeds)
+    began_s = time.process_time()
+    told = [tell(world, GripParams()) for world in worlds]
+    spent_s = time.process_time() - began_s
+    informed = [
+        tell(world, GripParams(friction=world.friction, friction_log_sd=_KNOWN_SD)) for world in worlds
+    ]
+    return told, informed, 1e6 * spent_s / sum(len(world.block) for world in worlds)
+
+
+def _row(name: str, told: Sequence[Told]) -> dict[str, str]:
+    found = margin(told)
+    return {
+        "worlds": name,
+        "number": f"{len(told)}",
+        "u rms": _number(found.rms),
+        "u bias": _number(found.bias),
+        "u coverage": _number(found.coverage),
+        "gross in 100 ms": ratio(gross_told(told, 0.1)),
+        "gross in 300 ms": ratio(gross_told(told, 0.3)),
+        "rests called gross": ratio(rests_called_gross(told)),
+    }
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else NONE
+
+
+def _reliability(told: Sequence[Told]) -> Iterator[dict[str, str]]:
+    found = forecast(told, 2)
+    for said, seen, time_s in zip(found.said, found.seen, found.time_s, strict=True):
+        if time_s > 0:
+            yield {"said": f"{said:.2f}", "seen": f"{seen:.2f}", "time (s)": f"{time_s:.1f}"}
+
+
+def _skill(horizon: int, least: float) -> Callable[[GripFound], Reading]:
+    def measure(found: GripFound) -> Reading:
+        skill = forecast(found.told, horizon).brier_skill
+        return judge(f"{skill:.2f}", skill >= least)
+
+    return measure
+
+
+def _calibration(found: GripFound) -> Reading:
+    error = forecast(found.told, 2).calibration_error
+    return judge(f"{error:.2f}", error <= 0.1)
+
+
+def _rms(low_mv: float, high_mv: float, most: float) -> Callable[[GripFound], Reading]:
+    def measure(found: GripFound) -> Reading:
+        rms = margin([t for t in found.told if low_mv < t.world.noise_mv <= high_mv]).rms
+        return judge(_number(rms), rms <= most, is_open=not np.isfinite(rms))
+
+    return measure
+
+
+def _coverage(found: GripFound) -> Reading:
+    coverage = margin(found.told).coverage
+    return judge(f"{100 * coverage:.0f} %", 0.85 <= coverage <= 0.95)
+
+
+def _ahead(told: Callable[[GripFound], Sequence[Told]], least: float) -> Callable[[GripFound], Reading]:
+    def measure(found: GripFound) -> Reading:
+        some = told(found)
+        threshold = threshold_for(some, _TIME_IN_ALARM)
+        seen = warned(some, threshold)
+        part = float(np.mean(seen.ahead)) if seen.ahead else float("nan")
+        words = (
+            f"{ratio(seen.ahead)} at p > {threshold:.2f}, {100 * seen.time_in_alarm:.1f} % of the time, "
+            f"{seen.per_hour:.0f} alarms an hour"
+        )
+        return judge(words, part >= least, is_open=len(seen.ahead) < _LEAST_SLIPS)
+
+    return measure
+
+
+def _low_hands(found: GripFound) -> Reading:
+    """Alarms an hour, at the threshold of all worlds, where utilisation stays below one half."""
+    threshold = threshold_for(found.told, _TIME_IN_ALARM)
+    low = [t for t in found.told if len(t.time_s) and t.utilisation.max() < 0.5]
+    hours = sum(len(t.time_s) / t.world.rate_hz for t in low) / 3600
+    seen = warned(low, threshold)
+    words = f"{seen.per_hour:.0f} over {hours:.2f} h"
+    return judge(words, seen.per_hour <= 6, is_open=hours < 10)
+
+
+def _gross(within_s: float, least: float, *, falling: bool) -> Callable[[GripFound], Reading]:
+    def measure(found: GripFound) -> Reading:
+        cases = gross_told(
+            [t for t in found.told if (t.world.hand == "falling-friction") == falling], within_s
+        )
+        part = float(np.mean(cases)) if cases else float("nan")
+        return judge(ratio(cases), part >= least, is_open=len(cases) < _LEAST_SLIPS)
+
+    return measure
+
+
+def _rests(found: GripFound) -> Reading:
+    cases = rests_called_gross(found.told)
+    return judge(ratio(cases), float(np.mean(cases)) <= 0.02, is_open=len(cases) < 150 and not any(cases))
+
+
+AIMS: Sequence[Aim[GripFound]] = (
+    Aim("Brier skill of p_gross_300ms", "at least 0.30", _skill(2, 0.30)),
+    Aim("Brier skill of p_gross_100ms", "above 0", _skill(1, 0.0)),
+    Aim("Brier skill of p_gross_50ms", "above 0", _skill(0, 0.0)),
+    Aim("calibration error of p_gross_300ms above 0.1", "at most 0.10", _calibration),
+    Aim("rms error of utilisation from 0.5 up, noise to 1 mV", "at most 0.15", _rms(0.0, 1.0, 0.15)),
+    Aim("the same, noise from 1 to 3 mV", "at most 0.20", _rms(1.0, 3.0, 0.20)),
+    Aim("90 % intervals of utilisation hold", "85 to 95 %", _coverage),
+    Aim(
+        "slow slips told 100 ms ahead, friction unknown",
+        "70 % with 1.5 % of the time in alarm",
+        _ahead(lambda found: found.told, 0.7),
+    ),
+    Aim(
+        "slow slips told 100 ms ahead, friction known to 10 %",
+        "80 % with 1.5 % of the time in alarm",
+        _ahead(lambda found: found.informed, 0.8),
+    ),
+    Aim("alarms an hour of hands below half of the limit", "at most 6, over 10 h", _low_hands),
+    Aim("gross slips told within 100 ms", "90 %", _gross(0.1, 0.90, falling=False)),
+    Aim("gross slips told within 300 ms", "95 %", _gross(0.3, 0.95, falling=False)),
+    Aim(
+        "the same where friction falls at constant load", "none was ever told", _gross(0.3, 0.5, falling=True)
+    ),
+    Aim("rests called gross", "at most 2 %", _rests),
+    Aim(
+        "processor time of a scan, without compiled code",
+        "at most 1 ms",
+        lambda found: judge(f"{found.cost_us:.0f} us", found.cost_us <= 1000),
+    ),
+)

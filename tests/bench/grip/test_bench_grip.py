@@ -1,0 +1,106 @@
+"""Worlds and scores of the grip bench against what is known of them."""
+
+import numpy as np
+import pytest
+
+from bench.grip.bench import AIMS, GripFound
+from bench.grip.score import (
+    Told,
+    alarms,
+    forecast,
+    gross_told,
+    margin,
+    rests_called_gross,
+    tell,
+    warned,
+)
+from bench.grip.worlds import DURATION_S, HANDS, LAWS, World, draw_worlds
+from tactiled.detect.grip.detector import GripParams
+
+
+@pytest.fixture(scope="module")
+def worlds() -> list[World]:
+    return draw_worlds(range(20_000, 20_012))
+
+
+def test_worlds_are_repeatable_and_differ(worlds: list[World]) -> None:
+    again = draw_worlds(range(20_003, 20_004))[0]
+    np.testing.assert_array_equal(again.utilisation, worlds[3].utilisation)
+    np.testing.assert_array_equal(again.block.volts, worlds[3].block.volts)
+    assert len({world.law for world in worlds}) > 2
+    assert len({world.hand for world in worlds}) > 3
+    assert {world.law for world in worlds} <= set(LAWS)
+    assert {world.hand for world in worlds} <= set(HANDS)
+
+
+def test_truth_stays_within_physics(worlds: list[World]) -> None:
+    for world in worlds:
+        assert len(world.utilisation) == len(world.block) == len(world.gross)
+        assert np.all((world.utilisation >= 0) & (world.utilisation <= 1.0 + 1e-6))
+        assert np.isfinite(world.block.volts).all()
+        assert all(0 < gross_s < DURATION_S for gross_s in world.gross_s)
+        assert all(a <= b for a, b in zip(world.tenth_s, world.gross_s, strict=True))
+        assert world.gross.any() == world.slips or world.gross_s[-1] > DURATION_S - 0.1
+    assert any(world.slips for world in worlds)
+    assert not all(world.slips for world in worlds)
+
+
+def perfect(world: World) -> Told:
+    """Events that say the truth and foresee it."""
+    n = len(world.block)
+    time_s = np.arange(n) / world.rate_hz
+    begins = np.array([*world.gross_s, np.inf])
+    lead = begins[np.searchsorted(begins, time_s)] - time_s
+    within = np.stack([lead <= horizon_s for horizon_s in (0.05, 0.1, 0.3)], axis=1)
+    used = np.minimum(world.utilisation, 1.0)
+    return Told(
+        world=world,
+        time_s=time_s,
+        utilisation=used,
+        quantiles=np.stack([used, used, used], axis=1),
+        p_gross=within.astype(np.float64),
+        gross=world.gross,
+        told_gross=world.gross,
+        within=within,
+    )
+
+
+def test_scores_of_the_truth_are_perfect(worlds: list[World]) -> None:
+    told = [perfect(world) for world in worlds]
+    for horizon in range(3):
+        found = forecast(told, horizon)
+        assert found.brier_skill == pytest.approx(1.0)
+        assert found.calibration_error == pytest.approx(0.0)
+    assert margin(told) == (0.0, 0.0, 1.0)
+    seen = warned(told, 0.5)
+    assert all(seen.ahead)
+    assert seen.time_in_alarm == 0
+    assert all(gross_told(told, 0.1))
+    assert not any(rests_called_gross(told))
+
+
+def test_a_constant_probability_has_no_skill(worlds: list[World]) -> None:
+    told = [perfect(world) for world in worlds]
+    hours = sum(float(t.calm.sum()) / t.world.rate_hz for t in told)
+    rate = sum(float(t.within[t.calm, 2].sum()) / t.world.rate_hz for t in told) / hours
+    for t in told:
+        t.p_gross[:] = rate
+    assert forecast(told, 2).brier_skill == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_alarm_has_hysteresis(worlds: list[World]) -> None:
+    told = perfect(worlds[0])
+    told.p_gross[:] = 0.0
+    told.p_gross[10] = 0.6
+    told.p_gross[11:20] = 0.3
+    held = round(0.08 * told.world.rate_hz)
+    on = np.flatnonzero(alarms(told, 0.5))
+    assert on[0] == 10
+    assert 19 + held - 1 <= on[-1] <= 19 + held + 1
+
+
+def test_every_aim_measures_the_model_on_worlds(worlds: list[World]) -> None:
+    told = [tell(world, GripParams()) for world in worlds[:4]]
+    found = GripFound(told, told, 100.0)
+    for aim in AIMS:
+        assert aim.measure(found).verdict in ("met", "open", "MISSED")
