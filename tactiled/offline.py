@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
-from tactiled.events.types import Event, ScanEvent
+from tactiled.events.types import Event, GripEvent, ScanEvent
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.reader import Reached, read_header, read_items
@@ -57,17 +58,19 @@ def detect_file(
     setting: str | None = None,
     plot: Path | None = None,
     reached: Reached | None = None,
+    grip_hz: float = 0.0,
 ) -> int:
     """Print every event of a file as a JSON line and return their number.
 
-    `reached` is called with the fraction of the file that has been read, 0 to 1.
+    `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
+    `grip_hz` a second are printed, and those at which the state changes.
 
     Raises
     ------
     DataError, ConfigError
         The file, the array or a parameter is invalid.
     """
-    params = _params(speed_mm_s, setting)
+    params = _params(speed_mm_s, setting, with_grip=grip_hz > 0)
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if path.suffix == ".mcap":
@@ -82,7 +85,7 @@ def detect_file(
     else:
         raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
     seqs: dict[str, int] = {}
-    for event in found:
+    for event in _thinned(found, grip_hz):
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
         message = to_map(event, seq=seq, board=path.stem, unix_offset_s=0.0)
         click.echo(json.dumps({"topic": event.topic, **message}, allow_nan=False))
@@ -179,9 +182,24 @@ def _parts(item: ScanBlock | Gap) -> Iterator[ScanBlock | Gap]:
         yield item[start : start + _PART_SCANS]
 
 
-def _params(speed_mm_s: float | None, setting: str | None) -> DetectParams:
+def _thinned(events: Iterator[Event], grip_hz: float) -> Iterator[Event]:
+    """Leave out grip events between those that are due, unless the state has changed."""
+    state, next_s = "", -math.inf
+    for event in events:
+        if isinstance(event, GripEvent):
+            if event.state == state and event.time_s < next_s:
+                continue
+            # Half a millisecond less: instants of scans are not exact.
+            state, next_s = event.state, event.time_s + 1 / grip_hz - 0.0005
+        yield event
+
+
+def _params(speed_mm_s: float | None, setting: str | None, *, with_grip: bool) -> DetectParams:
     texture = {} if speed_mm_s is None else {"speed_mm_s": speed_mm_s}
     named = {} if setting is None else {"setting": setting}
+    grip = {"enabled": with_grip}
     return parse(
-        {"texture": texture, "wang2019": {"texture": texture}, **named}, DetectParams, "command line"
+        {"texture": texture, "wang2019": {"texture": texture}, "grip": grip, **named},
+        DetectParams,
+        "command line",
     )

@@ -1,6 +1,7 @@
 """`tactiled detect FILE` as its users run it: their own array, their own log."""
 
 import csv
+import itertools
 import json
 from pathlib import Path
 
@@ -306,3 +307,21 @@ def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "complex.npz", time_s=np.arange(50) * 1j, volts=np.zeros((50, 36)))
     with pytest.raises(DataError, match=r"complex\.npz"):
         detect_file(tmp_path / "complex.npz")
+
+
+def test_grip_lines_come_at_their_rate_and_at_changes_of_state(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_csv(tmp_path / "log.csv", *press_and_slide(load_array("wang2019-3x3"), 100.0, 30.0))
+    detect_file(tmp_path / "log.csv", grip_hz=5.0)
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    grips = [line for line in lines if line["topic"] == "grip"]
+    assert [line["seq"] for line in grips] == list(range(len(grips)))
+    for before, after in itertools.pairwise(grips):
+        step_s = after["timestamp"] - before["timestamp"]
+        assert step_s == pytest.approx(0.2, abs=1e-6) or (step_s < 0.2 and after["state"] != before["state"])
+    # The log is in contact from 100.5 s or a little later to its end at 110 s.
+    assert 45 <= len(grips) < 100
+    detect_file(tmp_path / "log.csv", grip_hz=0.0)
+    others = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert others == [line for line in lines if line["topic"] != "grip"]

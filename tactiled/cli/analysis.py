@@ -16,6 +16,13 @@ from tactiled.progress import ProgressBar
 )
 @click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
+@click.option(
+    "--grip-hz",
+    default=10.0,
+    show_default=True,
+    type=click.FloatRange(0, 1000),
+    help="Grip lines a second of contact, besides changes of state; 0 for none.",
+)
 @click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
 def detect(
     file: Path,
@@ -23,9 +30,10 @@ def detect(
     rate_hz: float | None,
     speed_mm_s: float | None,
     setting: str | None,
+    grip_hz: float,
     plot: Path | None,
 ) -> None:
-    """Find slip, contact and texture in a recording, a CSV or an npz file.
+    """Find slip, contact, grip and texture in a recording, a CSV or an npz file.
 
     CSV: a header with `time_s` in seconds, then one column of volts per channel in channel order. Every event
     is one JSON line on stdout, with times in the file's own clock. Late scans of a recording are used like
@@ -40,7 +48,7 @@ def detect(
     from tactiled.offline import detect_file
 
     with ProgressBar(f"detect {file}", writes_lines=True) as bar:
-        found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot, bar.reach)
+        found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot, bar.reach, grip_hz)
     click.echo(f"{file}: {found} events", err=True)
 
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from tactiled.array import Array
 from tactiled.detect.base import Detector
+from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
@@ -40,6 +41,7 @@ class DetectParams(Params):
     )
     slip: CoherentParams = Field(default=CoherentParams(), description="left out: what the setting says")
     texture: JointParams = JointParams()
+    grip: GripParams = GripParams()
     wang2019: Wang2019Params = Wang2019Params()
 
     @model_validator(mode="before")
@@ -112,16 +114,21 @@ class DetectorPair:
     ----------
     slip : SlipDetector
     texture : TextureEstimator
+    grip : Detector, optional
+        Runs beside the two.
     """
 
-    def __init__(self, slip: SlipDetector, texture: TextureEstimator) -> None:
+    def __init__(self, slip: SlipDetector, texture: TextureEstimator, grip: Detector | None = None) -> None:
         self._slip = slip
         self.texture = texture
+        self._grip = grip
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         self._slip.reset()
         self.texture.reset()
+        if self._grip is not None:
+            self._grip.reset()
 
     @property
     def contact_state(self) -> ContactState:
@@ -132,8 +139,9 @@ class DetectorPair:
         """Return the events that the item completes, in order of their evidence for any chunking."""
         events = self._slip.process(item)
         texture = self.texture.process(item, events)
-        # The sort is stable: slip before texture.
-        return sorted([*events, *texture], key=lambda event: event.evidence_s)
+        grip = [] if self._grip is None else self._grip.process(item)
+        # The sort is stable: slip before texture, and texture before grip.
+        return sorted([*events, *texture, *grip], key=lambda event: event.evidence_s)
 
 
 class Suite(Detector, Protocol):
@@ -201,4 +209,5 @@ def build_methods(array: Array, params: DetectParams, worker: Worker | None = No
     """
     factories = REGISTRY[params.setting]
     texture = factories.texture(array, params, worker or InPlace())
-    return DetectorPair(factories.slip(array, params), texture)
+    grip = GripDetector(array, params.grip) if params.grip.enabled else None
+    return DetectorPair(factories.slip(array, params), texture, grip)

@@ -19,7 +19,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
-from tactiled.events.types import ContactEvent, Event, SlipEvent, Suppressed
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Suppressed
 from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
@@ -46,6 +46,10 @@ class _AnnouncedIntervals:
     def left_s(self, now_s: float) -> float:
         """Return the remaining time of the newest interval."""
         return max(0.0, self._spans[-1][1] - now_s) if self._spans else 0.0
+
+    def cover(self, time_s: float) -> bool:
+        """Return True if an interval covers an instant."""
+        return any(from_s <= time_s <= until_s for from_s, until_s in self._spans)
 
     def overlap(self, slip: SlipEvent) -> bool:
         """Return True if the time from onset to detection of a slip overlaps an interval."""
@@ -224,6 +228,8 @@ class TunedSuite:
                 self._in_contact = event.state != "none"
             elif isinstance(event, SlipEvent) and (reason := self._suppressed(event)):
                 event = replace(event, valid=False, suppressed=reason)
+            elif isinstance(event, GripEvent) and self._inhibited.cover(event.time_s):
+                event = replace(event, valid=False, suppressed="inhibit")
             out.append(event)
         return out
 

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from touches import LSB, Touch, contact_states, onsets, pieces, run, slips, splits, textures
 
 from tactiled.array import load_array
+from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
-from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 WANG = load_array("wang2019-3x3")
@@ -294,3 +295,22 @@ def test_the_same_calls_between_the_same_scans_bring_the_same_events(
         return events
 
     assert play(cuts) == play([])
+
+
+def test_an_inhibition_covers_grip_messages_of_its_time_only() -> None:
+    params = DetectParams(grip=GripParams(enabled=True))
+    plain = [e for e in TunedSuite(WANG, params).process(TOUCH) if isinstance(e, GripEvent)]
+    tuned = TunedSuite(WANG, params)
+    tuned.inhibit(103.0, 0.5)
+    marked = [e for e in tuned.process(TOUCH) if isinstance(e, GripEvent)]
+    assert len(plain) == len(marked) > 800
+    for before, after in zip(plain, marked, strict=True):
+        covered = 103.0 <= before.time_s <= 103.5
+        assert after == (replace(before, valid=False, suppressed="inhibit") if covered else before)
+
+
+def test_grip_messages_leave_the_other_events_alone() -> None:
+    with_grip = TunedSuite(WANG, DetectParams(grip=GripParams(enabled=True))).process(TOUCH)
+    others = [e for e in with_grip if not isinstance(e, GripEvent)]
+    assert others == TunedSuite(WANG, DetectParams()).process(TOUCH)
+    assert [e.evidence_s for e in with_grip] == sorted(e.evidence_s for e in with_grip)

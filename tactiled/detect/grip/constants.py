@@ -4,7 +4,7 @@ Everything else in this room is derived, physical with a source, or a prior with
 the code that uses it. The worlds that `./run bench grip` reports are others.
 """
 
-TEMPER = 0.2  # weight of a look at the shares: successive looks repeat the same misfit
+TEMPER = 0.25  # weight of a look at the shares: successive looks repeat the same misfit
 
 
 class Nuisance:
@@ -22,7 +22,7 @@ class Ripple:
     SILENCE = -0.1  # least log odds of a look: silence repeats itself
 
 
-WALK_SD = 0.15  # of log friction in a second: wetting, warming, a new spot of the surface
+WALK_PART = 0.25  # of the prior's spread, by which log friction may change in a second: wetting, a new spot
 EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its friction
 KINETIC_LEAST = 0.75  # of the static limit, that a sliding contact bears at least
 FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore

@@ -7,7 +7,7 @@ grid value stands for a cell: a borne ratio within a cell has refuted part of it
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.grip.constants import EXCESS_SD, FALL_RATE, KINETIC_LEAST, SLIDE_S, SOFT, WALK_SD
+from tactiled.detect.grip.constants import EXCESS_SD, FALL_RATE, KINETIC_LEAST, SLIDE_S, SOFT, WALK_PART
 
 N_FRICTION = 32
 _REACH = 1.7  # of the grid about the prior's median, in log: 2.8 of its widest standard deviations
@@ -42,6 +42,7 @@ class FrictionPosterior:
         self._prior = np.exp(-0.5 * offsets**2 / max(log_sd**2 - self._cell**2 / 12, self._cell**2 / 4))
         self._prior /= self._prior.sum()
         self.weights = self._prior.copy()
+        self._walk_variance = (WALK_PART * log_sd) ** 2
         self._spread_steps = round((min(_CARRIED_SD, log_sd / 2) / self._cell) ** 2 / 0.5)
         self._forget_contact()
 
@@ -65,7 +66,7 @@ class FrictionPosterior:
 
     def walk(self, step_s: float) -> None:
         """Let friction change for a time."""
-        self.weights = self._diffused(self.weights, 0.5 * WALK_SD**2 * step_s / self._cell**2)
+        self.weights = self._diffused(self.weights, 0.5 * self._walk_variance * step_s / self._cell**2)
 
     def bear(self, ratio: float) -> None:
         """Take the ratio of shear over load that the contact bears now.
