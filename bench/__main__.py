@@ -37,9 +37,9 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
     cost and errors of each contact model. latency: from a scan's last byte to a subscriber, beside a C
     program. soak: days of board time, every frame accounted for. faults: faults of line and board, done to a
-    daemon on a pty. slip: detection latency and false alarms. grip: margins and forecasts of the contact model
-    over worlds drawn at random. texture: errors of groove estimates over the Cramer-Rao bound, and windows
-    that break the model.
+    daemon on a pty. slip: detection latency and false alarms. grip: margins and forecasts of the
+    contact model over worlds drawn at random. texture: errors of groove estimates over the Cramer-Rao bound,
+    and windows that break the model.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

@@ -26,5 +26,5 @@ WALK_PART = 0.25  # of the prior's spread, by which log friction may change in a
 EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its friction
 KINETIC_LEAST = 0.75  # of the static limit, that a sliding contact bears at least
 FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore
-SLIDE_S = 1.0  # mean duration of gross slip: then it is caught, or the object is lost
+SLIDE_S = 0.4  # mean duration of gross slip: then it is caught, or the object is lost
 SOFT = 0.2  # log ratios over which a limit is met: friction differs between taxels and with speed
