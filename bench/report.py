@@ -1,7 +1,7 @@
-"""What a bench measured: tables, aims, a picture and numbers, made in one way by every bench.
+"""Report of a bench: tables, aims, a picture and numbers, in one form for all benches.
 
 A bench is a function ``bench_NAME(progress, options) -> BenchReport`` in the module that `bench.__main__`
-lists. It measures records (frozen dataclasses or named tuples, one for each row or case) and hands over:
+lists. It measures records (frozen dataclasses or named tuples, one for each row or case) and returns:
 
 sections
     Paragraphs and Markdown tables, in the order of printing. `table` makes one from rows; a row maps each
@@ -48,7 +48,7 @@ from tactiled import plain_table
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
-NONE = "-"  # in a cell: nothing to say
+NONE = "-"  # in a cell without a value
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class BenchOptions:
 
 @dataclass(frozen=True)
 class BenchReport:
-    """Everything that a bench shows of what it measured."""
+    """Text, numbers and picture of a bench."""
 
     sections: Sequence[str]
     numbers: object = None
@@ -90,7 +90,7 @@ class BenchReport:
 
 
 class Reading(NamedTuple):
-    """What was measured for an aim, in words, and whether the aim is met; open: too little data to decide."""
+    """Measured value of an aim in words, and the verdict; open: too few data to decide."""
 
     words: str
     verdict: Literal["met", "open", "MISSED"]
@@ -156,7 +156,7 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
 
 
 def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
-    """Records by key, keys and records in the order of their coming."""
+    """Records by key, with keys and records in their first order."""
     groups: dict[K, list[T]] = {}
     for record in records:
         groups.setdefault(key(record), []).append(record)
@@ -164,7 +164,7 @@ def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
 
 
 def plain(value: Any) -> Any:
-    """Value as JSON has it: dataclasses and named tuples as objects, what is not finite as null."""
+    """Convert to plain JSON: dataclasses and named tuples to objects, numbers that are not finite to null."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):

@@ -17,7 +17,7 @@ from bench.contact.findings import N_STEPS, findings_table
 from bench.contact.score import GROOVED, NEEDS, ModelScore, reference_ripple, score_model
 from bench.paper.bench import compare
 from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_table, at_most, judge, table
-from tactiled.emulator.prepare import rung_of
+from tactiled.emulator.scene.contact import model_name
 from tactiled.emulator.scene.description import load_scene, paper_scenes
 from tactiled.emulator.simulate import Simulation
 from tactiled.progress import ProgressBar
@@ -123,7 +123,7 @@ def _cost_of_boards() -> str:
         began = time.process_time()
         deque(simulation, maxlen=0)
         part = (time.process_time() - began) / scene.duration_s
-        parts.append(f"{100 * part:.1f} % for `{scene.name}` ({rung_of(scene)})")
+        parts.append(f"{100 * part:.1f} % for `{scene.name}` ({model_name(scene)})")
     return f"The whole emulated board at 100 Hz, of one core: {', '.join(parts)}."
 
 

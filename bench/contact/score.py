@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface
 from tactiled.emulator.mechanics.stepper import play
-from tactiled.emulator.scene.contact import RUNGS
+from tactiled.emulator.scene.contact import TAXEL_MODELS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
 from tools.fem.reference import ReferenceRun, load_reference
 
@@ -102,7 +102,7 @@ def cost_ms(name: str) -> float:
 
     Models that can play grooves slide over them; their tables are made before.
     """
-    entry = RUNGS[name]
+    entry = TAXEL_MODELS[name]
     surface = Surface(0.6, 1.2, 30.0, 0.1) if name in GROOVED else Surface(0.6)
     steps = round(1 / entry.step_s)
     place = np.random.default_rng(1).uniform(0, 7, (9, 2))
@@ -124,7 +124,7 @@ def replay(name: str, reference: ReferenceRun, *, held: str = "force") -> dict[s
         Fields of `TaxelForces`, each (increments, ...).
     """
     columns = reference.columns
-    model = RUNGS[name].build(reference.surface, AZIMUTH, 1, readout=AREA)
+    model = TAXEL_MODELS[name].build(reference.surface, AZIMUTH, 1, readout=AREA)
     value = columns["normal_n" if held == "force" else "approach_mm"]
     base = np.stack([columns["travel_x_mm"], columns["travel_y_mm"]], axis=-1)
     # The runs have no time; at 2 mm/s nothing here depends on it.

@@ -66,7 +66,7 @@ def emulate(
     from tactiled import tomlfile
     from tactiled.emulator.board.identity import EmulatedBoardParams
     from tactiled.emulator.line.faults import FaultParams
-    from tactiled.emulator.process import run_emulator, words_for_people
+    from tactiled.emulator.realtime import run_emulator, words_for_people
     from tactiled.emulator.scene.named import named_scene
     from tactiled.wire.layout import load_layout
 

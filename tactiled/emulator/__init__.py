@@ -1,10 +1,10 @@
-"""The other end of the cable: a board, its sensor, the world it touches and the line's faults.
+"""Emulator of a board with its sensor, the surface that it touches, and the serial line with its faults.
 
 ::
 
-    scene -> motion -> contact (the seam) -> electronics -> firmware -> line -> bytes
-                 `-> truth                                     `-> scan truth
+    scene -> motion -> contact -> electronics -> firmware -> line -> bytes
+                 `-> truth                           `-> scan truth
 
-Everything up to `port` is sans-I/O: time is an argument. `simulate` injects a clock that jumps, `shell` the
-real one.
+Everything up to `port` is sans-I/O: time is an argument. `simulate` runs it in simulated time, `realtime` on
+the host's clock.
 """

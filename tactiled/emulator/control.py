@@ -1,13 +1,13 @@
-"""The emulator's control socket: a controller moves the grip on a held object while the scene runs.
+"""Control socket of the emulator: a controller changes the grip on a held object while the scene runs.
 
 Lines of JSON, one answer for each, in order::
 
     {"grip_n": 25.0}   ->  {"ok": true, "scene_s": 3.21, "grip_n": 18.4, "slipping": 0.0, ...}
-    {}                 ->  the same without moving anything
+    {}                 ->  the same answer, grip unchanged
     anything else      ->  {"ok": false, "error": "..."}
 
-A grip holds from the next scan on; the fingers follow it at the scene's `grip_rate_n_s`, and the answer says
-where they are.
+A grip takes effect from the next scan on; the grip force follows it at the scene's `grip_rate_n_s`, and the
+answer contains the present force.
 """
 
 import json
@@ -22,16 +22,16 @@ from tactiled.emulator.scene.contact import ContactModel
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
-_LONGEST_LINE = 4096  # what is longer is no command; forgetting it bounds memory
+_LONGEST_LINE = 4096  # bytes; longer lines are no command and are dropped, which bounds memory
 
 
 def move_grip(contact: ContactModel, force_n: float) -> None:
-    """Ask for a grip.
+    """Set the grip on a held object.
 
     Raises
     ------
     ConfigError
-        Nothing is held, or it is no force from 0 to 2000 N.
+        The scene has no held object, or the force is not from 0 to 2000 N.
     """
     if not isinstance(contact, PhysicalContact):
         raise ConfigError("grip", ["this scene has no held object: there is nothing to grip"])
@@ -39,7 +39,7 @@ def move_grip(contact: ContactModel, force_n: float) -> None:
 
 
 class ControlLines:
-    """Bytes of one peer in, answers out; no I/O.
+    """Protocol of the control socket, without I/O: bytes of one peer in, answers out.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ControlLines:
         self._pending = b""
 
     def receive(self, data: bytes, scene_s: float) -> bytes:
-        """Answers to the lines that `data` completes."""
+        """Answer the lines that `data` completes."""
         *lines, self._pending = (self._pending + data).split(b"\n")
         answers = [self._answer(line, scene_s) for line in lines if line.strip()]
         if len(self._pending) > _LONGEST_LINE:
@@ -78,7 +78,7 @@ class ControlLines:
 
 
 def contact_report(contact: ContactModel, scene_s: float) -> dict[str, Any]:
-    """Truth of one instant as plain data."""
+    """Truth about the contact at one instant as plain data."""
     state = contact.state(np.array([max(scene_s, 0.0)]))
     return {
         "grip_n": float(state.load_n[0]),
@@ -92,7 +92,7 @@ def contact_report(contact: ContactModel, scene_s: float) -> dict[str, Any]:
 
 
 class UnixLink(TcpLink):
-    """A Unix socket for one controller at a time; its file is removed at close."""
+    """Unix socket for one controller at a time; its file is removed at close."""
 
     def __init__(self, path: Path) -> None:
         super().__init__("", 0)

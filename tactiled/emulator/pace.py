@@ -1,26 +1,26 @@
-"""A board in real time on a host that may be too slow: when it leaves out scans, and where its scene is then.
+"""Scans left out by a board in real time on a host that is too slow, and the scene time that follows.
 
-A real board samples at its instants or not at all. An emulated one must compute each scan first, so it can
-fall behind. A short delay is caught up with: the scans go out late, as from an adapter that buffers. Beyond
-that the board does what ``protocols/board.md`` asks of firmware that is held up: it misses scan instants,
-their sequence numbers are used up, and the next scan carries the flag ``overrun``.
+A real board samples at its instants or not at all. An emulated one must compute each scan and can fall
+behind. After a short delay it catches up: the scans are sent late, as from an adapter that buffers. After a
+longer one it acts as ``protocols/board.md`` requires of delayed firmware: it misses scan instants, their
+sequence numbers are used up, and the next scan carries the flag ``overrun``.
 """
 
 import math
 from bisect import bisect_right
 
-# A busy scheduler takes the processor away for so long and gives it back; an adapter's buffer holds as much.
+# Longest delay by a busy scheduler that is caught up with; the buffer of an adapter holds as much.
 HICCUP_S = 0.5
-# On a host that computes too slowly: two scans at 100 Hz. What is sent is then fresh (the daemon calls 0.1 s
-# late), and a gap stays under the 50 ms of silence that the daemon calls a stall.
+# Longest delay on a host that computes too slowly: two scans at 100 Hz. Scans are then less than the 0.1 s
+# late that the daemon reports, and gaps shorter than the 50 ms that it reports as a stall.
 BEHIND_S = 0.02
-RECOVERED_S = 5.0  # without an overrun: then a hiccup is caught up with again
-_ONE_PAUSE = 0.8  # of the delay: so much of it in one pause, and the host was away and not slow
-REPORT_PERIOD_S = 5.0  # between two reports of overruns that go on
+RECOVERED_S = 5.0  # without an overrun, after which the host no longer counts as slow
+_ONE_PAUSE = 0.8  # part of a delay that came in one pause if the host was suspended rather than slow
+REPORT_PERIOD_S = 5.0  # between reports of continuing overruns
 
 
 class OverrunPolicy:
-    """Decide when overdue scans are left out, and when that is reported. No clock is read here."""
+    """Decide when overdue scans are left out and when that is reported, without reading a clock."""
 
     def __init__(self) -> None:
         self._slow_s = self._looked_s = self._report_s = -math.inf
@@ -28,13 +28,13 @@ class OverrunPolicy:
 
     @property
     def missed(self) -> int:
-        """Scan instants that the host missed so far."""
+        """Number of scan instants missed so far."""
         return self._n
 
     def is_behind(self, due_s: float, now_s: float) -> bool:
-        """Whether a scan that was due at `due_s` is so late that it and its like are to be left out.
+        """Return whether a scan that was due at `due_s` is so late that all overdue scans are left out.
 
-        Ask after each scan: a delay that grew from scan to scan is that of a host that computes too slowly.
+        Call it after each scan: if the delay grows from scan to scan, the host computes too slowly.
         """
         pause_s, late_s = now_s - self._looked_s, now_s - due_s
         self._looked_s = now_s
@@ -46,11 +46,11 @@ class OverrunPolicy:
         return True
 
     def overrun(self, n: int) -> None:
-        """Count n scan instants that were left out."""
+        """Count n scan instants as left out."""
         self._n += n
 
     def is_report_due(self, now_s: float) -> bool:
-        """Whether overruns are to be reported now: the first at once, later ones each `REPORT_PERIOD_S`."""
+        """Return whether overruns are reported now: the first at once, later ones each `REPORT_PERIOD_S`."""
         if self._n == self._n_reported or now_s < self._report_s + REPORT_PERIOD_S:
             return False
         self._n_reported, self._report_s = self._n, now_s
@@ -58,7 +58,7 @@ class OverrunPolicy:
 
 
 class SceneClock:
-    """True instants of scene times: the scene stands still while the board misses scans.
+    """Conversion of scene time to true instants; the scene stands still while the board misses scans.
 
     Parameters
     ----------
@@ -72,16 +72,16 @@ class SceneClock:
 
     @property
     def t0_s(self) -> float:
-        """True instant minus scene time, as it is now."""
+        """True instant minus scene time at present."""
         return self._t0_s[-1]
 
     @property
     def held_s(self) -> float:
-        """For how long the scene has stood still in all."""
+        """Total time for which the scene has stood still."""
         return self._t0_s[-1] - self._t0_s[0]
 
     def hold(self, scene_s: float, t0_s: float) -> None:
-        """From scene time `scene_s` on, `t0_s` is added to a scene time."""
+        """Add `t0_s` to scene times from `scene_s` on."""
         if t0_s != self._t0_s[-1]:
             self._from_s.append(scene_s)
             self._t0_s.append(t0_s)

@@ -1,6 +1,6 @@
-"""Board, sensor, line and faults as one sans-I/O object: what is behind an open port.
+"""Board, sensor, line and faults as one sans-I/O object.
 
-`simulate` and `shell` drive this same object, one with a clock that jumps and one with the real clock.
+`simulate` drives it in simulated time, `realtime` on the host's clock.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from tactiled.wire.layout import Layout
 
 
 def _ignore(_: ScanTruth) -> None:
-    """Truth that nobody wants."""
+    """Drop the truth about a scan."""
 
 
 class EmulatedPort:
@@ -27,24 +27,24 @@ class EmulatedPort:
     scene : Scene
     layout : Layout
     power_up_s : float
-        True instant (host monotonic clock) at which the board gets its power.
+        True instant (host monotonic clock) of power-up.
     board : EmulatedBoardParams
     faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
     on_scan : callable
-        Gets a `ScanTruth` for each scan instant.
+        Called with a `ScanTruth` for each scan instant.
 
     Attributes
     ----------
     board : Board
     array : Array
-        The one that is worn.
+        The array of the board.
     contact : ContactModel
-        What the sensor feels: ask it for the truth, or move a held object's grip.
+        Source of the truth; takes a controller's grip.
     counts : FaultCounts
     plugged : bool
-        False while the port has vanished; a host cannot read, write or open it then.
+        False while a fault has unplugged the port: a host cannot read, write or open it.
 
     Raises
     ------
@@ -79,45 +79,45 @@ class EmulatedPort:
         self._out: list[Arrival] = []
 
     def next_deadline_s(self) -> float:
-        """True instant at which `advance` will next have something to do."""
-        return min(self._next_cause_s(), self._line.next_arrival_s())
+        """True instant of the next event in `advance`."""
+        return min(self._next_event_s(), self._line.next_arrival_s())
 
     def advance(self, now_s: float) -> list[Arrival]:
-        """Let time pass; what arrived at the host meanwhile, in order."""
+        """Advance to an instant and return the bytes that arrived at the host, in order."""
         self._run_until(now_s)
         out, self._out = self._out, []
         return out
 
     def step(self, now_s: float) -> list[Arrival]:
-        """Do at most one thing that is due: its bytes can go out before the next scan is computed."""
-        self._run_until(min(self._next_cause_s(), now_s))
-        self._out += self._line.arrivals(min(self._next_cause_s(), now_s))
+        """Do at most one thing that is due: its bytes can be sent before the next scan is computed."""
+        self._run_until(min(self._next_event_s(), now_s))
+        self._out += self._line.arrivals(min(self._next_event_s(), now_s))
         out, self._out = self._out, []
         return out
 
     def skip_until(self, now_s: float) -> int:
-        """Leave out the scans that are overdue, see `Board.skip_until`; how many they were."""
+        """Leave out overdue scans, see `Board.skip_until`, and return their number."""
         n = self.board.skip_until(now_s)
         self.counts.overruns_of_host += n
         return n
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes that the host wrote; they reach the board at once."""
+        """Take bytes that the host wrote; they reach the board at once."""
         self._run_until(now_s)
         if self.plugged:
             self.board.receive(data, now_s)
             self._collect(now_s)
 
     def inflict(self, kind: FaultKind, now_s: float) -> None:
-        """Do this now, beside what is planned; what is done to a frame happens to the next one sent."""
+        """Cause a fault now; a fault of a frame changes the next one sent."""
         self._run_until(now_s)
         self._inflict(kind, now_s)
 
-    def _next_cause_s(self) -> float:
+    def _next_event_s(self) -> float:
         return min(self.board.next_deadline_s(), self._plan.next_s(), self._replug_s)
 
     def _run_until(self, now_s: float) -> None:
-        while (due_s := self._next_cause_s()) <= now_s:
+        while (due_s := self._next_event_s()) <= now_s:
             self._out += self._line.arrivals(due_s)
             self._collect(due_s)
             if self._replug_s <= due_s:
@@ -127,7 +127,7 @@ class EmulatedPort:
         self._out += self._line.arrivals(now_s)
 
     def _collect(self, now_s: float) -> None:
-        """Frames that the board has ready go onto the line, or nowhere while it is pulled out."""
+        """Send the frames that are ready; they are lost while the adapter is unplugged."""
         for frame in self.board.advance(now_s):
             if self.plugged:
                 self._line.send(frame.ready_s, frame.data)

@@ -1,4 +1,4 @@
-"""The emulator in simulated time: the same code, a clock that jumps from deadline to deadline."""
+"""The emulator in simulated time, with a clock that jumps from deadline to deadline."""
 
 from collections.abc import Iterator
 
@@ -14,35 +14,35 @@ from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 from tactiled.wire.layout import Layout
 
-# After the scene the board is stopped, and this long is waited for what is still under way.
+# Time after the stop at the end of the scene in which the last bytes arrive.
 _DRAIN_S = 0.2
 
 
 class Simulation:
-    """Iterate once to get ``(arrival_s, bytes)`` in order; then read the truth.
+    """Iterator over ``(arrival_s, bytes)`` in order, which has the truth afterwards.
 
     Parameters
     ----------
     scene : Scene
     layout : Layout
     origin_s : float
-        What the simulated monotonic clock reads when the board is powered.
+        Simulated monotonic time at power-up.
     board : EmulatedBoardParams
     faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
     is_host : bool
-        Play the host too: start the board whenever bytes come and it does not run (also after a reset),
-        and stop it at the end. Else nothing starts but by `send`, and the time runs from power-up.
+        Act as host too: start the board whenever bytes come and it does not run (also after a reset), and
+        stop it at the end. Without that only `send` starts the board, and the duration counts from power-up.
     duration_s : float or None
-        Of scene time; None is the scene's own duration.
+        Scene time to play; None is the scene's own duration.
 
     Attributes
     ----------
     now_s : float
         Simulated time.
     scans : list of ScanTruth
-        What really happened at each scan instant so far.
+        Truth about each scan instant so far.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Simulation:
 
     @property
     def counts(self) -> FaultCounts:
-        """Faults that were done."""
+        """Counts of the faults so far."""
         return self._port.counts
 
     @property
@@ -97,17 +97,17 @@ class Simulation:
         return Truth(self._scene, t0_s, self._port.contact, self._port.array)
 
     def grip(self, force_n: float) -> None:
-        """A controller's grip on a held object, from now on.
+        """Set a controller's grip on a held object from now on.
 
         Raises
         ------
         ConfigError
-            Nothing is held, or it is no force that a hand has.
+            See `move_grip`.
         """
         move_grip(self._port.contact, force_n)
 
     def send(self, data: bytes) -> None:
-        """Bytes from the host to the board, now."""
+        """Send bytes from the host to the board now."""
         self._port.receive(data, self.now_s)
 
     def __iter__(self) -> Iterator[tuple[float, bytes]]:

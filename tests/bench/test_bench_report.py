@@ -31,7 +31,7 @@ from bench.report import (
 
 @dataclass(frozen=True)
 class Timing:
-    """What a bench would measure."""
+    """Measured values of a bench."""
 
     latency_ms: float
     missed: Sequence[bool] = ()

@@ -43,8 +43,8 @@ from tactiled.doctor.unplugged import check_files
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.shell import Emulator
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import load_layout
 

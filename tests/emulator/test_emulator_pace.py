@@ -35,7 +35,7 @@ force_n = 10.0
 """
 
 
-def test_a_short_pause_is_caught_up_with_and_a_long_one_is_not() -> None:
+def test_a_short_delay_is_caught_up_with_and_a_long_one_is_skipped() -> None:
     for part in (0.99, 1.01):
         pace = OverrunPolicy()
         assert not pace.is_behind(10.0, 10.0)
@@ -56,7 +56,7 @@ def too_slow_by(part: float, duration_s: float) -> tuple[list[float], list[float
 
 
 @pytest.mark.parametrize("part", [1.2, 2.0, 5.0])
-def test_what_a_host_that_computes_too_slowly_sends_is_fresh_all_the_same(part: float) -> None:
+def test_scans_of_a_slow_host_are_sent_soon(part: float) -> None:
     late_s, overruns_s = too_slow_by(part, 20.0)
     assert overruns_s[0] <= part * (HICCUP_S / (part - 1) + 0.02)
     settled = late_s[len(late_s) // 2 :]
@@ -67,7 +67,7 @@ def test_a_host_that_keeps_up_misses_nothing() -> None:
     assert too_slow_by(0.9, 20.0)[1] == []
 
 
-def test_a_host_that_was_away_is_not_slow_and_one_that_was_slow_may_recover() -> None:
+def test_a_suspended_host_is_not_slow_and_a_slow_one_may_recover() -> None:
     away = OverrunPolicy()
     away.is_behind(10.0, 10.0)
     assert away.is_behind(10.0, 11.0)
@@ -96,7 +96,7 @@ def test_overruns_are_reported_at_once_and_then_at_intervals() -> None:
 
 
 @given(holds=st.lists(st.tuples(st.floats(0.01, 1.0), st.floats(0.01, 1.0)), max_size=9))
-def test_true_instants_never_go_back_whatever_the_scene_was_held(holds: list[tuple[float, float]]) -> None:
+def test_true_instants_grow_with_scene_time(holds: list[tuple[float, float]]) -> None:
     clock, scene_s, held_s, asked = SceneClock(100.0), 0.0, 0.0, [0.0]
     for played_s, stood_s in holds:
         asked.append(scene_s + played_s / 2)
@@ -143,7 +143,7 @@ def test_skipped_instants_use_up_their_numbers_and_the_next_scan_is_flagged(scen
         assert ticks_s == pytest.approx(0.01 * (lost + 1), abs=1e-4)  # the board's clock ran on
 
 
-def test_a_scene_that_must_be_played_stands_still_and_a_prescribed_one_goes_on() -> None:
+def test_a_skip_holds_a_physical_scene_and_not_a_prescribed_one() -> None:
     for scene, stands in (("grasp", True), ("prescribed", False)):
         _, truths, port = played(scene, {50: 0.5})
         missed = [t for t in truths if not t.sent]
@@ -158,7 +158,7 @@ def test_a_scene_that_must_be_played_stands_still_and_a_prescribed_one_goes_on()
         assert sent == sorted(sent)
 
 
-def test_a_scene_that_stood_still_gives_the_counts_that_it_would_have_given() -> None:
+def test_a_held_scene_gives_the_same_counts_later() -> None:
     """The mechanics see no gap: only the instants at which the board reads them are later."""
     held, _, _ = played("grasp", {50: 0.5})
     through, _, _ = played("grasp", {})
@@ -185,7 +185,7 @@ def test_start_is_busy_while_the_scene_is_prepared() -> None:
     assert port.board.running
 
 
-def test_a_scene_ten_times_too_heavy_for_any_host_keeps_sending_and_says_so(tmp_path: Path) -> None:
+def test_a_scene_that_is_too_slow_keeps_sending_and_reports_overruns(tmp_path: Path) -> None:
     """The process as a user starts it: the board degrades to some scans a second, flagged."""
     scene, link = tmp_path / "heavy.toml", tmp_path / "board"
     scene.write_text(HEAVY)

@@ -1,4 +1,4 @@
-"""Tables of the periodic rung: the shipped ones are what the mechanics of today give, and no scene waits."""
+"""Tables of contact model periodic: the shipped ones are up to date, and no scene waits for long."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ SIDES_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
 @pytest.mark.parametrize("plate", DEMO_PLATES)
-def test_shipped_tables_are_what_is_solved_today(plate: str) -> None:
+def test_shipped_tables_equal_those_solved_now(plate: str) -> None:
     case = period.PeriodConditions(DEMO_PLATES[plate], SIDES_DEG, "force", "edge", "coarse")
     shipped = shipped_tables()[period.table_key(case, 0, 0)]
     np.testing.assert_allclose(period.solve_sliding(case, 0, 0), shipped, rtol=1e-6, atol=1e-9)
@@ -44,7 +44,9 @@ def grooved(*phases: dict[str, Any], **rest: Any) -> Scene:
     )
 
 
-def test_what_is_prepared_is_all_that_is_needed_and_progress_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_prepare_solves_all_tables_that_are_needed_and_reports_progress(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def solve(key: str, _: Any) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
         solved.append(key)
         return np.zeros((1, 21, 9) if "resting" in key else (1, 9))
@@ -72,7 +74,7 @@ def test_what_is_prepared_is_all_that_is_needed_and_progress_is_told(monkeypatch
         (grooved({"kind": "load", "duration_s": 1.0, "tangential_n": 1.0}, held_object={}), "controller"),
     ],
 )
-def test_what_cannot_be_prepared_is_refused_by_name(scene: Scene, finding: str) -> None:
+def test_scenes_that_cannot_be_prepared_are_refused(scene: Scene, finding: str) -> None:
     with pytest.raises(ConfigError, match=f"scene t: contact: periodic is not for real time.*{finding}"):
         prepare(scene, load_array(scene.array))
 

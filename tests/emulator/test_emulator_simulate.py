@@ -98,7 +98,7 @@ def test_every_scan_is_delivered_or_accounted_for() -> None:
     assert flagged
 
 
-def test_what_arrives_undamaged_is_what_the_clean_board_said() -> None:
+def test_undamaged_frames_are_those_of_a_run_without_faults() -> None:
     clean, clean_items = run({}, 10.0)
     noisy, noisy_items = run(
         {"flip_per_byte": 1e-3, "drop_per_byte": 5e-4, "burst_per_s": 0.5, "stall_per_s": 0.3}, 10.0
@@ -130,7 +130,7 @@ def test_reboots_and_unplugging_at_stated_instants() -> None:
     assert simulation.counts.bytes_pulled_out <= 2 * 85
 
 
-def test_nothing_is_heard_while_unplugged() -> None:
+def test_commands_while_unplugged_are_ignored() -> None:
     faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 1.0}], "unplug_s": 1.0})
     port = EmulatedPort(DEMO, V1, power_up_s=0.0, faults=faults)
     start = Encoder(V1).encode(Command("start", 1))
@@ -161,7 +161,7 @@ def test_any_steps_of_time_give_the_same_arrivals(steps: list[float], seed: int,
     assert arrivals(polls) == arrivals([polls[-1]])
 
 
-def test_the_same_seed_is_the_same_run_and_another_is_not() -> None:
+def test_runs_of_one_seed_are_equal_and_of_two_differ() -> None:
     def run_once(seed: int, scene_seed: int = 1) -> list[tuple[float, bytes]]:
         scene = DEMO.with_changes(seed=scene_seed)
         return list(Simulation(scene, V1, faults=ALL_FAULTS, seed=seed, duration_s=4.0))
@@ -171,7 +171,7 @@ def test_the_same_seed_is_the_same_run_and_another_is_not() -> None:
     assert run_once(1) != run_once(1, scene_seed=2)
 
 
-def test_the_other_layout_is_emulated_with_no_code_of_its_own() -> None:
+def test_the_legacy_layout_is_emulated() -> None:
     legacy = load_layout("legacy-9")
     simulation = Simulation(DEMO, legacy, duration_s=5.0)
     decoder = Decoder(legacy)
@@ -190,7 +190,7 @@ def test_a_scene_that_does_not_fit_the_layout_is_refused() -> None:
         Simulation(scene, V1)
 
 
-def test_a_silent_host_starts_nothing() -> None:
+def test_without_host_the_board_does_not_start() -> None:
     simulation = Simulation(DEMO, V1, is_host=False, duration_s=3.0)
     with pytest.raises(ContractError, match="not begun"):
         _ = simulation.truth
@@ -198,7 +198,7 @@ def test_a_silent_host_starts_nothing() -> None:
     assert simulation.scans == []
 
 
-def test_a_consumer_can_play_the_host() -> None:
+def test_a_caller_can_act_as_host() -> None:
     simulation = Simulation(DEMO, V1, is_host=False, duration_s=2.0, origin_s=5.0)
     decoder, encoder, items = Decoder(V1), Encoder(V1), []
     for arrival_s, data in simulation:

@@ -48,7 +48,7 @@ def corner_volumes(mesh: TaxelMesh) -> FloatArray:
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_no_cell_is_inside_out_and_the_chip_is_where_it_should_be(name: str) -> None:
+def test_all_cells_have_positive_volume_and_the_chip_is_in_its_place(name: str) -> None:
     mesh = taxel_mesh(MESHES[name])
     assert corner_volumes(mesh).min() > 0
     middle = mesh.points_mm[mesh.cells].mean(axis=1)
@@ -72,7 +72,7 @@ def test_volume_converges_to_that_of_the_taxel() -> None:
     assert errors[2] < errors[1] < errors[0] < 0.004 * exact
 
 
-def test_uniform_strain_costs_its_energy_and_rigid_motion_nothing(coarse: TaxelMesh) -> None:
+def test_energy_of_uniform_strain_is_exact_and_of_rigid_motion_zero(coarse: TaxelMesh) -> None:
     matrix, rng = stiffness(coarse), np.random.default_rng(0)
     assert abs(matrix - matrix.T).max() < 1e-12
     turn = np.array([[0.0, 1.0, -2.0], [-1.0, 0.0, 3.0], [2.0, -3.0, 0.0]])
@@ -112,7 +112,7 @@ def test_shipped_compliance_is_symmetric_and_positive(shipped: dict[str, FloatAr
     assert np.linalg.eigvalsh(whole)[0] > 0.1 * np.diag(whole).min()
 
 
-def test_bottom_carries_what_the_surface_is_given(shipped: dict[str, FloatArray]) -> None:
+def test_the_bottom_carries_the_forces_on_the_surface(shipped: dict[str, FloatArray]) -> None:
     np.testing.assert_allclose(shipped["bottom_from_normal"].sum(axis=0), 1.0, atol=1e-5)
     np.testing.assert_allclose(shipped["bottom_from_tangential"].sum(axis=0), 0.0, atol=1e-5)
     arm = shipped["bottom_x_mm"] @ shipped["bottom_from_normal"]
@@ -132,7 +132,7 @@ def test_sliding_along_x_loads_the_trailing_side(shipped: dict[str, FloatArray])
     np.testing.assert_allclose(felt[[1, 3]], 0.0, atol=1e-6)
 
 
-def test_the_shipped_compliance_is_what_the_mesh_gives(
+def test_the_shipped_compliance_is_that_of_the_mesh(
     coarse: TaxelMesh, shipped: dict[str, FloatArray]
 ) -> None:
     made = compliance_arrays(coarse)
@@ -178,7 +178,7 @@ def test_a_uniform_pressure_reads_out_as_area(name: str, beyond_mm: float) -> No
 
 
 @pytest.mark.parametrize("name", ["coarse", "medium"])
-def test_no_point_counts_less_than_nothing_or_more_than_once(name: str) -> None:
+def test_weights_of_points_are_from_0_to_1(name: str) -> None:
     mesh = taxel_mesh(MESHES[name])
     left, _, right, _, whole = read_out(mesh, [*side_parts(0.0), lambda x, _: np.full(x.shape, True)])
     edges = read_out(mesh, side_parts(EDGE_MM))
@@ -200,7 +200,7 @@ plates = st.builds(
 
 
 @given(plates, st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.02, 0.015))
-def test_distance_to_the_plate_is_one(surface: Surface, x: float, y: float, off: float) -> None:
+def test_distance_to_the_plate_has_a_unit_gradient(surface: Surface, x: float, y: float, off: float) -> None:
     angle = np.deg2rad(surface.angle_deg)
     s = x * np.cos(angle) + y * np.sin(angle)
     height = surface.depth_mm * (1 + np.cos(2 * np.pi * s / surface.period_mm)) / 2
@@ -248,7 +248,7 @@ def test_rubber_stress_and_stiffness_are_derivatives(seed: int, size: float) -> 
 
 
 @pytest.mark.parametrize("stretch", [0.35, 0.7, 1.5, 2.5])
-def test_rubber_in_three_dimensions_pulls_as_a_bar(stretch: float) -> None:
+def test_rubber_in_three_dimensions_has_the_stress_of_a_bar(stretch: float) -> None:
     rubber = CellwiseYeoh(np.arange(3))
     side = stretch**-0.5
     state = np.broadcast_to(np.diag([stretch, side, side])[:, :, None, None], (3, 3, 8, 3)).copy()
@@ -308,7 +308,7 @@ def test_without_friction_nothing_pulls_sideways() -> None:
     assert moved.normal_n == pytest.approx(pressed.normal_n, rel=1e-6)
 
 
-def test_a_crushing_approach_is_refused_by_name_not_by_nan() -> None:
+def test_an_approach_without_equilibrium_is_refused() -> None:
     with pytest.raises(DataError, match=r"no equilibrium at .*displacement"):
         list(
             TaxelPress(taxel_mesh(Fineness(2, 1, 1, 1, 1, 1, 1)), Surface(0.5)).follow(
@@ -317,7 +317,7 @@ def test_a_crushing_approach_is_refused_by_name_not_by_nan() -> None:
         )
 
 
-def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "felupe", None)
     with pytest.raises(DataError, match=r"tactiled\[fem\]"):
         TaxelPress(taxel_mesh(TINY), Surface(0.5))
@@ -342,7 +342,7 @@ def test_unknown_runs_and_meshes_are_named() -> None:
         load_reference("coarse", "flat")
 
 
-def test_the_command_names_what_it_does_not_know() -> None:
+def test_the_command_names_unknown_runs() -> None:
     command = [sys.executable, "-m", "tools.fem", "coarse", "flat"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
@@ -350,7 +350,7 @@ def test_the_command_names_what_it_does_not_know() -> None:
 
 
 @pytest.mark.parametrize(("mesh", "run"), SHIPPED)
-def test_shipped_runs_hold_what_they_say(mesh: str, run: str) -> None:
+def test_shipped_runs_have_their_load_and_surface(mesh: str, run: str) -> None:
     reference = load_reference(mesh, run)
     columns, planned = reference.columns, RUNS[run]()
     assert tuple(columns) == COLUMNS
@@ -395,7 +395,7 @@ def test_ripple_along_the_grooves_is_converged() -> None:
         assert np.ptp(one) == pytest.approx(np.ptp(other), rel=0.05)
 
 
-def test_left_and_right_change_as_found_before() -> None:
+def test_left_and_right_change_by_the_known_amounts() -> None:
     # On another mesh and read-out friction 0.3, 0.6, 0.9 gave +22/-23, +44/-46, +63/-69 % of half chips.
     for run, up, down in (("flat-0.3", 0.22, -0.23), ("flat-0.6", 0.44, -0.46), ("flat-0.9", 0.63, -0.69)):
         reference = load_reference("coarse", run)

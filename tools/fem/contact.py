@@ -26,13 +26,13 @@ from tools.fem.rubber import CellwiseYeoh
 PENALTY, PENALTY_SLIP = 80.0, 20.0
 GROOVED_PENALTY, GROOVED_PENALTY_SLIP = 4.0, 1.0
 TOLERANCE = 1e-6  # residual over reaction
-MOST_STEPS = 8  # what converges takes 4 or 5; what has not by then goes round in circles
+MOST_STEPS = 8  # an increment that converges takes 4 or 5
 MOST_HALVINGS = 7
 
 
 @dataclass(frozen=True)
 class ImposedState:
-    """What is imposed: normal force (N) or approach (mm), and where the bump is over the plate."""
+    """Imposed normal force (N) or approach (mm), and place of the bump over the plate."""
 
     held: HeldQuantity
     value: float
@@ -119,12 +119,12 @@ class TaxelPress:
         self._held_points = (3 * mesh.bottom[:, None] + np.arange(3)).ravel()
 
     def follow(self, instants: list[ImposedState]) -> Iterator[Equilibrium]:
-        """Equilibria one after another, the first from no contact.
+        """Find equilibria one after another, the first from no contact.
 
         Raises
         ------
         DataError
-            An increment has no equilibrium, however finely it is cut.
+            An increment has no equilibrium, however small it is.
         """
         value = {"force": 0.0, "displacement": 0.0}
         base_mm = instants[0].base_mm

@@ -53,7 +53,7 @@ def stiffness(mesh: TaxelMesh) -> sparse.csr_array:
 
 
 def surface_response(mesh: TaxelMesh) -> tuple[FloatArray, FloatArray]:
-    """Answer of the taxel, held at its bottom, to unit forces on the points of its surface.
+    """Displacements and reactions of the taxel, held at its bottom, under unit forces on its surface points.
 
     Returns
     -------
@@ -74,6 +74,6 @@ def surface_response(mesh: TaxelMesh) -> tuple[FloatArray, FloatArray]:
     load[loaded, np.arange(3 * n)] = 1.0
     moved = splu(matrix[free][:, free].tocsc()).solve(load)
     compliance = moved[loaded]
-    compliance = 0.5 * (compliance + compliance.T)  # what rounding left
+    compliance = 0.5 * (compliance + compliance.T)  # removes rounding errors
     reaction = matrix[3 * mesh.bottom + 2][:, free] @ moved
     return compliance.reshape(n, 3, n, 3), reaction.reshape(len(mesh.bottom), n, 3)

@@ -42,7 +42,7 @@ class Fineness:
     bump_layers: int
 
 
-# About the sizes whose forces were compared before: 5 k, 26 k unknowns; the middle one is for convergence.
+# Numbers of unknowns from 5 k to 26 k; the middle one is for convergence.
 MESHES = {
     "coarse": Fineness(8, 3, 1, 1, 2, 2, 3),
     "medium": Fineness(12, 4, 1, 2, 3, 2, 4),

@@ -1,7 +1,7 @@
-"""What an electrode feels: the normal force under a part of the chip, from the forces that hold its bottom.
+"""Force on an electrode: the normal force under a part of the chip, from the forces that hold its bottom.
 
-Nodal forces know no areas smaller than a cell, so each point's force is shared out as the area around it (its
-shape function) lies inside the part or outside.
+Nodal forces do not resolve areas smaller than a cell, so each point's force is divided as the area around it
+(its shape function) lies inside or outside of the part.
 
 For one pressure (0.83 mm radius), coarse and medium mesh against fine: half chips carry 1.3 and 0.6 % less of
 a normal force and 4.5 and 1.7 % less of the couple of a tangential one, areas near the edge 4 and 2 % less of
@@ -31,7 +31,7 @@ _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])  # of a face's referen
 
 
 def side_parts(beyond_mm: float) -> list[Part]:
-    """The part of the chip beyond a distance from the axis, on each of `SIDES`; 0 gives half chips."""
+    """Parts of the chip beyond a distance from the axis, on each of `SIDES`; 0 gives half chips."""
 
     def part(axis: int, sign: float) -> Part:
         return lambda x, y: sign * (x, y)[axis] > beyond_mm

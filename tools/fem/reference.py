@@ -50,7 +50,7 @@ class ReferenceRun:
 
 
 def reference_path(mesh: str, run: str) -> Path:
-    """Where a run's file is."""
+    """Path of the file of a run."""
     return shipped("config", "contact", f"fem-{mesh}-{run}.json")
 
 

@@ -1,6 +1,6 @@
-"""The Yeoh rubbers of a taxel mesh in three dimensions, in the form finite elements ask for.
+"""The Yeoh rubbers of a taxel mesh in three dimensions, in the form that finite elements need.
 
-Isochoric energy W(I - 3) with I = J^(-2/3) tr(F^T F); the volume is the mixed element's own business. First
+Isochoric energy W(I - 3) with I = J^(-2/3) tr(F^T F); the mixed element has the energy of the volume. First
 and second derivatives by F: Holzapfel, Nonlinear Solid Mechanics, 2000, sections 6.4 and 6.6.
 """
 
@@ -32,14 +32,14 @@ class CellwiseYeoh:
         return np.asarray(_shrink(deformation) * trace - 3)
 
     def continued(self, deformation: FloatArray) -> FloatArray:
-        """Share of the points at which a material's safe continuation answers, by material."""
+        """Share of the points in the continuation of a material, by material."""
         excess = self.excess(deformation)
         return np.array(
             [float(np.mean(rubber.continued(excess[:, cells]))) for rubber, cells in self._members]
         )
 
     def gradient(self, x: list[FloatArray]) -> list[FloatArray]:
-        """First Piola-Kirchhoff stress (3, 3, q, c), and the state that Yeoh does not have."""
+        """First Piola-Kirchhoff stress (3, 3, q, c), and the state, which Yeoh does not use."""
         slope, _ = self._slopes(self.excess(x[0]))
         return [slope * self._first(x[0])[0], x[-1]]
 

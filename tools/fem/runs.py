@@ -21,7 +21,7 @@ _TO_LOAD_MM = 0.14  # approach at which pressing changes from displacement to fo
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A plate and what the taxel does on it."""
+    """A plate, and the states that are imposed on the taxel."""
 
     surface: Surface
     instants: list[ImposedState]
@@ -88,7 +88,7 @@ def produce(mesh: str, names: Sequence[str], report: Callable[[str], None]) -> l
     names : sequence of str
         Of `RUNS`; none asks for all.
     report : callable
-        Told one line a run.
+        Called with one line for each run.
 
     Raises
     ------

@@ -1,18 +1,16 @@
-"""Force to counts: rubber, voltage divider, multiplexer, ADC. One function a stage, all in SI units.
+"""From force to counts: rubber, voltage divider, multiplexer, ADC; one function for each, in SI units.
 
-The numbers put a hold of 20 N on the 3x3 array (0.56 N on each read-out area) at about 1.2 V, within the
-1.0 to 1.5 V of the paper's plots and above the 0.5 V that it calls clear enough.
+With the default constants a hold of 20 N on the 3x3 array (0.56 N on each read-out area) reads about 1.2 V,
+within the 1.0 to 1.5 V of the paper's plots and above the 0.5 V that it calls clear enough.
 
 Published sensitivities (Wang et al., Sens. Actuators A 297 (2019) 111512): 0.471 and 0.466 V/N in shear,
-0.201 V/N up to 6 N and 0.067 V/N up to 15 N. We read them as force on ONE taxel, normal voltage the mean of
-its four resistors, shear voltage R1 - R3 and R2 - R4. On the whole array they cannot be meant: 20 N with
-friction 0.6 would swing R1 - R3 by 5.6 V at an ADC of 3 V. They and the 1.2 V at 20 N on nine taxels are two
-circuits (0.45 V under this reading), hence two sets of constants: the defaults, which scenes on the whole
-array play, and `PUBLISHED_SENSITIVITY`, which `config/scenes/one-taxel.toml` plays; its ``[electronics]`` can
-be copied into any scene.
+0.201 V/N up to 6 N and 0.067 V/N up to 15 N. We take them per newton on ONE taxel, with the mean of its four
+resistors as normal voltage, and R1 - R3 and R2 - R4 as shear voltages. They cannot be per newton on the
+whole array: 20 N with friction 0.6 would change R1 - R3 by 5.6 V at an ADC of 3 V. They also do not agree
+with 1.2 V at 20 N on nine taxels (it would be 0.45 V), so there are two sets of constants: the defaults, for
+scenes on the whole array, and `PUBLISHED_SENSITIVITY`, for `config/scenes/one-taxel.toml`, whose
+``[electronics]`` can be copied into any scene.
 """
-
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +18,16 @@ from pydantic import Field
 from scipy.optimize import brentq
 
 from tactiled.array import FloatArray
+from tactiled.emulator.mechanics.base import Readout
 from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
-
-Readout = Literal["edge", "half"]
 
 # Part of a taxel's load on one read-out area at rest: finite elements, coarse mesh, 1.667 N
 # (fem-coarse-flat-0.6.json).
 PART_OF_LOAD = {"edge": 0.05619 / (5 / 3), "half": 0.67987 / (5 / 3)}
-# How rung `lumped` spreads a taxel's load over the edge areas (tests hold them to it): part of the load at
-# rest over the number above, at 3 N and from 3.8 N up; and left minus right at 3 N, per newton of friction,
-# over twice the area's force at rest and times the load.
+# Distribution of a taxel's load over the edge areas by contact model `lumped` (a test compares them): part of
+# the load at rest over the number above, at 3 N and from 3.8 N up; and left minus right at 3 N, per newton of
+# friction, over twice the area's force at rest and times the load.
 _AT_REST_3_N, _AT_REST = 1.0236, 1.0317
 _EDGE_IMBALANCE = 2.981
 
@@ -59,36 +56,43 @@ class ElectronicsParams(Params):
         default=0.47, gt=0, le=1000, description="of shear channels, around mid-scale"
     )
     # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
-    # what lies beside its area; see `calibrate`. For physical rungs: prescribed signals have it already.
+    # forces beside its area; see `calibrate`. Used with physical contact models; prescribed signals include
+    # it.
     spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
     spread_y: float = Field(default=0.54, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
     hysteresis: float = Field(
-        default=0.0, ge=0, le=0.5, description="extra conductance on the way back, of that at half the peak"
+        default=0.0,
+        ge=0,
+        le=0.5,
+        description="extra conductance while unloading, relative, at half the peak load",
     )
     # Silicone-carbon composites lose 0.1 to 1 % a kelvin; the paper gives none.
     temperature_per_k: float = Field(
         default=-0.003, ge=-0.02, le=0.02, description="relative change of conductance a kelvin"
     )
     unsettled: float = Field(
-        default=0.0, ge=0, lt=0.5, description="part of the channel before that a sample still holds"
+        default=0.0, ge=0, lt=0.5, description="part of a sample that is left from the previous channel"
     )
     crosstalk: float = Field(
-        default=0.0, ge=0, lt=0.5, description="part of the mean of its taxel that a channel picks up"
+        default=0.0,
+        ge=0,
+        lt=0.5,
+        description="part of a channel's volts that comes from the mean of its taxel",
     )
     noise_v: float = Field(default=0.3e-3, ge=0, le=1, description="white, rms, each sample")
     dead_channels: list[int] = Field(default=[], description="open circuits: they read 0 V and noise")
 
 
 def creep_gain(params: ElectronicsParams, relaxed_load_n: FloatArray) -> FloatArray:
-    """Gain by which the rubber's sensitivity creeps up under load (first-order, 2 % at 20 N)."""
+    """Gain of the rubber's sensitivity by creep under load (first order, 2 % at 20 N)."""
     return 1.0 + params.creep_per_n * relaxed_load_n
 
 
 def quarter_n(area_n: FloatArray, readout: Readout) -> FloatArray:
-    """Force on a read-out area as the quarter of the taxel's load that bears it at rest.
+    """Convert force on a read-out area to the quarter of the taxel's load that causes it at rest.
 
-    The constants above know an area by its quarter of the load, whatever its size; physical rungs give the
-    force on the area itself.
+    The electronics' constants are for a quarter of the load, whatever the size of the area; physical contact
+    models give the force on the area itself.
     """
     return np.asarray(area_n * 0.25 / PART_OF_LOAD[readout])
 
@@ -96,14 +100,14 @@ def quarter_n(area_n: FloatArray, readout: Readout) -> FloatArray:
 def spread_n(
     params: ElectronicsParams, force_n: FloatArray, taxel: NDArray[np.int64], azimuth_deg: FloatArray
 ) -> FloatArray:
-    """Forces that side electrodes read: each its own area's, and some of the mean of its taxel.
+    """Forces that side electrodes read: each its own area's, mixed with the mean of its taxel.
 
     Parameters
     ----------
     force_n : (n, s) float64
         On the area of each side channel.
     taxel, azimuth_deg : (s,)
-        Of each.
+        Of each side channel.
     """
     along_x = np.cos(np.deg2rad(azimuth_deg)) ** 2
     spread = params.spread_x * along_x + params.spread_y * (1 - along_x)
@@ -111,33 +115,35 @@ def spread_n(
 
 
 def _means(taxel: NDArray[np.int64]) -> FloatArray:
-    """Matrix (s, s) that replaces each channel by the mean of its taxel."""
+    """Matrix (s, s) that replaces each of s channels by the mean of its taxel."""
     among = np.equal.outer(taxel, taxel).astype(np.float64)
     return np.asarray(among / among.sum(axis=0))
 
 
 def hysteresis_gain(params: ElectronicsParams, load_n: FloatArray, peak_n: FloatArray) -> FloatArray:
-    """Gain of conductance when the load has been at `peak_n` since contact; 1 while it grows.
+    """Gain of conductance by hysteresis, with the largest load `peak_n` since contact.
 
-    The parabola is the lens of a loading and unloading curve: nothing at the peak, nothing at zero.
+    It is 1 while the load grows. The difference of the unloading from the loading curve is a parabola, 0 at
+    the peak and at zero load.
     """
     part = np.clip(load_n / np.maximum(peak_n, 1e-9), 0.0, 1.0)
     return np.asarray(1.0 + params.hysteresis * 2.0 * (1.0 - part))
 
 
 def temperature_gain(params: ElectronicsParams, temperature_k: FloatArray) -> FloatArray:
-    """Gain of conductance at a temperature above that of calibration; never below a tenth."""
+    """Gain of conductance at a temperature (K) above that of calibration; at least a tenth."""
     return np.maximum(1.0 + params.temperature_per_k * temperature_k, 0.1)
 
 
 def sampled_v(params: ElectronicsParams, volts: FloatArray, taxel: NDArray[np.int64]) -> FloatArray:
-    """Volts that the multiplexer hands on: crosstalk within a taxel, then what is left of the channel before.
+    """Volts after the multiplexer: crosstalk within a taxel, then the residue of the previous channel.
 
     Parameters
     ----------
     volts : (n, channels) float64
     taxel : (channels,) int64
-        Of each channel. The first follows on the last of the same scan: one scan is much like the next.
+        Of each channel. Before the first comes the last of the same scan, which differs little from that of
+        the scan before.
     """
     if params.crosstalk:
         volts = volts + params.crosstalk * (volts @ _means(taxel) - volts)
@@ -149,20 +155,20 @@ def sampled_v(params: ElectronicsParams, volts: FloatArray, taxel: NDArray[np.in
 def conductance_s(params: ElectronicsParams, force_n: FloatArray) -> FloatArray:
     """Conductance of a read-out area, siemens.
 
-    Percolation in the rubber makes it about proportional to the force above a dead zone:
-    ``R = k / (f - f0)``, so sensitivity falls with force as in Wang 2019.
+    By percolation in the rubber it is about proportional to the force above a dead zone, ``R = k / (f -
+    f0)``, so that sensitivity falls with force as in Wang 2019.
     """
     return np.asarray(np.maximum(force_n - params.dead_zone_n, 0.0) / params.rubber_ohm_n)
 
 
 def divider_v(params: ElectronicsParams, conductance: FloatArray) -> FloatArray:
-    """Volts over the divider's lower resistor: ``U R / (R + 1/G)``, which saturates by itself."""
+    """Volts over the divider's lower resistor: ``U R / (R + 1/G)``."""
     ratio = conductance * params.divider_ohm
     return np.asarray(params.supply_v * ratio / (1.0 + ratio))
 
 
 def shear_v(params: ElectronicsParams, force_n: FloatArray, reference_v: float) -> FloatArray:
-    """Volts of a shear channel: signed, around half of the ADC's range."""
+    """Volts of a shear channel: signed force around half of the ADC's range."""
     return np.asarray(reference_v / 2 + params.shear_v_per_n * force_n)
 
 
@@ -179,13 +185,13 @@ def calibrate(
     divider_ohm: float = 270e3,
     dead_zone_n: float = 0.0125,
 ) -> ElectronicsParams:
-    """Rubber, supply and spread that give a taxel these sensitivities; see the module for what they mean.
+    """Rubber, supply and spread that give a taxel these sensitivities (defined in the module's text).
 
     With ``V = U x / (x + c)``, x a quarter of the load less the dead zone and ``c = rubber / divider``, the
     two normal sensitivities fix U and c. Shear at half of the first range, 3 N, and little friction: an
     area's force changes by ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
-    Forces on the areas are those of rung `lumped`; `compliance` presses the edges up to a tenth more at such
-    loads, which no finite-element reference reaches.
+    Forces on the areas are those of contact model `lumped`. With `compliance` the edges bear up to a tenth
+    more at such loads, for which there is no finite-element reference.
 
     Parameters
     ----------
@@ -195,7 +201,7 @@ def calibrate(
     Raises
     ------
     ConfigError
-        No divider has these.
+        No divider has these sensitivities.
     """
     x1, x2 = (n / 4 * _AT_REST - dead_zone_n for n in upto_n)
     v1 = normal_v_per_n[0] * upto_n[0]

@@ -1,6 +1,6 @@
-"""The board's firmware, sans-I/O: bytes and instants in, frames with the instant they are ready out.
+"""The board's firmware, sans-I/O: bytes and instants in, frames with the instants when they are ready out.
 
-What ``protocols/board.md`` asks of a board:
+States, as ``protocols/board.md`` requires:
 
 ::
 
@@ -10,17 +10,18 @@ What ``protocols/board.md`` asks of a board:
 A layout without commands runs from the end of boot. Rules:
 
 1. A command is answered in any state after boot, also when it changes nothing: start while running and
-   stop while idle are ``ok``. A type that the layout does not know is ``unknown_command``.
-2. A command repeated with its token (the answer was lost) is answered the same and not done again; only
-   the hello that `identify` asks for is said again.
-3. ``set_rate`` holds at once, running or idle; a rate whose frames do not fit the line, or that leaves no
+   stop while idle are ``ok``. A type that the layout does not contain is ``unknown_command``.
+2. A command repeated with its token (because the answer was lost) gets the same answer and is not carried
+   out again; only the hello that `identify` asks for is sent again.
+3. ``set_rate`` takes effect at once, running or idle; a rate whose frames do not fit the line, or that
+leaves no
    time to sample all channels, is a ``bad_argument``.
-4. The sequence counts every scan instant since power-up, missed ones included; a scan that ``stop``,
-   ``set_rate`` or a reset interrupts was never attempted.
-5. What arrives during boot, or is no frame, is not heard.
+4. The sequence number counts every scan instant since power-up, missed ones included; a scan that ``stop``,
+   ``set_rate`` or a reset interrupts does not count.
+5. Bytes that arrive during boot, or are no frame, are ignored.
 6. While `preparing`, ``start`` is ``busy``; a layout without ``start`` begins to scan when that is over.
-7. A ping takes its time on the line and until the firmware's main loop comes round; then the tick is read and
-   the answer is ready. Other commands take effect at once: a scene begins when it is told to.
+7. A ping takes its time on the line and until the main loop of the firmware comes round; then the tick is
+   read and the answer is ready. Other commands take effect at once, so that a scene begins with ``start``.
 """
 
 from collections import deque
@@ -38,10 +39,9 @@ from tactiled.wire.layout import Layout
 
 BOOT_S = 0.05  # power-up to the first hello: clocks settle, the ADC calibrates
 HELLO_PERIOD_S = 1.0
-# Scans may take this much of the line; the rest is for acknowledgements and hellos, which would otherwise
-# queue up for ever.
+# Part of the line for scans; acknowledgements and hellos need the rest, or they would queue up without end.
 _LINE_SHARE = 0.95
-_SLOWEST_HZ = 0.1  # slower, and the host's stall watch has no meaning
+_SLOWEST_HZ = 0.1  # at a lower rate the host cannot tell a stall
 
 
 class Outgoing(NamedTuple):
@@ -52,7 +52,7 @@ class Outgoing(NamedTuple):
 
 
 class Board:
-    """A board that runs.
+    """An emulated board.
 
     Parameters
     ----------
@@ -61,11 +61,11 @@ class Board:
         Identity; its rate is the one after power-up.
     params : EmulatedBoardParams
     source : ScanSource
-        Asked in scene time, which begins at the first start command.
+        Read in scene time, which begins at the first start command.
     power_up_s : float
         True instant of power-up.
     on_scan : callable
-        Gets a `ScanTruth` for each scan instant.
+        Called with a `ScanTruth` for each scan instant.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Board:
         True instant of scene time 0; None until the first start. `skip_until` moves it.
     running : bool
     preparing : bool
-        Set it while the source cannot be read yet.
+        Set while the source cannot be read yet.
 
     Raises
     ------
@@ -121,7 +121,7 @@ class Board:
         return self._scanning is not None
 
     def next_deadline_s(self) -> float:
-        """True instant at which `advance` will next have something to do."""
+        """True instant of the next event in `advance`."""
         due_s = self._next_hello_s if self._scanning is None else self._scanning.end_s
         return min(due_s, self._pongs[0][0]) if self._pongs else due_s
 
@@ -131,7 +131,7 @@ class Board:
         return self._scanning.scene_s if self._scanning is not None else 0.0
 
     def advance(self, now_s: float) -> list[Outgoing]:
-        """Let time pass; frames that became ready, in order."""
+        """Advance to an instant and return the frames that became ready, in order."""
         while (due_s := self.next_deadline_s()) <= now_s:
             if self._pongs and self._pongs[0][0] <= due_s:
                 self._acknowledge(*self._pongs.popleft()[1], due_s)
@@ -143,7 +143,7 @@ class Board:
         return out
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes from the host; answers come with the next `advance`."""
+        """Take bytes from the host; answers come with the next `advance`."""
         self._out = self.advance(now_s)
         if now_s < self._boot_end_s:
             return
@@ -151,7 +151,7 @@ class Board:
             if isinstance(item, Command):
                 result = self._answers.get(item) or self._obey(item, now_s)
                 if item.name == "identify":
-                    self._say_hello(now_s)
+                    self._send_hello(now_s)
                 self._answers = {item: result}  # only the newest: the host has one command under way
                 if item.name == "ping" and result == "ok":
                     took_s = self._ping_s + float(self._rng.uniform(*self._answer_s))
@@ -161,25 +161,25 @@ class Board:
                     self._acknowledge(item, result, now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Power-up or reset: ticks, sequence, rate and state begin anew; unsent frames are lost."""
+        """Reset: ticks, sequence, rate and state begin anew; unsent frames are lost."""
         self.advance(now_s)
         self._boot_count = (self._boot_count + 1) % (1 << self._boot_bits)
         self._power_up(now_s, start_ticks=0, start_sequence=0)
 
     def miss_scan(self, now_s: float) -> None:
-        """Miss the next scan instant, as firmware does that is held up; idle boards miss none."""
+        """Miss the next scan instant, as delayed firmware does; an idle board misses none."""
         self._out = self.advance(now_s)
         self._to_miss += self.running
 
     def skip_until(self, now_s: float) -> int:
-        """Leave out, unread, all scans that should have ended by `now_s`.
+        """Leave out all scans that should have ended by `now_s`, without reading the source.
 
-        For a board in real time on a host that is too slow. The next scan carries the overrun flag.
+        This is for a board in real time on a host that is too slow. The next scan carries the overrun flag.
 
         Returns
         -------
         int
-            How many scan instants were left out.
+            Number of scan instants left out.
         """
         scanning, n = self._scanning, 0
         if scanning is None or self.scene_start_s is None:
@@ -206,16 +206,18 @@ class Board:
         self._to_miss = 0
         self._overrun = False
         self._answers = {}
-        self._pongs: deque[tuple[float, tuple[Command, str]]] = deque()  # answers to pings, by when they go
+        self._pongs: deque[tuple[float, tuple[Command, str]]] = (
+            deque()
+        )  # answers to pings, with the instant of each
         self._scanning = None
         self._first_after_start = False
         self._out = []
         self._decoder.reset()
 
     def _idle(self, now_s: float) -> None:
-        """End of boot, or a second of idleness."""
+        """Act at the end of boot, and each second while idle."""
         if self._layout.has("hello"):
-            self._say_hello(now_s)
+            self._send_hello(now_s)
         self._next_hello_s = now_s + HELLO_PERIOD_S
         if not self._layout.has("start") and not self.preparing:
             self._start(now_s)
@@ -257,7 +259,7 @@ class Board:
         )
 
     def _scan(self, scanning: Scanning, end_s: float) -> None:
-        """One scan instant: all channels sampled, or all missed."""
+        """Sample all channels at a scan instant, or miss it."""
         begin_board_s, scene_s = scanning.begin_board_s, scanning.scene_s
         counts = scanning.take(self._index)
         began_s = self._crystal.true_s(begin_board_s)
@@ -267,7 +269,7 @@ class Board:
             return
         flags = self._layout.flag("first_after_start") * self._first_after_start
         flags |= self._layout.flag("overrun") * self._overrun
-        self._say(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
+        self._send(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
         self._first_after_start = self._overrun = False
         self._attempted(began_s, scene_s, sent=True)
 
@@ -283,12 +285,12 @@ class Board:
         self._sequence = (self._sequence + 1) % (1 << self._sequence_bits)
 
     def _fits(self, rate_hz: float) -> bool:
-        """Whether frames at this rate fit the line, and the sampling of one scan its period."""
+        """Return whether frames at this rate fit the line, and the sampling of a scan its period."""
         frame_s = 10 * self._layout.wire_bytes("scan") / self._layout.file.baud
         longest_s = max(frame_s / _LINE_SHARE, float(self._offset_s.max()))
         return rate_hz >= _SLOWEST_HZ and rate_hz * longest_s <= 1.0
 
-    def _say_hello(self, now_s: float) -> None:
+    def _send_hello(self, now_s: float) -> None:
         hello = Hello(
             **vars(self._hello)
             | {
@@ -298,14 +300,14 @@ class Board:
                 "ticks": self._ticks(now_s),
             }
         )
-        self._say(hello, now_s)
+        self._send(hello, now_s)
 
     def _acknowledge(self, command: Command, result: str, now_s: float) -> None:
         if self._layout.has("acknowledge") and result in self._layout.file.results:
-            self._say(Acknowledge(command.token, command.name, result, self._ticks(now_s)), now_s)
+            self._send(Acknowledge(command.token, command.name, result, self._ticks(now_s)), now_s)
 
     def _ticks(self, now_s: float) -> int:
         return self._crystal.ticks(self._crystal.board_s(now_s))
 
-    def _say(self, frame: Frame, ready_s: float) -> None:
+    def _send(self, frame: Frame, ready_s: float) -> None:
         self._out.append(Outgoing(ready_s, self._encoder.encode(frame)))

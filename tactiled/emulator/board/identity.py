@@ -1,4 +1,4 @@
-"""Who the board says it is, and how good its crystal is."""
+"""Parameters of the emulated board: identity, ADC, timing, crystal."""
 
 from pydantic import Field
 
@@ -11,27 +11,33 @@ from tactiled.wire.layout import Layout
 
 
 class EmulatedBoardParams(Params):
-    """What one board has of its own; its identity is ignored where the layout assumes a hello."""
+    """Parameters of one board; its identity is ignored where the layout assumes a hello."""
 
     board_serial: str = Field(default="TS0001", min_length=1, max_length=16)
     firmware_version: str = Field(default="emu-1.0", max_length=12)
-    array_id: str | None = Field(default=None, description="absent: the array that the scene wears")
+    array_id: str | None = Field(default=None, description="absent: the array of the scene")
     rate_hz: float = Field(default=100.0, gt=0, description="scan rate after power-up")
     adc_bits: int = Field(default=12, ge=1, le=16)
     adc_reference_v: float = Field(default=3.0, gt=0)
     channel_step_s: float = Field(
         default=200e-6, ge=0, description="multiplexer step: channel c is sampled c steps into the scan"
     )
-    boot_count: int = Field(default=1, ge=0, description="in the first hello")
-    drift_ppm: float = Field(default=30.0, ge=-50_000, le=50_000, description="of the board's crystal")
+    boot_count: int = Field(default=1, ge=0, description="boot count in the first hello")
+    drift_ppm: float = Field(default=30.0, ge=-50_000, le=50_000, description="error of the board's crystal")
     answer_least_s: float = Field(
-        default=1e-4, ge=0, le=1, description="from the last bit of a ping to the tick in its answer"
+        default=1e-4,
+        ge=0,
+        le=1,
+        description="shortest time from the last bit of a ping to the tick in its answer",
     )
     answer_most_s: float = Field(
-        default=1e-3, ge=0, le=1, description="the same at most; any time between, as a main loop comes round"
+        default=1e-3,
+        ge=0,
+        le=1,
+        description="longest such time; each is drawn between the two, as the main loop comes round",
     )
     start_ticks: int = Field(default=0, ge=0, description="tick counter at the first power-up")
-    start_sequence: int = Field(default=0, ge=0, description="sequence of the first scan of all")
+    start_sequence: int = Field(default=0, ge=0, description="sequence number of the first scan")
 
 
 def worn_array(scene: Scene, layout: Layout) -> Array:
@@ -54,13 +60,13 @@ def worn_array(scene: Scene, layout: Layout) -> Array:
 
 
 def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello:
-    """Hello of the board: what the layout assumes, where it does."""
+    """Hello of the board, or the one that the layout assumes."""
     assumed = layout.file.assumed_hello
     version = layout.file.protocol_version
     if assumed is not None:
         offsets = tuple(assumed.channel_offset_s)
-        told = assumed.model_dump(exclude={"channel_offset_s"})
-        return Hello(**told, channel_offset_s=offsets, protocol_version=version)
+        fields = assumed.model_dump(exclude={"channel_offset_s"})
+        return Hello(**fields, channel_offset_s=offsets, protocol_version=version)
     return Hello(
         board_serial=params.board_serial,
         array_id=params.array_id or array.name,

@@ -1,16 +1,16 @@
-"""Noise that depends on the scan's number only: any chunking draws the same."""
+"""Noise that depends on the number of the scan only, not on how scans are chunked."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK = 256  # scans drawn at once: setting up a generator costs about as much as drawing these
+_BLOCK = 256  # scans drawn at once: their cost is about that of setting up a generator
 
 
 class ScanNoise:
     """Standard normal numbers for each scan and channel.
 
-    Block b of scans is drawn from Philox, a counter-based generator, with the key (seed, b): no state
-    runs from one block into the next (Salmon et al., SC 2011).
+    Block b of scans is drawn from Philox, a counter-based generator, with the key (seed, b), so that no state
+    is carried from block to block (Salmon et al., SC 2011).
 
     Parameters
     ----------

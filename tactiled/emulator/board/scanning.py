@@ -1,4 +1,4 @@
-"""The board's clock, and a stretch of evenly timed scans by it, each channel sampled at its own instant.
+"""The board's clock, and evenly timed scans by it, each channel sampled at its own instant.
 
 =============  ==========================================================
 ``now_s``      true time, the host's monotonic clock (simulated or real)
@@ -14,21 +14,24 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-_SCANS_AHEAD = 32  # asked of the source at once: one call costs some 0.3 ms, for one scan or for 32
+_SCANS_AHEAD = 32  # computed at once: one call costs some 0.3 ms, for one scan or for 32
 Seconds = TypeVar("Seconds", float, NDArray[np.float64])
-# A board time that is a whole number of ticks must not read one tick early for the last bit of a float.
+# Rounding of a board time that is a whole number of ticks must not make the counter one tick early.
 _TICK_SLACK = 1e-3
 
 
 @dataclass(frozen=True)
 class Crystal:
-    """Linear clock: started at `power_up_s`, too fast by `drift_ppm`.
+    """Linear clock that starts at `power_up_s` and is too fast by `drift_ppm`.
 
     Attributes
     ----------
-    tick_s : seconds of one tick, as the board believes
-    bits : width of the tick counter
-    start_ticks : what the counter holds at power-up
+    tick_s : float
+        Nominal length of a tick.
+    bits : int
+        Width of the tick counter.
+    start_ticks : int
+        Counter at power-up.
     """
 
     power_up_s: float
@@ -49,16 +52,16 @@ class Crystal:
 
 
 class ScanSource(Protocol):
-    """What the ADC reads: see `sensor.Sensor`."""
+    """Source of the ADC's readings, see `sensor.Sensor`."""
 
     @property
     def reacts(self) -> bool:
-        """Whether coming scans depend on what somebody may still say: then they are not read ahead."""
+        """Return whether a controller may still change coming scans, which are then not read ahead."""
         ...
 
     @property
     def has_memory(self) -> bool:
-        """Whether an instant can be read only after all instants before it have been computed."""
+        """Return whether an instant can be read only after all instants before it are computed."""
         ...
 
     def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -68,16 +71,20 @@ class ScanSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScanTruth:
-    """What really happened at one scan instant.
+    """Truth about one scan instant.
 
     Attributes
     ----------
-    index : scan instants since the first power-up, this one not included; never wraps nor restarts
-    sequence : as on the wire
-    boot : boot count as in the hello
-    began_s : true instant, on the host's clock
-    scene_s : instant of scene time that the scan saw, or would have seen
-    sent : False where the board missed the instant (overrun)
+    index : int
+        Scan instants before this one since the first power-up; does not wrap or restart.
+    sequence, boot : int
+        Sequence number and boot count as on the wire.
+    began_s : float
+        True instant on the host's clock.
+    scene_s : float
+        Scene time of the scan.
+    sent : bool
+        False where the board missed the instant (overrun).
     """
 
     index: int
@@ -89,7 +96,7 @@ class ScanTruth:
 
 
 class Scanning:
-    """Scan k begins at board time ``epoch_board_s + k / rate_hz``; channel c follows after its offset.
+    """Sample scan k at board time ``epoch_board_s + k / rate_hz``, and its channels after their offsets.
 
     Parameters
     ----------
@@ -141,10 +148,10 @@ class Scanning:
         return self._crystal.true_s(self.begin_board_s) - self._scene_start_s
 
     def skip(self, n: int) -> float:
-        """Leave out n scan instants, which were not computed in time.
+        """Leave out n scan instants that were not computed in time.
 
-        A source with memory would have to compute them all the same, and so never catch up: the scene stands
-        still over these instants instead.
+        A source with memory would have to compute them all the same and never catch up. Therefore the scene
+        stands still over these instants.
 
         Returns
         -------
@@ -162,7 +169,7 @@ class Scanning:
         return held_s
 
     def take(self, index: int) -> NDArray[np.int64]:
-        """Counts of the coming scan, which is number `index` of all; the next one then comes."""
+        """Sample the coming scan, which has number `index`, and go on to the next one."""
         if not len(self._ahead):
             k = self._k + np.arange(self._n_ahead)
             begin_board_s = self._epoch_board_s + k / self._rate_hz

@@ -1,4 +1,4 @@
-"""A scene seen through the array and its electronics: what the board's ADC reads."""
+"""From a scene to the counts that the board's ADC reads, through array and electronics."""
 
 import numpy as np
 from numpy.typing import NDArray

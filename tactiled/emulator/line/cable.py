@@ -1,8 +1,8 @@
-"""The wire and the adapter, sans-I/O: frames go in when the board has them, bytes come out when they arrive.
+"""Serial line and USB adapter, sans-I/O: frames in when they are ready, bytes out when they arrive.
 
-A byte takes ten bits. A frame goes out when the board has it and the line is free, and arrives whole with
-its last bit; an adapter that bunches hands over what it has at multiples of its own timer instead, also
-parts of frames. During a stall nothing arrives, and then all of it at once.
+A byte takes ten bits. A frame is sent when it is ready and the line is free, and arrives whole with its last
+bit. An adapter that bunches hands over the bytes that it has, parts of frames too, at multiples of its own
+timer. During a stall nothing arrives, and then everything at once.
 """
 
 import itertools
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactiled.emulator.line.faults import FaultCounts, FaultKind, FaultParams
 
-# A frame that lost only its last byte can be salvaged by a good decoder: a cut takes more than that.
+# A good decoder can restore a frame that lost only its last byte, so a cut takes more.
 _LEAST_CUT = 3
 
 
@@ -27,7 +27,7 @@ class Arrival(NamedTuple):
 
 
 class CableModel:
-    """One direction, board to host.
+    """Line and adapter in the direction from board to host.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class CableModel:
     params : FaultParams
     seed : int
     counts : FaultCounts
-        Where what was done is counted.
+        Counters of the faults.
     """
 
     def __init__(self, baud: int, params: FaultParams, seed: int, counts: FaultCounts) -> None:
@@ -50,7 +50,7 @@ class CableModel:
         self._noise_left = 0
 
     def arm(self, kind: FaultKind) -> None:
-        """Do this to the next frame: flip, drop, cut, duplicate, or burst (to the next bytes)."""
+        """Damage the next frame: flip, drop, cut, duplicate, or burst (of noise on the next bytes)."""
         if kind == "burst":
             self._noise_left = self._params.burst_bytes
             self._counts.bursts += 1
@@ -58,14 +58,14 @@ class CableModel:
             self._armed.append(kind)
 
     def stall(self, until_s: float) -> None:
-        """What has not arrived yet does so at `until_s` at the earliest."""
+        """Delay bytes that have not arrived yet until `until_s` at least."""
         self._not_before_s = max(self._not_before_s, until_s)
 
     def send(self, ready_s: float, frame: bytes) -> None:
-        """The board hands over a frame; in order of `ready_s`."""
+        """Send a frame of the board; calls are in order of `ready_s`."""
         rng, params, armed = self._rng, self._params, self._armed
         self._armed = []
-        # Drawn whether needed or not, so that one fault does not move the others.
+        # Drawn whether needed or not, so that one fault does not change the others.
         duplicate, cut = rng.random(2).tolist()
         is_twice = duplicate < params.duplicate_per_frame or "duplicate" in armed
         self._counts.frames_duplicated += is_twice
@@ -77,7 +77,7 @@ class CableModel:
         return max(self._queue[0].arrival_s, self._not_before_s) if self._queue else math.inf
 
     def arrivals(self, now_s: float) -> list[Arrival]:
-        """What has arrived by `now_s`; bytes that arrive at one instant come as one."""
+        """Take the bytes that arrived by `now_s`; those of one instant are joined."""
         out: list[Arrival] = []
         while self._queue and (arrival_s := self.next_arrival_s()) <= now_s:
             data = self._queue.popleft().data
@@ -87,7 +87,7 @@ class CableModel:
         return out
 
     def pull_out(self) -> None:
-        """Lose what is under way: the adapter is pulled out."""
+        """Lose the bytes under way, as when the adapter is pulled out."""
         self._counts.bytes_pulled_out += sum(len(item.data) for item in self._queue)
         self._queue.clear()
 
@@ -108,7 +108,7 @@ class CableModel:
             counts.bytes_flipped += int(flipped.sum())
         noisy = min(self._noise_left, len(data))
         if noisy:
-            mask[:noisy] = self._rng.integers(1, 256, noisy)  # never 0: noise that changes nothing is none
+            mask[:noisy] = self._rng.integers(1, 256, noisy)  # not 0, which would change nothing
             self._noise_left -= noisy
             counts.bytes_noise += noisy
         data = data ^ mask
@@ -121,7 +121,7 @@ class CableModel:
         return sent
 
     def _chosen(self, n: int, probability: float, at_least_one: bool) -> NDArray[np.bool_]:
-        """Which of n bytes a fault falls on."""
+        """Draw the bytes of n that a fault changes: (n,)."""
         chosen = self._rng.random(n) < probability
         if at_least_one and n:
             chosen[self._rng.integers(n)] = True

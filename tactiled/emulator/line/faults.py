@@ -1,8 +1,8 @@
-"""What can go wrong between the board and the host, and what of it was done.
+"""Faults between the board and the host, and their counts.
 
-Faults of the bytes (flip, drop, cut, duplicate) have a probability each; faults of time (stall, burst,
-reboot, unplug, overrun) come as Poisson processes; any of them can also be set for an instant. All is
-drawn from one seed, in the order of frames and of time, so chunking changes nothing.
+Faults of bytes (flip, drop, cut, duplicate) have a probability each; faults in time (stall, burst, reboot,
+unplug, overrun) are Poisson processes; any of them can also be set for an instant. All are drawn from one
+seed in the order of frames and of time, so that chunking changes nothing.
 """
 
 import heapq
@@ -19,7 +19,7 @@ _TIMED: tuple[FaultKind, ...] = ("burst", "stall", "overrun", "reboot", "unplug"
 
 
 class FaultAt(Params):
-    """One fault at one instant; those of a frame happen to the next frame sent."""
+    """One fault at one instant; a fault of a frame changes the next frame sent."""
 
     kind: FaultKind
     at_s: float = Field(ge=0, description="seconds after the emulator's power-up")
@@ -32,7 +32,7 @@ class FaultParams(Params):
     drop_per_byte: float = Field(default=0.0, ge=0, le=1, description="a byte is lost")
     cut_per_frame: float = Field(default=0.0, ge=0, le=1, description="a frame ends early")
     duplicate_per_frame: float = Field(default=0.0, ge=0, le=1, description="a frame is sent twice")
-    burst_per_s: float = Field(default=0.0, ge=0, le=100, description="noise falls on the next bytes")
+    burst_per_s: float = Field(default=0.0, ge=0, le=100, description="noise replaces the next bytes")
     burst_bytes: int = Field(default=40, ge=1)
     stall_per_s: float = Field(default=0.0, ge=0, le=100, description="nothing arrives, then all at once")
     stall_s: float = Field(default=0.5, gt=0)
@@ -49,11 +49,11 @@ class FaultParams(Params):
 
 @dataclass
 class FaultCounts:
-    """What was done, for the accounting of a test.
+    """Counts of the faults that happened.
 
-    ``frames_in`` and ``bytes_in`` are what went onto the line, each copy of a duplicate included, before
-    damage; ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``. ``overruns`` are
-    all scan instants that the board missed, ``overruns_of_host`` those among them that a slow host caused.
+    ``frames_in`` and ``bytes_in`` were sent on the line, each copy of a duplicate included, before damage;
+    ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``. ``overruns`` are all
+    scan instants that the board missed, ``overruns_of_host`` those among them that a slow host caused.
     """
 
     frames_in: int = 0
@@ -76,7 +76,7 @@ class FaultCounts:
 
 
 class FaultPlan:
-    """Instants of the timed faults, in order.
+    """Instants of the faults in time, in order.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class FaultPlan:
 
     def __init__(self, params: FaultParams, seed: int, power_up_s: float) -> None:
         self._rates = {kind: float(getattr(params, f"{kind}_per_s")) for kind in _TIMED}
-        # One generator a kind: adding one fault to a run does not move the others.
+        # One generator for each kind, so that one fault more in a run does not change the others.
         self._rngs = {kind: np.random.default_rng([seed, 2, k]) for k, kind in enumerate(_TIMED)}
         self._heap: list[tuple[float, FaultKind, bool]] = [
             (power_up_s + fault.at_s, fault.kind, False) for fault in params.at
@@ -98,11 +98,11 @@ class FaultPlan:
             self._draw(kind, power_up_s)
 
     def next_s(self) -> float:
-        """Instant of the next fault; infinity when none is to come."""
+        """Instant of the next fault; infinity where there is none."""
         return self._heap[0][0] if self._heap else float("inf")
 
     def pop(self) -> FaultKind:
-        """The next fault; the one after it is then drawn."""
+        """Take the next fault, and draw the one after it."""
         at_s, kind, is_drawn = heapq.heappop(self._heap)
         if is_drawn:
             self._draw(kind, at_s)

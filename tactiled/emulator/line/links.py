@@ -1,4 +1,4 @@
-"""Where a host finds the emulated port: a pty under a stable name, or a TCP listener."""
+"""Links between emulator and host: a pty under a stable name, or a TCP listener."""
 
 import contextlib
 import os
@@ -11,18 +11,18 @@ from typing import Protocol
 from tactiled.errors import ConfigError
 
 _READ_BYTES = 4096
-_MOST_BYTES = 65536  # taken at once from a host that never stops writing
+_MOST_BYTES = 65536  # read at once from a host that does not stop writing
 
 
 class HostLink(Protocol):
-    """An open port as the emulator sees it. Nothing here blocks; what the host does not take is lost."""
+    """Port on the emulator's side. No call blocks; bytes that the host does not take are lost."""
 
     def open(self) -> None: ...
 
     def close(self) -> None: ...
 
     def describe(self) -> dict[str, str]:
-        """Where it is, for the report."""
+        """Address, for the report."""
         ...
 
     def fds(self) -> list[int]:
@@ -30,29 +30,29 @@ class HostLink(Protocol):
         ...
 
     def read(self) -> bytes:
-        """What the host wrote; b"" when there is nothing."""
+        """Read the bytes that the host wrote; b"" where there are none."""
         ...
 
     def write(self, data: bytes) -> int:
-        """How many bytes were taken, as an adapter whose buffer may be full."""
+        """Write bytes, and return how many the host took: its buffer may be full."""
         ...
 
 
 class PtyLink:
-    """A pty; `path` is a symbolic link to its device, replaced whole and removed at close.
+    """Pty with a symbolic link to its device, which is replaced in one step and removed at close.
 
-    The device end is kept open here, so the port outlives hosts that come and go. It is raw: no echo, no
-    line discipline touches the bytes before a host sets anything.
+    The device end is kept open here, so that the port stays while hosts come and go. It is raw: there is no
+    echo and no line discipline before a host sets anything.
 
     Parameters
     ----------
     path : Path or None
-        None makes no link: the device's own name is in the report.
+        The link; with None there is none, and the report has the name of the device.
 
     Raises
     ------
     ConfigError
-        On `open`: `path` is something else than a symbolic link, or cannot be made.
+        From `open`: `path` exists and is no symbolic link, or cannot be made.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -75,7 +75,7 @@ class PtyLink:
     def close(self) -> None:
         if self._master < 0:
             return
-        with contextlib.suppress(OSError):  # somebody else's link by now, or gone
+        with contextlib.suppress(OSError):  # replaced by another emulator, or gone
             if self._path is not None and str(self._path.readlink()) == self._device:
                 self._path.unlink()
         os.close(self._master)
@@ -101,7 +101,7 @@ class PtyLink:
             return 0
 
     def _point(self, path: Path) -> None:
-        """Make or replace the link in one step, so that a host never finds half of it."""
+        """Make or replace the link in one step, so that a host never finds none."""
         if path.exists() and not path.is_symlink():
             raise FileExistsError(0, "it exists and is no symbolic link")
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
@@ -111,18 +111,18 @@ class PtyLink:
 
 
 class TcpLink:
-    """A TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial's words).
+    """TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial).
 
     Parameters
     ----------
     host : str
     port : int
-        0 takes a free one; it is kept over unplugging.
+        0 takes a free port, which is kept when the port is unplugged.
 
     Raises
     ------
     ConfigError
-        On `open`: the address cannot be had.
+        From `open`: the address is not available.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -151,7 +151,7 @@ class TcpLink:
         return [s.fileno() for s in (self._listener, self._client) if s is not None]
 
     def read(self) -> bytes:
-        data = self._receive()  # first, so that a host that has left makes room for the one that knocks
+        data = self._receive()  # first, so that a host that has left makes room for the next one
         self._accept()
         return data
 
@@ -180,7 +180,7 @@ class TcpLink:
             return 0
 
     def _accept(self) -> None:
-        """Take a host that knocks; a second one is turned away, as a port that is busy would."""
+        """Accept a host; a second one is closed at once, as a busy port would do."""
         if self._listener is None or not select.select([self._listener], [], [], 0)[0]:
             return
         client, _ = self._listener.accept()
@@ -199,7 +199,7 @@ class TcpLink:
 
 
 def make_link(link: Path | None, tcp: str | None) -> HostLink:
-    """Link for the command line's options: a pty unless `tcp` is ``tcp://HOST:PORT``.
+    """Make the link that the command line asks for: a pty unless `tcp` is ``tcp://HOST:PORT``.
 
     Raises
     ------

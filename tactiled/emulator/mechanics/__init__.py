@@ -1,5 +1,5 @@
-"""The mechanics of one bump of the skin on a surface: materials, and a ladder of contact models.
+"""Mechanics of the bumps of the skin on a surface: materials, and contact models of growing cost.
 
-Units are mm, N, MPa (N/mm2), s. A model sees one taxel at a time or many at once, knows neither arrays nor
-boards, and reads no clock.
+Units are mm, N, MPa (N/mm2), s. A model computes many taxels at once, independent of array and board, and
+reads no clock.
 """

@@ -1,10 +1,10 @@
-"""What every physical contact model (rung) takes and gives: the seam of the ladder.
+"""Interface of the physical contact models of taxels.
 
-A rung steps through time: friction remembers. `step` is called on a fixed grid of instants, so that how a
-caller chunks time changes nothing; `stepper` makes such a rung answer at any instant.
+A model steps through time, because friction depends on the past. `step` is called on a fixed grid of
+instants, so that chunking changes nothing; `stepper` interpolates for any instant.
 
-Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is
-where that origin is over the surface (taxel place plus travel of the skin). Forces are those on the skin.
+Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is the
+place of that origin over the surface (taxel place plus travel of the skin). Forces are those on the skin.
 """
 
 from dataclasses import dataclass
@@ -16,21 +16,22 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 
 HeldQuantity = Literal["force", "displacement"]
+Readout = Literal["edge", "half"]  # area under a side electrode, see `sides.SideWeights`
 
-# Bits of `TaxelForces.warnings`: the number is still the best the rung has.
-BEYOND_REFERENCES = 1  # more load than finite elements were asked for: a rung's errors are not known there
+# Bits of `TaxelForces.warnings`; the forces are then the best that the model can compute.
+BEYOND_REFERENCES = 1  # more load than in any finite-element run: the errors are not known
 NOT_CONVERGED = 2  # the solver stopped at its iteration limit
 BOTTOMED = 4  # pressed deeper than the bump is high: the load curve is extrapolated
 
 # Largest loads on a taxel in the finite-element references (config/contact/fem-*.json), pressed and sheared.
 # Up to there every material is within its stable range (their columns `continued_*` are 0).
 PRESSED_REFERENCE_N, SHEARED_REFERENCE_N = 3.94, 2.5
-_SHEARED = 0.01  # tangential over normal force: what a press sideways makes by itself is less
+_SHEARED = 0.01  # tangential over normal force; a press alone causes less
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What the bump is on.
+    """Surface under the bumps.
 
     Attributes
     ----------
@@ -40,7 +41,7 @@ class Surface:
         Grooves; ``depth_mm = 0`` is a flat plate. Height above the valleys is
         ``depth (1 + cos(2 pi s / period)) / 2`` with s along the groove normal (cos angle, sin angle).
     static_ratio, stribeck_mm_s : float
-        Friction at rest over friction while sliding, and the speed over which it falls (Stribeck).
+        Friction at rest over friction while sliding, and the speed scale of the fall (Stribeck).
     """
 
     friction: float
@@ -53,7 +54,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class TaxelForces:
-    """What the skin feels at one instant, for t taxels.
+    """Forces on the skin and state of the contact at one instant, for t taxels.
 
     Attributes
     ----------
@@ -62,13 +63,13 @@ class TaxelForces:
     tangential_n : (t, 2) float64
         Friction force on the skin.
     side_n : (t, a) float64
-        Normal force on the read-out area at each asked azimuth, 0 or more (a contact sensor cannot pull).
+        Normal force on the read-out area at each azimuth, 0 or more (the sensor measures no tension).
     slipping : (t,) float64
         Share of the contact area that slips, 0 to 1; 0 without contact.
     indentation_mm : (t,) float64
         Approach since first touch of a flat plate.
     warnings : (t,) int64
-        Bits named above.
+        Bits `BEYOND_REFERENCES`, `NOT_CONVERGED`, `BOTTOMED`.
     """
 
     normal_n: FloatArray
@@ -79,11 +80,11 @@ class TaxelForces:
     warnings: NDArray[np.int64]
 
 
-class Rung(Protocol):
-    """A contact model. Built with ``(surface, azimuth_deg: (a,), n_taxels)`` and parameters of its own."""
+class TaxelModel(Protocol):
+    """Contact model of taxels, built with ``(surface, azimuth_deg: (a,), n_taxels)`` and more."""
 
     def reset(self) -> None:
-        """No contact, no history."""
+        """Return to no contact and no history."""
         ...
 
     def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
@@ -92,7 +93,7 @@ class Rung(Protocol):
         Parameters
         ----------
         held : {"force", "displacement"}
-            What is imposed along z.
+            Quantity that is imposed along z.
         value : (t,) float64
             Normal force, N, or indentation, mm (negative: no touch), at the end of the step.
         base_mm : (t, 2) float64
@@ -103,7 +104,7 @@ class Rung(Protocol):
 
 
 def beyond_references(felt: TaxelForces) -> NDArray[np.bool_]:
-    """Which taxels bear more than any reference does; the shape of ``felt.normal_n``."""
+    """Flag taxels that bear more than any reference does; the shape of ``felt.normal_n``."""
     shear_n = np.linalg.norm(felt.tangential_n, axis=-1)
     limit_n = np.where(shear_n > _SHEARED * felt.normal_n, SHEARED_REFERENCE_N, PRESSED_REFERENCE_N)
     return np.asarray(felt.normal_n > limit_n * (1 + 1e-9))

@@ -1,9 +1,9 @@
-"""Rung `compliance`: surface compliance of the taxel, unilateral contact and Coulomb friction on its nodes.
+"""Contact model `compliance`: surface compliance of the taxel, unilateral contact and Coulomb friction.
 
-The body answers forces on its surface linearly, with the matrix that finite elements give once
+The body responds linearly to forces on its surface, with a matrix from finite elements
 (`config/contact/compliance-*.npz`); contact, friction and their lateral coupling are solved on the surface
-nodes. Large displacements enter to first order: a node meets the surface where friction has dragged it to,
-with the surface's local height and slope there; and as `displaced` says.
+nodes. Large displacements enter to first order: a node meets the surface at its displaced place, with the
+height and slope of the surface there, and has the effects in `displaced`.
 
 Not modelled: the skin's nonlinearity (Yeoh) beyond that, creep, adhesion, static friction above sliding
 friction, the neighbours' bumps, edges of ridges sharper than the nodes' spacing (0.17 mm).
@@ -14,34 +14,41 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
-from tactiled.emulator.mechanics.displaced import Displaced, on_linear_skin_n, stiffening
-from tactiled.emulator.mechanics.skin import Readout, SkinCompliance, shipped_skin
+from tactiled.emulator.mechanics.base import (
+    BOTTOMED,
+    NOT_CONVERGED,
+    HeldQuantity,
+    Readout,
+    Surface,
+    TaxelForces,
+)
+from tactiled.emulator.mechanics.displaced import DisplacementEffects, on_linear_skin_n, stiffening
+from tactiled.emulator.mechanics.skin import SkinCompliance, shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 from tactiled.errors import ConfigError
 
-STEP_S = 0.01  # a scan: friction knows the way, so shorter steps change nothing but the cost
+STEP_S = 0.01  # a scan: friction depends on the path and not on time, so shorter steps only cost more
 
-# A substep's travel: the surface is linearised over it, and friction remembers the way.
+# Longest travel of a substep: the surface is linearised over it, and friction depends on the path.
 SUBSTEP_MM = 0.03
 _SUBSTEP_OF_PERIOD = 1 / 30
-# Friction forgets within the presliding distance (some 0.3 mm): of a longer jump only the end counts.
+# Friction depends on the last 0.3 mm (presliding) only: of a longer jump the last substeps are computed.
 _SUBSTEPS = 32
 _HALVINGS = 4  # of a substep that does not converge, before it is flagged
-# Of one step of one taxel: one that needs more is jammed (friction without bound between ridges) and is
-# flagged, not ground at for minutes.
+# Failed solves in one step of one taxel. A taxel that has more is jammed (unbounded friction between
+# ridges); it is flagged, and the step ends.
 _FAILURES = 6
-_ROUNDS = 8  # of contact and what couples turn; two or three do
-# Change between rounds that is good enough: a thousandth of what friction drags.
+_ROUNDS = 8  # of contact and couples in turn; two or three suffice
+# Change between rounds at which they end: a thousandth of the displacement by friction.
 _TURNED_MM = 3e-4
 
-# Worst against finite elements, coarse mesh (`./run bench contact`, and the light, heavy, diagonal and
-# back runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a taxel; grooves of 0.9 to 1.5 mm at
-# 0 to 60 degrees. Of incipient slip the share: rings of nodes slip at once, a fifth of the contact, on
-# average it is 0.03 off. Ripple and its phase are worst at 60 degrees, where they are smallest: 0.24 and
-# 0.04 to 30 degrees. It is not the mesh there: coarse and medium finite elements agree within 2 % and 4
-# degrees. Transients are not compared, so not offered.
+# Worst against finite elements, coarse mesh (`./run bench contact`, and the light, heavy, diagonal and back
+# runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a taxel; grooves of 0.9 to 1.5 mm at 0 to
+# 60 degrees. The error of incipient slip is that of the slipping share: rings of nodes, a fifth of the
+# contact, slip at once; the mean error is 0.03. Ripple and its phase are worst at 60 degrees, where they are
+# smallest: 0.24 and 0.04 up to 30 degrees. The mesh is not the reason: coarse and medium finite elements
+# agree within 2 % and 4 degrees. Transients were not compared and are not provided.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
     "gross-slip": 0.11,
@@ -55,7 +62,7 @@ PROVIDES: dict[str, float] = {
 
 
 class TaxelState:
-    """State of one taxel between steps, without contact at first."""
+    """State of one taxel between steps; without contact at first."""
 
     def __init__(self, skin: SkinCompliance, friction: float) -> None:
         n = len(skin.x_mm)
@@ -63,7 +70,7 @@ class TaxelState:
         self.force_n = np.zeros((3, n))  # body components: into the skin, x, y
         self.moved_mm = np.zeros((3, n))
         self.slips = np.zeros(n, dtype=bool)
-        self.turned_mm = np.zeros((3, n))  # part of it by the couples of displaced forces
+        self.turned_mm = np.zeros((3, n))  # part of `moved_mm` by the couples of displaced forces
         self.approach_mm = 0.0
         self.base_mm: FloatArray | None = None
         self.value: float | None = None
@@ -73,7 +80,7 @@ class TaxelState:
 
 
 class Compliance:
-    """Compliance of the whole surface with contact and friction on its nodes; see the module's text.
+    """Compliance of the whole surface with contact and friction on its nodes, a `TaxelModel`.
 
     Indentation counts from the plane of the ridges.
 
@@ -85,7 +92,7 @@ class Compliance:
     n_taxels : int
     readout : {"edge", "half"}
     mesh : str
-        Which shipped compliance.
+        Name of the shipped compliance.
     substep_mm : float
         Largest travel of a substep.
 
@@ -112,18 +119,18 @@ class Compliance:
         self._surface = surface
         self._skin = shipped_skin(mesh, readout)
         self._n_taxels = n_taxels
-        self._displaced = Displaced(self._skin, np.asarray(azimuth_deg, dtype=np.float64))
+        self._displaced = DisplacementEffects(self._skin, np.asarray(azimuth_deg, dtype=np.float64))
         grooved = surface.depth_mm > 0
         self._substep_mm = min(substep_mm, surface.period_mm * _SUBSTEP_OF_PERIOD) if grooved else substep_mm
         self._flat = self._skin.compliance.reshape(3 * len(self._skin.x_mm), -1)
         self.reset()
 
     def reset(self) -> None:
-        """No contact, no history."""
+        """Return to no contact and no history."""
         self._taxels = [TaxelState(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 
     def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """See `base.Rung.step`. Friction knows the way, not the time: `dt_s` changes nothing."""
+        """See `base.TaxelModel.step`. Friction depends on the path and not on time: `dt_s` has no effect."""
         del dt_s
         goals = on_linear_skin_n(value) if held == "force" else value
         for taxel, goal, place in zip(self._taxels, goals, base_mm, strict=True):
@@ -155,7 +162,7 @@ class Compliance:
     def _substep(
         self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray, halvings: int
     ) -> None:
-        """Solve one substep; halve it where Newton's method fails."""
+        """Solve one substep, or halve it where Newton's method fails."""
         before = self._current(taxel, held)
         assert taxel.base_mm is not None
         here = taxel.base_mm
@@ -167,7 +174,7 @@ class Compliance:
             return
         if solution.converged:
             taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
-        else:  # the last state under this load is the best there is
+        else:  # the last state, scaled to this load, is the best approximation
             taxel.warning |= NOT_CONVERGED
             taxel.force_n *= value / max(before, 1e-9) if held == "force" else 1.0
         taxel.moved_mm = (self._flat @ taxel.force_n.ravel()).reshape(3, -1) + taxel.turned_mm
@@ -178,9 +185,9 @@ class Compliance:
     def _solve(
         self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray
     ) -> tuple[Solution, FloatArray]:
-        """Contact frames and free gaps at the place, and what the nodes do there.
+        """Solve contact at a place; return the solution and the contact frames.
 
-        In displacement control the approach is set before; with a given load it is part of the solution.
+        In displacement control the approach is given; with a given load it is part of the solution.
         """
         assert taxel.base_mm is not None
         along = self._skin.x_mm + base_mm[0] + taxel.moved_mm[1]
@@ -225,7 +232,7 @@ class Compliance:
         guess: FloatArray,
         load_n: float | None,
     ) -> Solution:
-        """Contact solved again until the couples are those of its own forces; a round leaves a tenth."""
+        """Solve contact until the couples belong to its forces; each round leaves a tenth of the change."""
         before = taxel.turned_mm
         for _ in range(_ROUNDS):
             turned = np.einsum("ijk,jk->ik", frame, taxel.turned_mm)
@@ -261,7 +268,7 @@ class Compliance:
 
 
 def plate_under(surface: Surface, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Height over the plane of the ridges, 0 or less, and contact frames, at places over the plate.
+    """Height over the plane of the ridges (0 or less) and contact frames at places over the plate.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Yeoh constants from a measured stress-strain curve, as the paper found its own (`tactiled fit-material`).
+"""Yeoh constants from a measured stress-strain curve, by the paper's method (`tactiled fit-material`).
 
-Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. So this is
-linear least squares; intervals are Student's t with n - 3 degrees of freedom for errors that are alike and
-independent (Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
+Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. The fit is
+linear least squares; intervals are Student's t with n - 3 degrees of freedom for independent errors of equal
+variance (Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
 """
 
 import csv
@@ -22,13 +22,13 @@ _SHORTEST = 1e-6  # powers down to the fourth stay finite
 _LONGEST, _LARGEST_MPA = 100.0, 1e5  # rubber tears at a stretch of 10 and some 30 MPa
 _STRESS, _STRAIN, _STRETCH = "stress_mpa", "strain", "stretch"
 _HEADER = f"'{_STRAIN},{_STRESS}' or '{_STRETCH},{_STRESS}'"
-# Columns scaled to 1; beyond this the constants hang on the last digits of the file.
+# Of the columns scaled to 1; beyond this the constants depend on the last digits of the file.
 _WORST_CONDITION = 1e8
 
 
 @dataclass(frozen=True)
 class YeohFit:
-    """Constants with what is known about them; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3.
+    """Constants with intervals and stability; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class YeohFit:
         return "stable-where-measured" if self.stability.covers(*self.stretch) else "unstable-where-measured"
 
     def as_map(self) -> dict[str, Any]:
-        """For JSON; a range without an end has null there."""
+        """Fit as plain data for JSON, with null for a range without end."""
         names = ("c1_mpa", "c2_mpa", "c3_mpa")
         limits = self.stability
         return {
@@ -76,7 +76,7 @@ class YeohFit:
         }
 
     def in_words(self) -> str:
-        """A few lines for people."""
+        """Fit in words."""
         lines = [
             f"{name} = {c:.4g} MPa ({100 * self.level:.0f} %: {low:.4g} to {high:.4g})"
             for name, c, low, high in zip(

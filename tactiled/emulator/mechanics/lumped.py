@@ -1,56 +1,57 @@
-"""The cheapest physical rung: a load curve and a handful of slip elements for each taxel, flat plates only.
+"""Contact model `lumped`: a load curve and some slip elements for each taxel, flat plates only.
 
 Normal: ``N = a d^b``, the power law through a finite-element press of one taxel.
 
 Friction: presliding after Jaeger (Arch. Appl. Mech. 65, 1995, 478) and Ciavarella (J. Appl. Mech. 65, 1998,
-998): what has not yet slipped of a contact is a contact under less load, so
+998): the part of a contact that has not slipped is a contact under less load, so
 
     T = mu (N(D) - N(D - travel / mu)),
 
-with the load by the travel to gross slip over friction, ``D = d (reach + growth d)``. Under a ball it is
-Mindlin's curve (1949), and a load that grows obliquely within the friction cone makes nothing slip (Mindlin
-and Deresiewicz 1953). It is made of parallel slip elements (Iwan 1966; as a friction model "generalised
-Maxwell slip": Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which turn it into
-closed loops by Masing's rule. Dahl's curve is much the same, but Dahl's and LuGre's state ratchets: under hum
-on a held load it creeps without end, a slip that no hand makes. An element is a ring of the patch: all that
-comes into contact between two indentations, each point with stiffness dN' and a limit that grows with what it
-is pressed in by since (Popov and Hess, Method of Dimensionality Reduction, 2015, chapter 5). Elements that
-hold do not move at all, and the rings that give way, by area, are the share of the contact that slips. A step
-is an exact return mapping for travel along a line, whatever its length.
+where N is a function of the travel to gross slip over friction, ``D = d (reach + growth d)``. Under a ball
+this is Mindlin's curve (1949), and a load that grows obliquely within the friction cone causes no slip
+(Mindlin and Deresiewicz 1953). It is realised by parallel slip elements (Iwan 1966; as a friction model
+"generalised Maxwell slip": Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50, 2005), which give
+closed loops by Masing's rule. Dahl's curve is similar, but the states of Dahl and LuGre drift: under
+vibration on a held load they creep without end, which no real contact does. An element is a ring of the
+contact area: the points that come into contact between two indentations, with stiffness dN' and a limit that
+grows with the indentation since (Popov and Hess, Method of Dimensionality Reduction, 2015, chapter 5).
+Elements that stick do not move, and the area of the rings that slip is the slipping share. A step is an
+exact return mapping for travel along a line of any length.
 
-Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))``, v being the speed of the base, also
-before it slips: a slide that begins fast has no static peak.
+Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))`` with the speed v of the base, also before
+it slips, so that a slide that begins fast has no static peak.
 """
 
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Surface, TaxelForces
-from tactiled.emulator.mechanics.sides import Readout, SideWeights, growth
+from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Readout, Surface, TaxelForces
+from tactiled.emulator.mechanics.sides import SideWeights, growth
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.errors import ConfigError
 
 # Fit to finite elements of one taxel (config/contact/fem-*-load.json, 0.03 to 0.25 mm): from 0.3 to 2.3 N
-# it is within 7 %. The prototype's mesh, without the skin between the taxels, gave 38.1 d^1.79.
+# the error is within 7 %.
 _CURVE_N, _CURVE_EXPONENT = 47.3, 1.86
 # Travel from rest to gross slip over friction times indentation, and its growth by indentation (the skin is
-# thin: a larger patch makes it stiffer against pressing than against shear), as finite elements' friction on
-# the way there has it under 0.6 N and 2.5 N (fem-coarse-flat-0.6-light.json, -heavy.json), within 1 %.
+# thin: a larger contact area stiffens it more against pressure than against shear), from the friction of
+# finite elements before gross slip under 0.6 N and 2.5 N (fem-coarse-flat-0.6-light.json, -heavy.json),
+# within 1 %.
 _REACH, _REACH_PER_MM = 1.96, 3.62
-# Indentations between which the rings lie, finer the less: a share of slip comes in steps of 8 % at most
+# Indentations between which the rings lie, finer at small ones: the slipping share has steps of at most 8 %
 # under 1.667 N (0.165 mm) and of 13 % under 0.2 N (0.053 mm).
 _RING_EDGES_MM = BUMP_MM * np.linspace(0.0, 1.0, 41) ** 2
 _PATCH_MM = 0.83  # contact radius of the finite elements at 1.667 N, over which the side weights are averaged
-_TOUCHING = 1e-12  # N; below it division by the force means nothing
-_SAME = 1e-6  # part by which an indentation changes that is no more than rounding: secants turn to tangents
-_GIVES = 1 + 1e-9  # an element at its limit that nothing moves does not slip
+_TOUCHING = 1e-12  # N; forces below are rounding errors
+_SAME = 1e-6  # relative change of an indentation by rounding, below which tangents replace secants
+_GIVES = 1 + 1e-9  # over its limit by which an element slips: at rest on the limit it does not
 
-STEP_S = 2.5e-3  # four to a scan: what is between them is interpolated
+STEP_S = 2.5e-3  # four steps a scan, interpolated between them
 
 # Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
-# 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the share, at any
-# instant under constant load), transients are the friction force, of its limit, against `compliance` (a
-# reversal, a turn, a fall and a growth of the load within presliding).
+# 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the slipping
+# share at any instant under constant load). Transients are the friction force, relative to its limit, against
+# `compliance` (a reversal, a turn, a fall and a growth of the load within presliding).
 PROVIDES: dict[str, float] = {
     "direction": 0.045,
     "gross-slip": 0.06,
@@ -63,7 +64,7 @@ PROVIDES: dict[str, float] = {
 
 
 class Lumped:
-    """See the module; a `Rung`.
+    """Load curve and slip elements, a `TaxelModel`.
 
     Parameters
     ----------
@@ -75,13 +76,13 @@ class Lumped:
     Raises
     ------
     ConfigError
-        The surface has grooves: a load curve knows none.
+        The surface has grooves.
     """
 
     def __init__(
         self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout = "edge"
     ) -> None:
-        refuse_grooves("lumped", surface, "a load curve has no ridges to ride on")
+        refuse_grooves("lumped", surface, "a load curve has no ridges")
         self._surface = surface
         self._n_taxels = n_taxels
         self._edges = np.stack(
@@ -103,7 +104,7 @@ class Lumped:
         return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
 
     def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """`step` n times at once; arguments and results have a leading axis n."""
+        """Do n steps at once; arguments and results have a leading axis n."""
         if held == "force":
             normal = np.maximum(value, 0.0)
             depth = indentation_mm(normal)
@@ -128,13 +129,13 @@ class Lumped:
     def _slide(
         self, moved_mm: FloatArray, depth: FloatArray, capacity: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Friction on the skin (n, t, 2) and slipping shares (n, t), by the base's way in each step."""
+        """Friction on the skin (n, t, 2) and slipping shares (n, t), by the travel in each step."""
         way = _way_mm(depth)
-        # A ring that comes into contact, or leaves it, within a step makes a part of the step's way only.
+        # A ring that comes into contact, or leaves it, within a step takes part in a part of its travel only.
         grown = _changes(way, self._way_mm)
-        rings = _rings_within(float(depth.max()))  # the others bear nothing in this run
+        rings = _rings_within(float(depth.max()))  # the others bear no load in this run
         pressed = depth if grown.any() else depth[-1:]
-        if not np.array_equal(pressed, self._pressed):  # a grip that stays is one for thousands of steps
+        if not np.array_equal(pressed, self._pressed):  # a constant grip is computed once
             self._pressed, self._rings_pressed = pressed, self._rings(pressed, rings)
         area, borne, stiffness = self._rings_pressed
         changes = np.abs(grown) > _SAME * way
@@ -144,7 +145,7 @@ class Lumped:
             stiffness = np.where(changes[..., None], secant, stiffness)
         self._borne_n[:, :rings], self._borne_n[:, rings:] = borne[-1], 0.0
         self._way_mm = way[-1].copy()
-        # What each step would add to the rings, and in its place, step by step, what they hold after it.
+        # The force that each step would add to the rings, replaced step by step by the force after it.
         held = -stiffness[:, None] * moved_mm.swapaxes(-1, 1)[..., None]
         limit = borne * (capacity / np.maximum(borne.sum(axis=-1), _TOUCHING))[..., None]
         floor, size = np.maximum(limit, _TOUCHING), np.empty(limit.shape)
@@ -166,9 +167,9 @@ class Lumped:
         return held.sum(axis=-1).swapaxes(1, -1), np.minimum(slipping, 1.0)
 
     def _rings(self, depth_mm: FloatArray, rings: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The first rings (..., r) of contacts (...) at an indentation: area, load in N, stiffness in N/mm.
+        """Area, load (N) and stiffness (N/mm) of the first rings (..., r) of contacts (...).
 
-        A ball's contact area grows as the indentation, so area is in mm of that.
+        The contact area of a ball is proportional to the indentation, so area is in mm of indentation.
         """
         deep = depth_mm[..., None]
         load, way, stiffness = load_n(deep), _way_mm(deep), _stiffness_n_mm(deep)
@@ -184,7 +185,7 @@ class Lumped:
 
 
 def _changes(rows: FloatArray, before: FloatArray) -> FloatArray:
-    """From each row (n, ...) to the next; the first from `before` (...)."""
+    """Differences of rows (n, ...); the first from `before` (...)."""
     changes = np.empty(rows.shape)  # `np.diff` takes longer than the arithmetic of one step
     np.subtract(rows[0], before, out=changes[0])
     np.subtract(rows[1:], rows[:-1], out=changes[1:])
@@ -192,7 +193,7 @@ def _changes(rows: FloatArray, before: FloatArray) -> FloatArray:
 
 
 def _widths(starts: FloatArray, end: FloatArray) -> FloatArray:
-    """From each start (..., r) to the next; the last to `end` (...)."""
+    """Distances from each start (..., r) to the next; the last to `end` (...)."""
     widths = np.empty(starts.shape)
     np.subtract(starts[..., 1:], starts[..., :-1], out=widths[..., :-1])
     np.subtract(end, starts[..., -1], out=widths[..., -1])
@@ -200,18 +201,18 @@ def _widths(starts: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _rings_within(depth_mm: float) -> int:
-    """How many rings a contact has, in eights: sums then round as those over all rings do."""
+    """Number of rings in a contact, a multiple of eight: sums then round as those over all rings."""
     touched = int(np.searchsorted(_RING_EDGES_MM, depth_mm))
     return min(max(-(-touched // 8), 1) * 8, len(_RING_EDGES_MM))
 
 
 def _way_mm(depth_mm: FloatArray) -> FloatArray:
-    """Travel to gross slip over friction; deeper than the bump it grows in proportion."""
+    """Travel to gross slip over friction; beyond the height of the bump proportional to the indentation."""
     return np.asarray(depth_mm * (_REACH + _REACH_PER_MM * np.minimum(depth_mm, BUMP_MM)))
 
 
 def _stiffness_n_mm(depth_mm: FloatArray) -> FloatArray:
-    """dN/dD: tangential stiffness of a contact at rest."""
+    """Tangential stiffness dN/dD of a contact at rest."""
     growth = np.where(depth_mm > BUMP_MM, 1.0, 2.0) * np.minimum(depth_mm, BUMP_MM)
     slope = _CURVE_N * _CURVE_EXPONENT * depth_mm ** (_CURVE_EXPONENT - 1)
     return np.asarray(slope / (_REACH + _REACH_PER_MM * growth))
@@ -223,21 +224,21 @@ def load_n(depth_mm: FloatArray) -> FloatArray:
 
 
 def indentation_mm(normal_n: FloatArray) -> FloatArray:
-    """Inverse of `load_n`."""
+    """Indentation (mm) under a load, the inverse of `load_n`."""
     return np.asarray((np.maximum(normal_n, 0.0) / _CURVE_N) ** (1 / _CURVE_EXPONENT))
 
 
 def friction_at(surface: Surface, speed_mm_s: FloatArray) -> FloatArray:
     """Stribeck's friction coefficient at a sliding speed."""
-    # Beyond 30 reference speeds the exponential is nothing, and its argument must not overflow.
+    # Beyond 30 reference speeds the exponential is 0, and its argument must not overflow.
     fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
     return np.asarray(surface.friction * (1 + (surface.static_ratio - 1) * fall))
 
 
-def refuse_grooves(rung: str, surface: Surface, why: str) -> None:
+def refuse_grooves(model: str, surface: Surface, why: str) -> None:
     """Raise `ConfigError` where the plate is not flat."""
     if surface.depth_mm > 0:
-        fault = f"contact: {rung} cannot play grooves ({why}); use periodic, compliance or auto"
+        fault = f"contact: {model} cannot play grooves ({why}); use periodic, compliance or auto"
         raise ConfigError("scene", [fault])
 
 

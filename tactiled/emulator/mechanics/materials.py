@@ -3,10 +3,10 @@
 Energy (Yeoh 1993, Rubber Chem. Technol. 66:754): W(I1) = C1 (I1 - 3) + C2 (I1 - 3)^2 + C3 (I1 - 3)^3.
 Uniaxial, incompressible: I1 = l^2 + 2 / l, nominal stress 2 (l - l^-2) W'(I1).
 
-With C3 < 0 that energy softens without end and loses ellipticity (`stability`). So such a material is
-continued beyond the strain where W'' turns negative with W' held constant: a neo-Hookean solid of the
-stiffness reached there. Stress and tangent stay continuous, stress rises with stretch for ever, and finite
-elements stay elliptic. Whoever asks for a stress is told where the continuation answered.
+With C3 < 0 that energy softens without end and loses ellipticity (`stability`). Beyond the strain where W''
+becomes negative such a material is continued with constant W', as a neo-Hookean solid of the stiffness
+reached there. Stress and tangent are continuous, stress rises with stretch without end, and finite elements
+stay elliptic. Stresses come with a flag for the continuation.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,16 @@ _EXTREME = 1e6  # stretch, and its inverse: the fourth powers in the stress stay
 
 @dataclass(frozen=True, eq=False)
 class Uniaxial:
-    """Answer to a uniaxial stretch, arrays of its shape.
+    """Stress at uniaxial stretches, arrays of their shape.
 
     Attributes
     ----------
     stress_mpa : float64
         Nominal stress (force over undeformed area), negative in compression.
     tangent_mpa : float64
-        Its derivative by the stretch.
+        Derivative of the stress by the stretch.
     continued : bool
-        The safe continuation answered: outside the range for which the constants mean anything.
+        The stress is that of the continuation, outside the range in which the constants are valid.
     """
 
     stress_mpa: FloatArray
@@ -45,7 +45,7 @@ class Uniaxial:
 
 @dataclass(frozen=True)
 class Yeoh:
-    """A rubber.
+    """Yeoh rubber with the continuation above.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Yeoh:
         """I1 - 3 where the continuation begins; infinite if the energy is elliptic everywhere."""
         if np.isinf(any_state_limit(self.c1_mpa, self.c2_mpa, self.c3_mpa)):
             return float("inf")
-        # Where W'' = 0 after hardening; what softens from the start and is lost is neo-Hookean throughout.
+        # Where W'' = 0 after hardening; a material that softens from the start is neo-Hookean throughout.
         return -self.c2_mpa / (3 * self.c3_mpa) if self.c3_mpa < 0 < self.c2_mpa else 0.0
 
     def energy(self, excess: ArrayLike) -> FloatArray:
@@ -98,7 +98,7 @@ class Yeoh:
         return np.where(self.continued(x), 0.0, 2 * self.c2_mpa + 6 * self.c3_mpa * x)
 
     def continued(self, excess: ArrayLike) -> BoolArray:
-        """Whether the continuation answers at I1 - 3."""
+        """Return whether I1 - 3 is in the continuation."""
         return np.asarray(np.asarray(excess, dtype=np.float64) > self.excess_limit)
 
     def uniaxial(self, stretch: ArrayLike) -> Uniaxial:
@@ -127,7 +127,7 @@ class Yeoh:
 
 @dataclass(frozen=True)
 class LinearElastic:
-    """A stiff film that only ever sees small strain."""
+    """Stiff film at small strain."""
 
     name: str
     young_mpa: float

@@ -1,4 +1,4 @@
-"""Tables of rung `periodic`: one period of groove phase, solved on `compliance` and refined."""
+"""Tables of contact model `periodic`: one period of groove phase, solved on `compliance` and interpolated."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,25 +9,24 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Readout, Surface, TaxelForces
 from tactiled.emulator.mechanics.compliance import Compliance
-from tactiled.emulator.mechanics.skin import Readout
 from tactiled.resources import shipped
 
-_STEP_S = 0.01  # any would do: the parent knows the way, not the time
+_STEP_S = 0.01  # without effect: `compliance` depends on the path and not on time
 
-# Levels of load and of indentation at which tables are made; between them the forces per level are straight.
-# A taxel's share of 15 N and of 20 N, 4/3 apart, are levels themselves.
+# Levels of load and of indentation at which tables are made, with linear interpolation between them. The
+# ratio makes a taxel's share of 15 N and of 20 N levels themselves.
 LEVEL_RATIO = 4 / 3
 LEVEL = {"force": 15.0 / 9, "displacement": 0.175}
-# Below the lowest (a fiftieth of the reference) the forces scale with the load: ripple means nothing there.
+# Below the lowest level (a fiftieth of the reference) all forces are proportional to the load.
 LOWEST, HIGHEST = -14, 6
-_PHASES = 48  # solved in a period: the parent's own substep is a thirtieth
+_PHASES = 48  # solved in a period: the substep of `compliance` is a thirtieth
 _RESTS = 8  # phases at which rest is solved
-FINE = 512  # kept, by Fourier interpolation: straight lines between are then exact to 1e-4
+FINE = 512  # phases of a table after interpolation: linear interpolation between them is exact to 1e-4
 _RUN_IN_MM = 0.8  # travel before the period that counts: over twice the presliding distance at 4 N
-_PRESSING = 6  # steps in which the load comes
-_USUAL = 2  # level up to which rest is solved at first: 3 N a taxel; what is above is rare and slow
+_PRESSING = 6  # steps in which the load grows
+_USUAL = 2  # level up to which rest is solved first: 3 N a taxel; higher levels are rare and slow to solve
 
 
 SHIPPED = shipped("config", "contact", "periodic.npz")
@@ -36,7 +35,7 @@ _solved: dict[str, FloatArray] = {}
 
 @dataclass(frozen=True)
 class PeriodConditions:
-    """All that one period depends on."""
+    """Conditions of one period: surface, read-out, imposed quantity and mesh."""
 
     surface: Surface
     azimuth_deg: tuple[float, ...]
@@ -46,8 +45,8 @@ class PeriodConditions:
 
 
 def table_key(case: PeriodConditions, level: int, direction_deg: int | None) -> str:
-    """What the table of a level is kept under: sliding in a direction, or resting (None)."""
-    # The text of the keys in the shipped file, which keeps the word "Case".
+    """Key of the table of a level, sliding in a direction or resting (None)."""
+    # The shipped file has keys with the word "Case".
     fields = ", ".join(f"{name}={value!r}" for name, value in vars(case).items())
     if direction_deg is None:
         return f"Case({fields}) resting {_USUAL if level <= _USUAL else HIGHEST}"
@@ -56,7 +55,7 @@ def table_key(case: PeriodConditions, level: int, direction_deg: int | None) -> 
 
 @lru_cache(maxsize=512)
 def sliding(case: PeriodConditions, level: int, direction_deg: int) -> FloatArray:
-    """Rows (FINE, width) over a period of phase while sliding; columns as `_row` puts them."""
+    """Rows (FINE + 1, width) over a period of phase while sliding; columns as in `_row`."""
     return _refine(
         table_rows(table_key(case, level, direction_deg), lambda: solve_sliding(case, level, direction_deg))
     )
@@ -64,48 +63,48 @@ def sliding(case: PeriodConditions, level: int, direction_deg: int) -> FloatArra
 
 @lru_cache(maxsize=512)
 def resting(case: PeriodConditions, level: int) -> FloatArray:
-    """Rows (FINE, width) over phase for a taxel pressed there and not moved."""
+    """Rows (FINE + 1, width) over a period of phase for a taxel that is pressed and not moved."""
     highest = _USUAL if level <= _USUAL else HIGHEST
     rows = table_rows(table_key(case, level, None), lambda: _solve_resting(case, highest))
     return _refine(rows[:, level - LOWEST])
 
 
 def solve_sliding(case: PeriodConditions, level: int, direction_deg: int) -> FloatArray:
-    """(phases, width)."""
+    """Rows (phases, width) of steady sliding; see `sliding`."""
     surface = case.surface
     heading = np.deg2rad(direction_deg)
     course = np.array([np.cos(heading), np.sin(heading)]).round(15)
     across = float(course @ groove_normal(surface))
     value = np.array([level_value(case.held, level)])
-    rung = _parent(case)
+    model = _compliance(case)
     if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
         # The phase does not change while sliding: each phase is a slide of its own.
-        return np.array([_slide(rung, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
+        return np.array([_slide(model, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
     step_mm = surface.period_mm / _PHASES / abs(across)
     run_in = int(np.ceil(_RUN_IN_MM / step_mm))
-    rows = _slide(rung, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)
+    rows = _slide(model, case, value, -run_in * step_mm * course, course, step_mm, run_in + _PHASES)
     period = np.array(rows[run_in:-1])
-    # Phase upwards in either case.
+    # Phase grows along the rows in either direction of travel.
     return period if across > 0 else np.concatenate([period[:1], period[:0:-1]])
 
 
 def _solve_resting(case: PeriodConditions, highest: int) -> FloatArray:
-    """(phases, levels, width): at each place all levels in one pressing."""
-    rung = _parent(case)
+    """Rows (phases, levels, width): at each place all levels in one press."""
+    model = _compliance(case)
     pressed = []
     for place in _places(case.surface):
-        rung.reset()
+        model.reset()
         values = [level_value(case.held, level) for level in range(LOWEST, highest + 1)]
-        pressed.append([_row(rung.step(case.held, np.array([v]), place[None], _STEP_S)) for v in values])
+        pressed.append([_row(model.step(case.held, np.array([v]), place[None], _STEP_S)) for v in values])
     return np.array(pressed)
 
 
-def _parent(case: PeriodConditions) -> Compliance:
+def _compliance(case: PeriodConditions) -> Compliance:
     return Compliance(case.surface, np.array(case.azimuth_deg), 1, readout=case.readout, mesh=case.mesh)
 
 
 def level_value(held: HeldQuantity, level: int) -> float:
-    """Load, N, or indentation, mm, of a level."""
+    """Load (N) or indentation (mm) of a level."""
     return float(LEVEL[held] * LEVEL_RATIO**level)
 
 
@@ -122,7 +121,7 @@ def _places(surface: Surface) -> list[FloatArray]:
 
 
 def _slide(
-    rung: Compliance,
+    model: Compliance,
     case: PeriodConditions,
     value: FloatArray,
     start_mm: FloatArray,
@@ -130,13 +129,13 @@ def _slide(
     step_mm: float,
     steps: int,
 ) -> list[FloatArray]:
-    """Press at a place, then slide; the rows after pressing and after each step."""
-    rung.reset()
+    """Press at a place, then slide; rows after the press and after each step."""
+    model.reset()
     for k in range(1, _PRESSING + 1):
-        felt = rung.step(case.held, value * k / _PRESSING, start_mm[None], _STEP_S)
+        felt = model.step(case.held, value * k / _PRESSING, start_mm[None], _STEP_S)
     rows = [_row(felt)]
     for k in range(1, steps + 1):
-        rows.append(_row(rung.step(case.held, value, (start_mm + k * step_mm * course)[None], _STEP_S)))
+        rows.append(_row(model.step(case.held, value, (start_mm + k * step_mm * course)[None], _STEP_S)))
     return rows
 
 
@@ -148,7 +147,7 @@ def _row(felt: TaxelForces) -> FloatArray:
 
 
 def _refine(rows: FloatArray) -> FloatArray:
-    """A period at `FINE` phases, with the first repeated at the end; periodic cubic spline."""
+    """Interpolate a period to `FINE` phases by a periodic cubic spline; the first is repeated at the end."""
     table = rows.copy()
     flag = table[:, 4].max()
     if len(table) > 1:
@@ -159,14 +158,7 @@ def _refine(rows: FloatArray) -> FloatArray:
 
 
 def table_rows(key: str, solve: Callable[[], FloatArray]) -> FloatArray:
-    """Rows of a table, solved if nobody has.
-
-    Parameters
-    ----------
-    key : str
-        All that the table depends on.
-    solve : callable
-    """
+    """Rows of a table: shipped, solved before, or solved now by `solve`."""
     if key in shipped_tables():
         return shipped_tables()[key]
     if key not in _solved:
@@ -175,23 +167,23 @@ def table_rows(key: str, solve: Callable[[], FloatArray]) -> FloatArray:
 
 
 def is_solved(key: str) -> bool:
-    """Whether `table_rows` has this table without solving it."""
+    """Return whether `table_rows` has this table without solving it."""
     return key in shipped_tables() or key in _solved
 
 
 def solved_tables() -> Mapping[str, FloatArray]:
-    """What this process had to solve."""
+    """Tables that this process has solved."""
     return _solved
 
 
 @cache
 def shipped_tables() -> Mapping[str, FloatArray]:
-    """What nobody needs to solve."""
+    """Tables in the shipped file."""
     return _load(SHIPPED) if SHIPPED.exists() else {}
 
 
 def write_tables(path: Path, tables: Mapping[str, FloatArray]) -> None:
-    """Keys beside arrays, since a key is no file name."""
+    """Write tables, with an array of keys, since a key is no valid file name."""
     arrays = {f"table_{k}": rows for k, rows in enumerate(tables.values())}
     np.savez_compressed(path, allow_pickle=False, keys=np.array(list(tables)), **arrays)
 

@@ -1,13 +1,13 @@
-"""Rung `periodic`: sliding over a groove pattern, from one period of phase solved once on `compliance`.
+"""Contact model `periodic`: sliding over grooves, from one period of phase solved on `compliance`.
 
 In steady sliding a taxel's forces depend on its groove phase alone (and on load, direction and plate). One
-period is solved once for each of these, kept (`tables`), and interpolated for every taxel and all time. The
-way into sliding is the onset of `lumped`: with the friction force that it has reached, as a part w of what
-sliding gives, the forces are those at rest at this phase, plus w times what steady sliding there adds.
+period is solved for each of these, stored (`period`), and interpolated for every taxel and instant. The
+onset of slip is that of `lumped`: with its friction force as a part w of that in sliding, the forces are
+those at rest at this phase, plus w times the difference of steady sliding from rest.
 
-Not modelled: what the grooves do to the onset itself (order of the ridges' slips), ripple that lags after a
-change of load or direction (it follows at once), rest that remembers the phase at which the load came, loads
-between the tables' other than by a straight line, directions finer than a degree.
+Not modelled: the effect of grooves on the onset itself (order in which ridges slip), the lag of the ripple
+after a change of load or direction, the effect at rest of the phase at which the load came, curvature
+between the loads of the tables, directions finer than a degree.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import BOTTOMED, NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import (
+    BOTTOMED,
+    NOT_CONVERGED,
+    HeldQuantity,
+    Readout,
+    Surface,
+    TaxelForces,
+)
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.period import (
@@ -33,17 +40,16 @@ from tactiled.emulator.mechanics.period import (
     sliding,
     table_key,
 )
-from tactiled.emulator.mechanics.skin import Readout
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 
 IntArray = NDArray[np.int64]
 
 STEP_S = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s
 
-_MOVING = 1e-6  # part of sliding below which no sliding table is needed
+_MOVING = 1e-6  # part of sliding friction below which no table of sliding is needed
 
-# As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Over grooves
-# the way into sliding is a blend, and there it is worst: slip is gross a tenth to a fifth too early.
+# As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Errors are
+# largest in the onset over grooves, which is a blend: slip is gross a tenth to a fifth too early.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
     "gross-slip": 0.21,
@@ -56,7 +62,7 @@ PROVIDES: dict[str, float] = {
 
 
 class Periodic:
-    """See the module; a `Rung` and a `stepper.BlockRung`.
+    """Interpolation of tables, a `TaxelModel` and a `stepper.BlockTaxelModel`.
 
     Parameters
     ----------
@@ -65,12 +71,12 @@ class Periodic:
     n_taxels : int
     readout : {"edge", "half"}
     mesh : str
-        Compliance that the parent uses.
+        Mesh of the compliance.
 
     Raises
     ------
     ConfigError
-        What the parent cannot play.
+        Model `compliance` cannot play the surface.
     """
 
     def __init__(
@@ -82,25 +88,25 @@ class Periodic:
         readout: Readout = "edge",
         mesh: str = "coarse",
     ) -> None:
-        Compliance(surface, azimuth_deg, 1, readout=readout, mesh=mesh)  # refuses what it cannot do
+        Compliance(surface, azimuth_deg, 1, readout=readout, mesh=mesh)  # raises ConfigError
         self._surface, self._readout, self._mesh = surface, readout, mesh
         self._azimuth_deg = tuple(float(a) for a in azimuth_deg)
         self._onset = Lumped(Surface(surface.friction), azimuth_deg, n_taxels)
 
     def reset(self) -> None:
-        """No contact, no history."""
+        """Return to no contact and no history."""
         self._onset.reset()
 
     def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """See `base.Rung.step`."""
+        """See `base.TaxelModel.step`."""
         run = self.run(held, value[None], base_mm[None], dt_s)
         return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
 
     def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """`step` n times at once; arguments and results have a leading axis n."""
+        """Do n steps at once; arguments and results have a leading axis n."""
         case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)
-        part, keys = self._looked_up(held, value, onset)
+        part, keys = self._table_places(held, value, onset)
         turn = base_mm @ groove_normal(self._surface) / self._surface.period_mm
         rows = np.zeros((*value.shape, 5 + len(self._azimuth_deg)))
         touching = value > 0
@@ -131,7 +137,7 @@ class Periodic:
     def _case(self, held: HeldQuantity) -> PeriodConditions:
         return PeriodConditions(self._surface, self._azimuth_deg, held, self._readout, self._mesh)
 
-    def _looked_up(
+    def _table_places(
         self, held: HeldQuantity, value: FloatArray, onset: TaxelForces
     ) -> tuple[FloatArray, IntArray]:
         """Look up the place in the tables.
@@ -149,32 +155,34 @@ class Periodic:
         return part, np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
 
 
-class Foresight(Periodic):
-    """Solves nothing, and notes which tables a `Periodic` would look into; its forces are those of the onset.
+class TableCollector(Periodic):
+    """Collect the tables that a `Periodic` would need, without solving them.
+
+    Its forces are those of the onset.
 
     Attributes
     ----------
-    wanted : dict
-        Table key to what solves it, in the order of need.
+    needed : dict
+        Table key to the function that solves it, in the order of need.
     """
 
     def __init__(
         self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout = "edge"
     ) -> None:
         super().__init__(surface, azimuth_deg, n_taxels, readout=readout)
-        self.wanted: dict[str, Callable[[], FloatArray]] = {}
+        self.needed: dict[str, Callable[[], FloatArray]] = {}
 
     def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         """See `Periodic.run`."""
         case = self._case(held)
         onset = self._onset.run(held, value, base_mm, dt_s)
-        _, keys = self._looked_up(held, value, onset)
+        _, keys = self._table_places(held, value, onset)
         for low, direction_deg, moves in np.unique(keys[value > 0], axis=0).tolist():
             for level in (low, low + 1):
-                self.wanted[table_key(case, level, None)] = partial(resting, case, level)
+                self.needed[table_key(case, level, None)] = partial(resting, case, level)
                 if moves:
                     key = table_key(case, level, direction_deg)
-                    self.wanted[key] = partial(sliding, case, level, direction_deg)
+                    self.needed[key] = partial(sliding, case, level, direction_deg)
         return onset
 
 

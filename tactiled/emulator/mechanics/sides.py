@@ -1,33 +1,32 @@
 """From the forces on the bump to the forces on its read-out areas, by linear elasticity.
 
-A force at (x, y) of the bump reaches the area at azimuth e with a weight; finite elements give the weights at
-the points of the bump's surface (`fem.compliance`, coarse mesh). They are smooth, so polynomials stand for
-them: in s along e and q across it, even in q for normal forces and forces along e, odd for forces across.
+A force at (x, y) of the bump acts on the area at azimuth e with a weight; finite elements give the weights
+at the points of the bump's surface (`fem.compliance`, coarse mesh). They are smooth, so polynomials are
+fitted to them: in s along e and q across it, even in q for normal forces and forces along e, odd for forces
+across.
 """
 
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.emulator.mechanics.base import Readout
 from tactiled.resources import shipped
 
-Readout = Literal["half", "edge"]
-
-# At large strain the pressure moves with the tilting bump, the more so the larger the load; linear weights do
-# not contain this. Growth of the weights per newton of load on the taxel, fitted under 2.5 N (config/contact/
-# fem-coarse-flat-0.6-heavy.json; other loads and friction coefficients were not fitted) to the forces on half
-# chips at rest and to left minus right at full slip. The patch had independent bristles under the pressure of
-# a thin bonded layer, (1 - r^2 / a^2)^2. No reference has a larger load than `_LARGEST_N`; beyond it the
-# weights stay constant.
+# At large strain the pressure moves with the tilting bump, the more the larger the load, which linear
+# weights do not contain. Growth of the weights per newton of load on the taxel, fitted under 2.5 N
+# (config/contact/ fem-coarse-flat-0.6-heavy.json; other loads and friction coefficients were not fitted) to
+# the forces on half chips at rest and to left minus right at full slip. The patch had independent bristles
+# under the pressure of a thin bonded layer, (1 - r^2 / a^2)^2. No reference has a larger load than
+# `_LARGEST_N`; beyond it the weights stay constant.
 _NORMAL_GROWTH, _TILT_GROWTH = 0.0102, 0.0745
 _LARGEST_N = 3.8
 _ORDER = 5  # residual of the fits: rms below 0.01
 
 
 class SideWeights:
-    """Weights of the areas at given azimuths.
+    """Weights of the read-out areas at given azimuths.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ class SideWeights:
         self._fits = _fits(readout)
 
     def at(self, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Newtons on each area per newton at places of the bump, at small load; `growth` has the rest.
+        """Newtons on each area per newton at places of the bump, at small load; see `growth` for large loads.
 
         Returns
         -------

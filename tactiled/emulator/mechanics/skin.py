@@ -1,29 +1,27 @@
-"""The surface of a taxel as the rung `compliance` needs it, from the arrays that finite elements ship."""
+"""Surface of a taxel for contact model `compliance`, from the shipped arrays of finite elements."""
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.emulator.mechanics.base import Readout
 from tactiled.resources import shipped
 
-Readout = Literal["half", "edge"]
-
-_REACH_MM = 0.35  # neighbourhood from which a map's slope at a node is taken: two to three nodes each way
+_REACH_MM = 0.35  # neighbourhood for the slope of a map at a node: two to three nodes in each direction
 
 
 @dataclass(frozen=True, eq=False)
 class SkinCompliance:
-    """A taxel's surface as the rung needs it; components are (into the skin, x, y).
+    """Nodes and compliance of a taxel's surface; components are (into the skin, x, y).
 
     Attributes
     ----------
     x_mm, y_mm, gap_mm : (n,) float64
         Surface nodes, and their depth under the apex.
     area_mm2 : (n,) float64
-        What each node stands for.
+        Area of each node.
     compliance : (3, n, 3, n) float64
         mm/N.
     side_azimuth_deg : (s,) float64
@@ -45,7 +43,7 @@ class SkinCompliance:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, FloatArray], readout: Readout) -> "SkinCompliance":
-        """From the arrays of `fem.compliance`; ``half`` chips or areas near the ``edge`` as read-out."""
+        """Take the arrays of `fem.compliance`; ``half`` chips or areas near the ``edge`` as read-out."""
         x_mm, y_mm = arrays["x_mm"], arrays["y_mm"]
         c_nt, n = arrays["c_nt"], len(x_mm)
         compliance = np.empty((3, n, 3, n))
@@ -69,13 +67,13 @@ class SkinCompliance:
     def at_azimuths(self, azimuth_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`side` at any azimuths, and the derivatives (a, 2, n) of its normal part by the place of the force.
 
-        Between the known azimuths it is the trigonometric interpolant round the chip.
+        Values between the known azimuths are interpolated trigonometrically.
         """
-        side = np.tensordot(_round_the_chip(azimuth_deg, self.side_azimuth_deg), self.side, 1)
+        side = np.tensordot(_azimuth_weights(azimuth_deg, self.side_azimuth_deg), self.side, 1)
         return side, np.einsum("dnl,al->adn", self.gradient, side[:, 0])
 
 
-def _round_the_chip(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray:
+def _azimuth_weights(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray:
     """Weights of known equally spaced azimuths in the trigonometric interpolant; exact at the known ones."""
     turn = np.deg2rad(np.asarray(wanted_deg)[:, None] - known_deg)
     count = len(known_deg)
@@ -98,7 +96,7 @@ def _gradient(x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
 
 @cache
 def shipped_skin(mesh: str = "coarse", readout: Readout = "edge") -> SkinCompliance:
-    """The compliance that ships with tactiled."""
+    """Skin with the shipped compliance."""
     return SkinCompliance.from_arrays(load_compliance(mesh), readout)
 
 

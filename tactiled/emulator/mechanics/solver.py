@@ -12,10 +12,10 @@ and Signorini's and Coulomb's laws hold where these functions vanish, for any ``
     p - max(0, p - rho gap)
     t - projection of (t - rho slip) onto the disc of radius mu max(0, p - rho gap)
 
-Newton's method on them is an active-set method: free nodes drop out, sticking nodes have no slip, slipping
-nodes lie on the cone. Between two neighbouring steps little changes, so the factorisation is used on while it
-contracts and no node changes its state. What a plain iteration between contact and friction cannot do (it
-failed on a fifth of the steps of a groove slide), this does in some three iterations.
+Newton's method on them is an active-set method: free nodes have no forces, sticking nodes have no slip,
+slipping nodes lie on the cone. Little changes between two steps, so the factorisation is reused while it
+contracts and no node changes its state. It needs some three iterations; a plain iteration between contact
+and friction failed on a fifth of the steps of a slide over grooves.
 """
 
 from dataclasses import dataclass
@@ -28,15 +28,15 @@ from tactiled.array import FloatArray
 
 IntArray = NDArray[np.int64]
 
-_ITERATIONS = 60  # no solution of the tests needs more than 30; a cycle never ends
-_TOLERANCE = 1e-7  # of the load, or of `_SMALL_N`: a hundredth of what changes the twelfth bit of any side
-_SMALL_N = 1e-3  # below a thousandth of the dead zone of the rubber relative accuracy means nothing
-_CONTRACTION = 0.3  # a factorisation that does worse is stale
+_ITERATIONS = 60  # no solution in the tests needs more than 30; a cycle does not end
+_TOLERANCE = 1e-7  # of the load, or of `_SMALL_N`: a hundredth of a change of the ADC's last bit of any side
+_SMALL_N = 1e-3  # load below which the tolerance is absolute
+_CONTRACTION = 0.3  # of the residual in a step; a factorisation that does worse is renewed
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Nodal forces in their contact frames, and how they came about."""
+    """Nodal forces in their contact frames, with the state of the nodes."""
 
     force_n: FloatArray  # (3, n)
     approach_mm: float
@@ -46,8 +46,8 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Factor:
-    """Newton matrix of a state, factorised."""
+class _Factorisation:
+    """Factorised Newton matrix of a contact state."""
 
     nodes: IntArray
     slipping: IntArray  # places among `nodes`
@@ -57,7 +57,7 @@ class _Factor:
 
 
 class ContactSolver:
-    """Solves one step after the other for one body; keeps its last factorisation.
+    """Solve one step after the other for one body, keeping the last factorisation.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class ContactSolver:
         stiffness = 1.0 / np.diag(self._flat).reshape(3, self._n)
         self._rho_n, self._rho_t = stiffness[0], stiffness[1:].min(axis=0)
         self._friction = friction
-        self._factor: _Factor | None = None
+        self._factor: _Factorisation | None = None
 
     def solve(
         self, frame: FloatArray, free: FloatArray, force_n: FloatArray, load_n: float | None
     ) -> Solution:
-        """One step.
+        """Solve one step.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class ContactSolver:
             if not touches.any():
                 if load_n is None:
                     return Solution(np.zeros_like(force), approach, slips, True, iteration)
-                # Someone has to carry the load: begin again from the nearest node alone, without friction.
+                # Some node must carry the load: begin again with the nearest one alone, without friction.
                 nearest = int(np.argmin(v[0] / lift[0]))
                 force[:] = 0.0
                 force[0, nearest] = load_n / lift[0, nearest]
@@ -179,7 +179,7 @@ class ContactSolver:
             lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
             if info:
                 return None
-            factor = self._factor = _Factor(nodes, slipping, load_n is not None, lu, pivots)
+            factor = self._factor = _Factorisation(nodes, slipping, load_n is not None, lu, pivots)
         step, _ = lapack.dgetrs(factor.lu, factor.pivots, right)
         return np.asarray(step) if np.isfinite(step).all() and len(step) >= 3 * count else None
 

@@ -1,4 +1,4 @@
-"""Where a Yeoh energy stops being a material: loss of ellipticity, and where nominal stress turns over.
+"""Limits of a Yeoh energy: loss of ellipticity, and decrease of the nominal stress.
 
 An incompressible solid W(I1) is elliptic where, for all orthogonal unit vectors m, n and b = F F^T,
 
@@ -18,20 +18,20 @@ from scipy.optimize import brentq
 
 from tactiled.array import FloatArray
 
-# Beyond any test of a rubber. In steps of 0.5 % no pair of crossings of a cubic energy is stepped over.
+# Beyond any test of a rubber. Steps of 0.5 % do not skip a pair of crossings of a cubic energy.
 _SHORTEST, _LONGEST, _STEP = 0.01, 100.0, 0.005
 
 
 @dataclass(frozen=True)
 class StableRange:
-    """Uniaxial stretches between which a Yeoh rubber can be trusted; 0 and infinity where there is no end.
+    """Uniaxial stretches between which a Yeoh energy is valid; 0 and infinity where there is no limit.
 
     Attributes
     ----------
     elliptic : tuple of float
         Ellipticity is lost outside.
     rising : tuple of float
-        Nominal stress rises with stretch inside, and turns over outside.
+        Nominal stress rises with stretch inside.
     any_state_excess : float
         I1 - 3 up to which the material is elliptic in every state, not just uniaxial ones.
     """
@@ -41,7 +41,7 @@ class StableRange:
     any_state_excess: float
 
     def covers(self, shortest: float, longest: float) -> bool:
-        """Whether ellipticity and rising stress hold over a range of stretches."""
+        """Return whether the energy is elliptic with rising stress over a range of stretches."""
         low, high = max(self.elliptic[0], self.rising[0]), min(self.elliptic[1], self.rising[1])
         return low < shortest and longest < high
 
@@ -60,7 +60,7 @@ def any_state_limit(c1_mpa: float, c2_mpa: float, c3_mpa: float) -> float:
 
 
 def stable_range(c1_mpa: float, c2_mpa: float, c3_mpa: float) -> StableRange:
-    """Find the range numerically, outwards from no strain, for the energy without any continuation."""
+    """Find the range numerically, outwards from zero strain, for the energy without continuation."""
 
     def derivatives(stretch: FloatArray) -> tuple[FloatArray, FloatArray]:
         excess = stretch**2 + 2 / stretch - 3

@@ -1,9 +1,9 @@
-"""Steps in, any instant out: what makes a rung with memory answer like a function of time.
+"""Interpolation of stepped models, so that they are functions of time.
 
-A source is advanced on the grid ``k * step_s`` in blocks that begin at multiples of the block length,
-whatever was asked for; between grid points its rows are interpolated linearly. So any chunking of the
-instants gives the same bits, an instant asked for twice answers twice the same, and memory holds the newest
-blocks only: who asks for an instant before them has the source played again from the beginning.
+A source is advanced on the grid ``k * step_s`` in blocks that begin at multiples of the block length;
+between grid points its rows are interpolated linearly. Therefore any chunking of the instants, and any
+repetition, gives the same bits. Memory holds the newest blocks only; a request before them steps the source
+again from the beginning.
 """
 
 from collections import OrderedDict
@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import HeldQuantity, Rung, TaxelForces
+from tactiled.emulator.mechanics.base import HeldQuantity, TaxelForces, TaxelModel
 
-_KEPT_STEPS = 4096  # some 10 s of the cheap rungs: longer than a scan or a report looks back
+_KEPT_STEPS = 4096  # some 10 s of the cheap models: more than a scan or a report looks back
 
 
 class GridSource(Protocol):
-    """Something that goes forward only."""
+    """Source of rows that can be advanced only."""
 
     def reset(self) -> None:
-        """Back to step 0."""
+        """Return to step 0."""
         ...
 
     def advance(self, n: int) -> FloatArray:
@@ -40,7 +40,7 @@ class GridInterpolator:
         Reset here.
     step_s : float
     block : int
-        Grid points made at once; 1 for a source that reacts, so that nothing is made before it is asked for.
+        Grid points computed at once; 1 for a source that reacts to input.
     """
 
     def __init__(self, source: GridSource, *, step_s: float, block: int = 64) -> None:
@@ -56,7 +56,7 @@ class GridInterpolator:
 
     @property
     def made_s(self) -> float:
-        """Instant up to which the source has been played."""
+        """Instant up to which the source has been stepped."""
         return max(self._made * self._block - 1, 0) * self._step_s
 
     def at(self, time_s: FloatArray, columns: NDArray[np.int64] | slice) -> FloatArray:
@@ -67,7 +67,7 @@ class GridInterpolator:
         time_s : (n, c) or (n,) float64
             Instants; before 0 the rows are those of time 0.
         columns : (c,) int64 or slice
-            With instants (n, c), the column that each is asked of; with (n,), the columns of the result.
+            With instants (n, c), the column of each; with (n,), the columns of the result.
 
         Returns
         -------
@@ -107,21 +107,23 @@ class GridInterpolator:
 
 
 @runtime_checkable
-class BlockRung(Protocol):
-    """A rung that takes many steps at once."""
+class BlockTaxelModel(Protocol):
+    """Contact model that does many steps at once."""
 
     def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """`Rung.step` with a leading axis n on arguments and results."""
+        """`TaxelModel.step` with a leading axis n of arguments and results."""
         ...
 
 
-def play(rung: Rung, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-    """Step a rung through ``value (n, t)`` and ``base_mm (n, t, 2)``; results have a leading axis n."""
-    if isinstance(rung, BlockRung):
-        return rung.run(held, value, base_mm, dt_s)
-    return stacked([rung.step(held, v, base, dt_s) for v, base in zip(value, base_mm, strict=True)])
+def play(
+    model: TaxelModel, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float
+) -> TaxelForces:
+    """Step a model through ``value (n, t)`` and ``base_mm (n, t, 2)``; results have a leading axis n."""
+    if isinstance(model, BlockTaxelModel):
+        return model.run(held, value, base_mm, dt_s)
+    return stacked([model.step(held, v, base, dt_s) for v, base in zip(value, base_mm, strict=True)])
 
 
 def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
-    """Steps along a leading axis."""
+    """Stack steps along a leading axis."""
     return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})

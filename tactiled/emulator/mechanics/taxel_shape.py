@@ -1,7 +1,6 @@
 """Dimensions of one taxel: the chip, the rubber base and the bump above it, in millimetres.
 
-The shape of the bump and the cell are assumed where the paper gives none (Wang et al. 2019, figure 1 has only
-heights).
+Shapes are assumed where the paper gives none (Wang et al. 2019, figure 1 has heights only).
 """
 
 import numpy as np
@@ -15,7 +14,7 @@ RIM_MM = 0.1  # assumed: straight side of the bump
 CAP_MM = 0.3  # assumed: height of its spherical cap; base + rim + cap are the paper's 0.8 mm
 BUMP_MM = RIM_MM + CAP_MM  # height of the bump: pressed deeper, the plate meets the base
 BUMP_RADIUS_MM = 1.25  # assumed
-CELL_MM = 3.5  # paper: spacing of adjacent units, so what belongs to one of them
+CELL_MM = 3.5  # paper: spacing of adjacent units
 
 
 def cap_mm(radius_mm: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Scenes: what the skin goes through, as TOML (``config/scenes/*.toml``).
+"""Scenes: motion and load of the skin, as TOML (``config/scenes/*.toml``).
 
-A scene is a list of phases, one after the other. Scene time starts at 0 when the board first gets its
-``start`` command (at power-up for a board that knows no commands), so nothing is missed by a host that
-comes late; after the last phase the skin stays as that phase left it.
+A scene is a list of phases. Scene time is 0 at the first ``start`` command to the board (at power-up for a
+board without commands), so that a host that comes late misses nothing. After the last phase the skin stays
+in its last state.
 """
 
 from typing import Annotated, Literal, Self
@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from tactiled import resources, tomlfile
 from tactiled.emulator.board.electronics import ElectronicsParams
+from tactiled.emulator.mechanics.base import HeldQuantity, Readout
 from tactiled.emulator.scene.phases import (
     Disturbance,
     FlatPlate,
@@ -39,25 +40,25 @@ __all__ = [
     "paper_scenes",
 ]
 
-# Rungs of the ladder of contact models, in growing cost; "auto" picks the cheapest that meets `needs`.
+# Contact models in growing cost; "auto" takes the cheapest that meets `needs`.
 Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
-# What a scene can ask of its contact model. A rung says in its `PROVIDES` how wrong it is about each, as a
-# part of the quantity's own size (direction: of 90 degrees; phase: of a turn; slip instants: of the travel
-# from first shear to gross slip); what it does not name it does not model.
+# Quantities that a scene can require of its contact model. ``PROVIDES`` of a contact model has the relative
+# error of each that it models (direction: of 90 degrees; phase: of a turn; slip instants: of the travel from
+# first shear to gross slip).
 Need = Literal[
     "direction",  # of slip
-    "gross-slip",  # instant at which everything slips
-    "incipient-slip",  # slip spreading over the patch before
+    "gross-slip",  # instant at which the whole contact slips
+    "incipient-slip",  # share of the contact area that slips before
     "absolute-force",  # normal force against indentation
     "left-right",  # split between opposite read-out areas
-    "tangential-force",  # friction force, also at the knee
+    "tangential-force",  # friction force, also at the onset of slip
     "groove-ripple",  # amplitude
     "groove-phase",
     "transients",  # changes of load, speed and direction while in contact
 ]
 
 
-# Ten times the load within a millimetre: no array lies on anything steeper.
+# A tenfold load within a millimetre; no array is on a steeper surface.
 Gradient = Annotated[float, Field(ge=-10, le=10)]
 
 
@@ -66,23 +67,25 @@ class Scene(Params):
 
     name: str = Field(min_length=1)
     description: str = ""
-    array: str = Field(default="wang2019-3x3", description="name or file of the array that is worn")
-    contact: Contact = Field(default="signal", description="contact model: a rung of the ladder, or auto")
-    held: Literal["force", "displacement"] = Field(
-        default="force", description="what stays while sliding: the load, or the indentation that it makes"
+    array: str = Field(default="wang2019-3x3", description="name or file of the array")
+    contact: Contact = Field(default="signal", description="contact model: its name, or auto")
+    held: HeldQuantity = Field(
+        default="force", description="constant while sliding: the load, or its indentation"
     )
-    needs: list[Need] = Field(default=[], description="what auto must find a rung for")
+    needs: list[Need] = Field(default=[], description="quantities that contact model auto must provide")
     tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
-    readout: Literal["edge", "half"] = Field(
-        default="edge", description="area under a side electrode, for physical rungs: mechanics/sides.py"
+    readout: Readout = Field(
+        default="edge", description="area under a side electrode, for physical contact models"
     )
-    seed: int = Field(default=1, ge=0, lt=2**63, description="of the noise and of the taxels' inequality")
+    seed: int = Field(
+        default=1, ge=0, lt=2**63, description="of the noise and of the differences between taxels"
+    )
     surface: Surface = FlatPlate()
     electronics: ElectronicsParams = ElectronicsParams()
     phases: list[Phase] = Field(min_length=1)
     disturbances: list[Disturbance] = []
     held_object: HeldObject | None = Field(
-        default=None, description="what is held; absent: a plate that is moved"
+        default=None, description="object in the grip; absent: a plate that is moved"
     )
     touching: list[int] = Field(default=[], description="taxels that reach the surface; empty: all")
     load_gradient_per_mm: tuple[Gradient, Gradient] = Field(
@@ -106,7 +109,7 @@ class Scene(Params):
 
     @model_validator(mode="after")
     def _held(self) -> Self:
-        """What an object can do, and what only one that is held can."""
+        """Refuse phases that do not fit a held object, and phases that need one."""
         held = self.held_object
         for index, phase in enumerate(self.phases):
             if isinstance(phase, LoadPhase) and held is None:
@@ -128,14 +131,14 @@ class Scene(Params):
 
     @model_validator(mode="after")
     def _not_prescribed(self) -> Self:
-        """What needs mechanics."""
+        """Refuse prescribed signals for motion that needs mechanics."""
         if self.contact == "signal" and (reason := self.needs_mechanics):
             raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "auto"')
         return self
 
     @property
     def needs_mechanics(self) -> str:
-        """What of this scene cannot be prescribed; empty where all can."""
+        """Part of the scene that cannot be prescribed; empty where there is none."""
         reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, RotatePhase | LoadPhase)]
         reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
         reasons += ["a held object"] * (self.held_object is not None)
@@ -146,15 +149,14 @@ class Scene(Params):
         return sum(phase.duration_s for phase in self.phases)
 
     def with_changes(self, **changes: object) -> "Scene":
-        """Copy with top-level keys changed, checked like a file: ``scene.with_changes(seed=7)``."""
+        """Copy with top-level keys changed, checked as a file is: ``scene.with_changes(seed=7)``."""
         return tomlfile.parse(self.model_dump() | changes, Scene, f"variation of scene {self.name}")
 
     def with_surface(self, **surface: object) -> "Scene":
         """Copy on another plate: ``with_surface(period_mm=1.2, angle_deg=30)`` or ``with_surface()``.
 
-        Groove parameters given make grooves, with the scene's own grooves as their defaults; none make
-        a flat plate. Where phases of the scene name grooves of their own, those are changed, else the
-        plate of the whole scene.
+        Groove parameters make grooves, with the scene's own as defaults; without parameters the plate is
+        flat. Grooves of single phases are changed where there are some, else the plate of the whole scene.
         """
         document = self.model_dump()
         places = [p for p in document["phases"] if p["surface"] and p["surface"]["kind"] == "grooves"]
@@ -165,7 +167,7 @@ class Scene(Params):
 
 
 def load_scene(name_or_path: str) -> Scene:
-    """Scene by shipped name (``demo``) or by path; `ConfigError` with every fault of the file."""
+    """Load a scene by shipped name (``demo``) or path; `ConfigError` has all faults of the file."""
     return tomlfile.load(resources.find(name_or_path, "config/scenes"), Scene)
 
 

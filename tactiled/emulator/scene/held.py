@@ -1,4 +1,4 @@
-"""A held object: its load pulls, friction holds, and what is left over moves it.
+"""Motion of a held object under its load, friction and the force of a spring.
 
 Newton's second law for the place u of the skin over the object, ``m u'' = pull + spring (end - u) +
 friction - damping``, stepped semi-implicitly (velocity first: stable for oscillators up to ``step < 2 /
@@ -23,10 +23,9 @@ from tactiled.errors import ConfigError
 Feel = Callable[[float, FloatArray], TaxelForces]
 
 _STABLE = 0.5  # step times omega; 2 is the limit of stability
-# A taxel's stiffness at rest is 0.6 N / d (`lumped`); of few taxels or many, the largest is when one
-# carries all.
+# Tangential stiffness of a taxel at rest over its load per indentation (`lumped`).
 _STIFFNESS = 0.6
-# A skin that holds damps the object's swing; 0.2 of critical is the middle of what silicones show.
+# Damping of the object by the sticking skin; silicones have about 0.2 of critical.
 _DAMPING_RATIO = 0.2
 
 
@@ -36,7 +35,6 @@ class HeldMotion:
     Parameters
     ----------
     scene : Scene
-        Of a held object.
     params : HeldObject
     longest_step_s : float
 
@@ -49,7 +47,7 @@ class HeldMotion:
     def __init__(self, scene: Scene, params: HeldObject, longest_step_s: float) -> None:
         self._params = params
         forces = [p.force_n for p in scene.phases if isinstance(p, PressPhase | LoadPhase) and p.force_n]
-        # Grip may go up to four times the scene's before the margin of stability is used.
+        # A controller may grip four times as hard as the scene before the margin of stability is used up.
         self._stiffness_n_mm = _stiffness_n_mm(max(forces))
         rate = math.sqrt((self._stiffness_n_mm + params.spring_n_mm) * 1e3 / params.mass_kg)
         self.step_s = longest_step_s / math.ceil(max(longest_step_s * rate / _STABLE, 1.0))
@@ -58,22 +56,22 @@ class HeldMotion:
         self.reset()
 
     def reset(self) -> None:
-        """Back to scene time 0; what a controller said is done again at its instants."""
+        """Return to scene time 0; a controller's grips are repeated at their instants."""
         self._k = 0
         self._done = 0
-        self._asked_n: float | None = None
+        self._grip_goal_n: float | None = None
         self._grip_n = 0.0
         self._place = self._velocity = self._friction = 0j  # x + iy
         self._held_share = 1.0
         self.has_fallen = False
 
     def grip(self, force_n: float) -> None:
-        """Grip that a controller asks for, from the next step on; the scene's own load no longer counts.
+        """Set a controller's grip from the next step on, instead of the scene's load.
 
         Raises
         ------
         ConfigError
-            No finite force from 0 to 2000 N.
+            The force is not from 0 to 2000 N.
         """
         if not 0 <= force_n <= LARGEST_FORCE_N:
             raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {LARGEST_FORCE_N:g} N"])
@@ -81,14 +79,14 @@ class HeldMotion:
             self._commands.append((self._k, force_n))
 
     def play(self, drive: MotionState, feel: Feel) -> tuple[FloatArray, FloatArray, TaxelForces]:
-        """The coming steps.
+        """Do the next n steps.
 
         Parameters
         ----------
         drive : MotionState
-            What the scene says at them (n,).
+            Motion and load of the scene at the steps (n,).
         feel : callable
-            Grip and place of the skin (2,) to the forces of that step.
+            Grip and place of the skin (2,) to the forces of a step.
 
         Returns
         -------
@@ -111,18 +109,18 @@ class HeldMotion:
         return load_n, place_mm, stacked(felt)
 
     def _grip(self, scene_n: float) -> None:
-        """Follow the controller, or the scene while there is none."""
+        """Follow the controller, or the scene without one."""
         while self._done < len(self._commands) and self._commands[self._done][0] <= self._k:
-            self._asked_n = self._commands[self._done][1]
+            self._grip_goal_n = self._commands[self._done][1]
             self._done += 1
-        if self._asked_n is None:
+        if self._grip_goal_n is None:
             self._grip_n = scene_n
         else:
             most = self._params.grip_rate_n_s * self.step_s
-            self._grip_n += min(max(self._asked_n - self._grip_n, -most), most)
+            self._grip_n += min(max(self._grip_goal_n - self._grip_n, -most), most)
 
     def _move(self, force: complex) -> None:
-        """One step under pull and the spring's far end, friction, and the spring's near end."""
+        """Move the object by one step under `force` (pull and far end of the spring), friction and spring."""
         params = self._params
         mass = params.mass_kg * 1e-3  # N s2/mm
         damping = 2 * _DAMPING_RATIO * math.sqrt(self._stiffness_n_mm * mass) * self._held_share
@@ -137,6 +135,6 @@ class HeldMotion:
 
 
 def _stiffness_n_mm(force_n: float) -> float:
-    """Tangential stiffness at rest of an array pressed by `force_n`, at nine taxels."""
+    """Tangential stiffness at rest of nine taxels under `force_n`."""
     each = force_n / 9
     return float(9 * _STIFFNESS * each / indentation_mm(np.array(each)))

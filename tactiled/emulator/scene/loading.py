@@ -1,7 +1,6 @@
-"""What the rubber remembers of the load that it really bore: creep's lag and hysteresis's peak.
+"""Effects of past load on the rubber: the lag of creep and the peak of hysteresis.
 
-The load is the one that is played, with disturbances and with a controller's grip, at grid points; between
-them it is taken as linear.
+The load includes disturbances and a controller's grip; it is linear between grid points.
 """
 
 import math
@@ -16,7 +15,7 @@ from tactiled.emulator.scene.motion import SceneMotion
 
 
 class LoadMemory:
-    """Steps of a load in order, any number at a time.
+    """Creep lag and peak of a load, fed in order with any number of steps.
 
     The lag solves ``tau dc/dt = F - c`` exactly for a load that is linear between grid points.
 
@@ -24,7 +23,7 @@ class LoadMemory:
     ----------
     step_s : float
     time_constant_s : float
-        Of the lag.
+        Time constant of the lag.
     """
 
     def __init__(self, step_s: float, time_constant_s: float) -> None:
@@ -34,12 +33,12 @@ class LoadMemory:
         self.reset()
 
     def reset(self) -> None:
-        """No load, ever; a load at the first step is new."""
+        """Return to no load in the past."""
         self._state = np.zeros(1)
         self._peak_n = 0.0
 
     def feed(self, load_n: FloatArray) -> FloatArray:
-        """Rows (n, 2) of the coming n steps: load through the lag, and its largest since contact; both N."""
+        """Rows (n, 2) of the next n steps: load through the lag, and largest load since contact; both N."""
         taps = [self._now, self._before], [1.0, -self._left]
         relaxed_n, self._state = lfilter(*taps, load_n, zi=self._state)
         peaks = accumulate(load_n.tolist(), _peak, initial=self._peak_n)
@@ -53,7 +52,7 @@ def _peak(before_n: float, load_n: float) -> float:
 
 
 class PrescribedLoad:
-    """Rows of load, lagged load and peak of a scene that nothing but itself moves; a `stepper.Source`.
+    """Rows of load, lagged load and peak of a scene without controller; a `stepper.GridSource`.
 
     Parameters
     ----------

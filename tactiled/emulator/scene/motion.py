@@ -1,7 +1,7 @@
-"""Kinematics and load of a scene in closed form: any instants at all, in any order, the same numbers.
+"""Kinematics and load of a scene in closed form.
 
-A scene is cut into segments in which the load and the speed are linear in time and the direction is
-constant. Everything else follows exactly, so nothing is stepped and nothing depends on chunking.
+A scene is divided into segments in which load and speed are linear in time and the direction is constant. All
+other quantities follow exactly, without steps, so that nothing depends on chunking.
 """
 
 import itertools
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.disturb import Disturbances
+from tactiled.emulator.scene.disturbances import Disturbances
 from tactiled.emulator.scene.phases import (
     FlatPlate,
     GroovedPlate,
@@ -26,18 +26,18 @@ from tactiled.emulator.scene.phases import (
     SlidePhase,
 )
 
-# Presliding distance of the skin on the plate: the paper's voltages settle within some 0.1 mm of travel.
+# Presliding distance of the skin: the paper's voltages settle within some 0.1 mm of travel.
 PRESLIDING_MM = 0.1
-# A viscoelastic skin that stops loses part of its shear at constant displacement, so a slide's end and its
-# resumption can be seen. The paper does not show a stop; the numbers are plausible for PDMS, no more.
+# A viscoelastic skin loses part of its shear at constant displacement, so that the end of a slide and its
+# resumption can be seen. The paper shows no stop; the numbers are plausible for PDMS, not measured.
 _SHEAR_KEPT = 0.7
 SHEAR_RELAXATION_S = 0.5
-_KNOT_S = 0.005  # step at which a sine on the speed is cut into straight pieces: exact to 1e-4 at 5 Hz
+_KNOT_S = 0.005  # step of the linear pieces of a sine on the speed: exact to 1e-4 at 5 Hz
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Values at the beginning of a segment, and how they change in it."""
+    """Values at the beginning of a segment, and their rates in it."""
 
     t0: float
     load: float
@@ -73,14 +73,14 @@ class Segment:
 
     @property
     def shear_goal(self) -> tuple[float, float]:
-        """What the tangential state tends to."""
+        """Limit of the tangential state."""
         if not self.stands:
             return self.direction
         kept = min(1.0, _SHEAR_KEPT / max(math.hypot(self.shear_x, self.shear_y), 1e-9))
         return kept * self.shear_x, kept * self.shear_y
 
     def after(self, dt: float) -> "Segment":
-        """Beginning of a segment that follows after `dt`."""
+        """State after `dt`, at which the next segment begins."""
         way = self.speed * dt + self.acceleration * dt * dt / 2
         (dx, dy), (goal_x, goal_y) = self.direction, self.shear_goal
         left = math.exp(-way / PRESLIDING_MM - self.stands * dt / SHEAR_RELAXATION_S)
@@ -101,17 +101,17 @@ class Segment:
 
 @dataclass(frozen=True)
 class MotionState:
-    """The skin at given instants; all arrays have the shape of the instants asked for.
+    """State of the skin at given instants; all arrays have their shape.
 
     Attributes
     ----------
-    load_n : normal load in total
-    travel_x_mm, travel_y_mm : way of the skin over the surface since the scene began
+    load_n : total normal load
+    travel_x_mm, travel_y_mm : travel of the skin over the surface since the scene began
     speed_mm_s : speed along `direction_deg`
     direction_deg : direction of the phase's motion; of the last motion where nothing moves
     shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
     turn_deg : angle by which the skin has turned about the middle of the array
-    pull_x_n, pull_y_n : load of a held object, in the direction in which the skin would slip
+    pull_x_n, pull_y_n : tangential load of a held object, in the direction in which the skin would slip
     phase : number of the scene's phase
     """
 
@@ -131,10 +131,10 @@ class MotionState:
 class SceneMotion:
     """Closed form of a scene's load, travel and tangential state.
 
-    The tangential state follows Dahl's law ``ds/dL = (d - s) / L0`` along the way L in direction d (Dahl
-    1968 with exponent 1, in its vector form), so it saturates in `PRESLIDING_MM` and turns over when the
-    direction does: ``s(L) = d + (s0 - d) exp(-L / L0)``. At standstill it relaxes towards `_SHEAR_KEPT` of
-    full shear; losing contact clears it.
+    The tangential state follows Dahl's law ``ds/dL = (d - s) / L0`` along the travel L in direction d (Dahl
+    1968 with exponent 1, in vector form), so that it saturates in `PRESLIDING_MM` and reverses with the
+    direction: ``s(L) = d + (s0 - d) exp(-L / L0)``. At rest it relaxes towards `_SHEAR_KEPT` of
+    full shear; loss of contact clears it.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class SceneMotion:
         )
 
     def velocity_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Rate of travel of the skin over the surface, of phases and disturbances: (..., 2)."""
+        """Velocity (..., 2) of the skin over the surface, by phases and disturbances."""
         state = self.at(time_s)
         angle = np.deg2rad(state.direction_deg)
         direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -189,10 +189,10 @@ class SceneMotion:
         return np.asarray(state.speed_mm_s[..., None] * direction + extra)
 
     def surface_share(self, number: int, time_s: FloatArray) -> FloatArray:
-        """How far the skin is on plate `number`: 1 on it, between while it slides from one to another.
+        """Share of the skin on plate `number`: between 0 and 1 while it slides from one plate to another.
 
-        A plate that appears while the skin touches nothing is there at once; one that appears in
-        contact is come onto over its `entry_mm` of travel, smoothly.
+        A change of plate without contact is immediate; in contact the skin comes onto the plate smoothly over
+        `entry_mm` of travel.
         """
         i, _, way = self._locate(time_s)
         table = self._table
@@ -204,11 +204,11 @@ class SceneMotion:
         return np.where(now & before, 1.0, np.where(now, entered, np.where(before, 1.0 - entered, 0.0)))
 
     def temperature_k(self, time_s: FloatArray) -> FloatArray:
-        """Warming of the sensor since the scene began."""
+        """Warming (K) of the sensor since the scene began."""
         return self._disturbances.temperature_k(np.maximum(time_s, 0.0))
 
     def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-        """Segment of each instant, time into it, and way made in it."""
+        """Segment of each instant, time since its beginning, and travel in it."""
         table = self._table
         time_s = np.maximum(time_s, 0.0)
         i = np.searchsorted(table["t0"], time_s, side="right") - 1
@@ -249,20 +249,19 @@ class SceneMotion:
                 acceleration = (speed_after - speed) / (stop - start)
                 segments.append(replace(now, speed=speed, acceleration=acceleration))
                 now = segments[-1].after(stop - start)
-            # No rounding piles up.
+            # Set exactly, so that rounding does not accumulate.
             end_s = float(self.phase_start_s[number + 1])
             now = replace(now, t0=end_s, load=goal, pull_x=pull_x, pull_y=pull_y)
             if goal == 0:
                 now = replace(now, shear_x=0.0, shear_y=0.0)
-        # After the scene the skin stays as it was left.
+        # After the scene the skin stays in its last state.
         now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0)
         return [*segments, replace(now, pull_x_rate=0.0, pull_y_rate=0.0)]
 
     def _on_surface_of(self, phase: Phase, now: Segment) -> Segment:
         if phase.surface is None or (new := self._number(phase.surface)) == now.surface:
             return now
-        # In the air a plate is simply there; in contact the skin has to come onto it. (A change within
-        # the entry of the one before blends from the later plate, taken as whole.)
+        # (A change within the entry of the plate before blends from that plate as if it were reached.)
         before = now.surface if now.load > 0 else new
         return replace(now, surface=new, surface_before=before, path_at_change=now.path)
 
@@ -282,7 +281,7 @@ def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
     times = {0.0, slide.ramp_s}
     if slide.ripple_mm_s:
         times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
-    # Rounding must not leave a last piece without a length to divide by.
+    # Rounding must not leave a last piece of zero length.
     times = {t for t in times if t < end - 1e-6} | {end}
 
     def at(t: float) -> float:

@@ -1,4 +1,4 @@
-"""Scenes by name: shipped, a file, the paper's, or one of a random family."""
+"""Scenes by name: shipped, from a file, of the paper, or of a random family."""
 
 import re
 
@@ -11,7 +11,7 @@ _NUMBERED = re.compile(r"(?P<family>[a-z-]+)-(?P<seed>\d{1,9})")
 
 
 def scene_names() -> dict[str, list[str]]:
-    """What `named_scene` knows, by kind."""
+    """Names that `named_scene` knows, by kind."""
     return {
         "shipped": resources.shipped_names("config/scenes"),
         "paper": [name for name in paper_scenes() if "-d" in name],
@@ -20,7 +20,7 @@ def scene_names() -> dict[str, list[str]]:
 
 
 def named_scene(name: str) -> Scene:
-    """Scene of a name.
+    """Find a scene by name.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def named_scene(name: str) -> Scene:
     Raises
     ------
     ConfigError
-        There is none, or the file has faults.
+        There is no such scene, or the file has faults.
     """
     if resources.is_name(name) and name not in resources.shipped_names("config/scenes"):
         found = _NUMBERED.fullmatch(name)
@@ -39,5 +39,5 @@ def named_scene(name: str) -> Scene:
             return FAMILIES[found["family"]](int(found["seed"]))
         kinds = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in scene_names().items())
         raise ConfigError("--scene", [f"no scene {name!r}; there are: {kinds}; or give a TOML file"])
-    # A dot in a name of the paper's looks like an ending.
+    # The dot in a name of the paper's scenes would be taken for a file extension.
     return paper_scenes()[name] if name in paper_scenes() else load_scene(name)

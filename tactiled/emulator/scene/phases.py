@@ -1,4 +1,4 @@
-"""What scenes are made of: plates, phases, disturbances, a held object; see `scene`."""
+"""Parts of a scene: plates, phases, disturbances, a held object."""
 
 import itertools
 from typing import Annotated, Literal, Self
@@ -7,18 +7,20 @@ from pydantic import Field, model_validator
 
 from tactiled.tomlfile import Params
 
-_SHORTEST_S = 0.001  # a tenth of a scan: shorter changes cannot be seen and only strain the arithmetic
+_SHORTEST_S = 0.001  # a tenth of a scan: shorter changes cannot be seen
 LARGEST_FORCE_N = 2000.0  # of a load, a grip or a pull
 Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds that the phase lasts")]
 
 
 class Plate(Params):
-    """What all plates have."""
+    """Parameters of every plate."""
 
     friction: float = Field(default=0.6, ge=0, le=3, description="Coulomb coefficient, while sliding")
-    static_ratio: float = Field(default=1.0, ge=1, le=3, description="friction at rest over while sliding")
+    static_ratio: float = Field(
+        default=1.0, ge=1, le=3, description="friction at rest over friction while sliding"
+    )
     stribeck_mm_s: float = Field(
-        default=1.0, ge=1e-6, le=1e6, description="speed over which friction falls to sliding's"
+        default=1.0, ge=1e-6, le=1e6, description="speed scale over which friction falls to that of sliding"
     )
     entry_mm: float = Field(
         default=1.0,
@@ -29,19 +31,21 @@ class Plate(Params):
 
 
 class FlatPlate(Plate):
-    """A plate without texture."""
+    """Plate without texture."""
 
     kind: Literal["flat"] = "flat"
 
 
 class GroovedPlate(Plate):
-    """A plate with parallel grooves; the groove normal lies at `angle_deg` from +x towards +y."""
+    """Plate with parallel grooves; their normal is at `angle_deg` from +x towards +y."""
 
     kind: Literal["grooves"]
-    period_mm: float = Field(gt=0.01, le=100, description="from ridge to ridge, along the groove normal")
+    period_mm: float = Field(gt=0.01, le=100, description="distance of ridges along the groove normal")
     angle_deg: float = Field(default=0.0, gt=-90, le=90, description="0: grooves parallel to y")
     # The paper gives no depth; finite elements were run with 0.1 mm.
-    depth_mm: float = Field(default=0.1, gt=0, le=5, description="ridge over valley, for physical rungs")
+    depth_mm: float = Field(
+        default=0.1, gt=0, le=5, description="height of ridges, for physical contact models"
+    )
     offset_mm: float = Field(
         default=0.0,
         ge=-1000,
@@ -68,39 +72,39 @@ Surface = Annotated[FlatPlate | GroovedPlate, Field(discriminator="kind")]
 
 
 class PhaseBase(Params):
-    """What all phases have."""
+    """Parameters of every phase."""
 
     duration_s: Duration
-    surface: Surface | None = Field(default=None, description="the plate from here on; absent: as before")
+    surface: Surface | None = Field(default=None, description="plate from this phase on; absent: as before")
 
 
 class RestPhase(PhaseBase):
-    """Nothing is touched."""
+    """No contact."""
 
     kind: Literal["rest"]
 
 
 class PressPhase(PhaseBase):
-    """The load goes linearly to `force_n`, in total on the array."""
+    """The total load on the array changes linearly to `force_n`."""
 
     kind: Literal["press"]
     force_n: float = Field(gt=0, le=LARGEST_FORCE_N)
 
 
 class HoldPhase(PhaseBase):
-    """The load stays and nothing moves."""
+    """The load is constant and nothing moves."""
 
     kind: Literal["hold"]
 
 
 class LiftPhase(PhaseBase):
-    """The load goes linearly to zero."""
+    """The load falls linearly to zero."""
 
     kind: Literal["lift"]
 
 
 class SlidePhase(PhaseBase):
-    """The skin moves over the surface under the load it has; a speed reversal is a second slide."""
+    """The skin moves over the surface under constant load; a reversal is a second slide."""
 
     kind: Literal["slide"]
     speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
@@ -131,23 +135,23 @@ class SlidePhase(PhaseBase):
 
 
 class RotatePhase(PhaseBase):
-    """The skin turns about the middle of the array by `angle_deg`, evenly; +x towards +y is positive."""
+    """The skin turns evenly about the middle of the array by `angle_deg`, positive from +x towards +y."""
 
     kind: Literal["rotate"]
     angle_deg: float = Field(ge=-3600, le=3600)
 
 
 class LoadPhase(PhaseBase):
-    """The held object's load goes linearly to `tangential_n`, and the grip with it to `force_n` if given.
+    """The load of a held object changes linearly to `tangential_n`, and the grip to `force_n` if given.
 
-    Directions are those in which the skin would slip over the object, against the pull on the object.
+    The direction is that in which the skin would slip over the object, opposite to the pull on the object.
     """
 
     kind: Literal["load"]
     tangential_n: float = Field(ge=0, le=LARGEST_FORCE_N)
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
     force_n: float | None = Field(
-        default=None, gt=0, le=LARGEST_FORCE_N, description="absent: the grip stays"
+        default=None, gt=0, le=LARGEST_FORCE_N, description="absent: the grip is constant"
     )
 
 
@@ -158,16 +162,16 @@ Phase = Annotated[
 
 
 class Disturbance(Params):
-    """What comes on top of the phases: motors, taps, tugs, warmth."""
+    """Addition to the phases, such as vibration, taps, tugs or warming."""
 
     on: Literal["load_n", "pull_n", "travel_mm", "temperature_k"] = Field(
-        description="what it adds to: grip, pull on a held object, place of the skin, temperature"
+        description="quantity that it adds to: grip, pull on a held object, travel of the skin, temperature"
     )
     shape: Literal["sine", "pulse", "ramp"] = Field(
-        description="sine of frequency_hz, swelling and dying over a tenth of the time each; half a sine "
-        "squared over the whole time; a line that stays at its end"
+        description="sine of frequency_hz that grows and fades over a tenth of the time each; pulse: half a "
+        "sine squared; ramp: a line that stays at its end"
     )
-    amplitude: float = Field(ge=-1000, le=1000, description="in the unit that `on` ends in")
+    amplitude: float = Field(ge=-1000, le=1000, description="in the unit that ends the name in `on`")
     start_s: float = Field(default=0.0, ge=0, le=1e6)
     duration_s: Duration = 1.0
     frequency_hz: float = Field(default=50.0, gt=0, le=200, description="of a sine")
@@ -175,13 +179,18 @@ class Disturbance(Params):
 
 
 class HeldObject(Params):
-    """An object between the skin and an equal finger: it slips when its load is more than friction bears."""
+    """Object between the skin and an equal finger; it slips when its load exceeds the friction limit."""
 
-    mass_kg: float = Field(default=0.2, ge=0.02, le=50, description="the part that this skin carries")
+    mass_kg: float = Field(default=0.2, ge=0.02, le=50, description="part of the mass that this skin carries")
     spring_n_mm: float = Field(
-        default=0.0, ge=0, le=1000, description="slides move the far end of such a spring; 0: no slides"
+        default=0.0,
+        ge=0,
+        le=1000,
+        description="stiffness of a spring whose far end is moved by slides; 0: no slides",
     )
     grip_rate_n_s: float = Field(
-        default=200.0, ge=1e-3, le=1e6, description="how fast a controller's grip is followed"
+        default=200.0, ge=1e-3, le=1e6, description="rate at which the grip follows a controller"
     )
-    fall_mm: float = Field(default=20.0, ge=1e-3, le=1e6, description="slipped so far, the object has landed")
+    fall_mm: float = Field(
+        default=20.0, ge=1e-3, le=1e6, description="slip after which the object has fallen"
+    )

@@ -1,23 +1,39 @@
-"""A scene on a physical rung, at any instant: what its channels feel, and the truth about the contact."""
+"""A scene on a physical contact model: forces on the channels and truth about the contact, at any instant."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.mechanics.stepper import GridInterpolator
-from tactiled.emulator.scene.imposed import Build, TaxelDrive
+from tactiled.emulator.mechanics.base import (
+    BEYOND_REFERENCES,
+    Surface,
+    TaxelForces,
+    TaxelModel,
+    beyond_references,
+)
+from tactiled.emulator.mechanics.lumped import indentation_mm
+from tactiled.emulator.mechanics.stepper import GridInterpolator, play
+from tactiled.emulator.scene.held import HeldMotion
+from tactiled.emulator.scene.loading import LoadMemory
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
+from tactiled.emulator.scene.taxels import ChannelForces, model_surface, offset_mm, taxel_shares
 from tactiled.errors import ConfigError
 
-_REACTS_S = 0.01
-_BLOCK_S = 0.16  # played at once: some scans, and no long pause of a real-time loop on a slow rung
+Build = Callable[[Surface, FloatArray, int], TaxelModel]
+
+_SCAN_S = 0.01  # computed at once where a controller may change the grip
+_BLOCK_S = 0.16  # computed at once otherwise: some scans, and a short pause of a real-time loop
+# Columns of `ContactStepper` after those of channels and taxels.
+_SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _PEAK = 0, 1, slice(2, 4), slice(4, 6), 6, 7
 
 
 @dataclass(frozen=True, eq=False)
 class ContactState:
-    """Truth of n instants, for t taxels.
+    """Truth at n instants, for t taxels.
 
     Attributes
     ----------
@@ -25,9 +41,9 @@ class ContactState:
     tangential_n : (n, t, 2)
         Friction on the skin, against its motion.
     slipping : (n, t)
-        Share of each taxel's contact that slips.
+        Share of each taxel's contact area that slips.
     slipping_share : (n,)
-        The same for the whole contact, taxels weighted by their contact area.
+        Share of the whole contact area that slips.
     load_n : (n,)
     travel_mm, velocity_mm_s : (n, 2)
         Of the middle of the array over the surface.
@@ -43,41 +59,41 @@ class ContactState:
 
 
 class PhysicalContact:
-    """A `ContactModel` on a rung.
+    """A `ContactModel` that steps a model of single taxels.
 
     Parameters
     ----------
     motion : SceneMotion
     array : Array
     build : callable
-        The rung's factory.
+        Surface, azimuths and number of taxels to the `TaxelModel`.
     step_s : float
-        Of its time grid.
+        Step of its time grid.
     name : str
-        Of the rung, for refusals.
+        Name of the model, for error messages.
 
     Raises
     ------
     ConfigError
-        The rung cannot play the scene.
+        The model cannot play the scene.
     """
 
     def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
-        self._source = TaxelDrive(motion, array, build, step_s, name)
-        # A held object reacts to a controller: no more is played than a scan.
-        block = max(1, round((_REACTS_S if self._source.held else _BLOCK_S) / self._source.step_s))
+        self._source = ContactStepper(motion, array, build, step_s, name)
+        block_s = _SCAN_S if self._source.held else _BLOCK_S
+        block = max(1, round(block_s / self._source.step_s))
         self._stepper = GridInterpolator(self._source, step_s=self._source.step_s, block=block)
         self._channels = np.arange(array.n_channels)
         self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
 
     @property
     def reacts(self) -> bool:
-        """Whether a controller can change what comes."""
+        """Return whether a controller can change the grip."""
         return self._source.held is not None
 
     @property
     def has_fallen(self) -> bool:
-        """Whether a held object has slipped out."""
+        """Return whether a held object has slipped out of the grip."""
         return self._source.held is not None and self._source.held.has_fallen
 
     @property
@@ -87,48 +103,184 @@ class PhysicalContact:
 
     @property
     def warnings(self) -> dict[int, float]:
-        """Warning bits of the rung with the first instant of each, up to `played_s`."""
+        """Warning bits of the model with the first instant of each, up to `played_s`."""
         return self._source.warnings
 
     @property
     def played_s(self) -> float:
+        """Scene time up to which the contact is computed."""
         return self._stepper.made_s
 
     def grip(self, force_n: float) -> None:
-        """A controller's grip from the first instant that is not yet played; see `HeldMotion.grip`."""
+        """Set a controller's grip from the first instant that is not yet computed; see `HeldMotion.grip`."""
         if self._source.held is None:
             raise ConfigError("grip", ["this scene has no held object; a controller can move nothing in it"])
         self._source.held.grip(force_n)
 
     def play_until(self, end_s: float) -> None:
-        """Play on to an instant of scene time, unless it has been played."""
+        """Compute the contact up to an instant of scene time."""
         while self.played_s < end_s:
             self._stepper.at(np.array([self.played_s + _BLOCK_S]), slice(0, 1))
 
     def forces(self, time_s: FloatArray) -> FloatArray:
+        """See `ContactModel.forces`."""
         return self._stepper.at(time_s, self._channels)
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        return self._column(6, time_s)
+        """See `ContactModel.relaxed_load_n`."""
+        return self._column(_RELAXED, time_s)
 
     def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self._column(1, time_s), self._column(7, time_s)
+        """See `ContactModel.load_and_peak_n`."""
+        return self._column(_LOAD, time_s), self._column(_PEAK, time_s)
 
     def _column(self, number: int, time_s: FloatArray) -> FloatArray:
-        """One of the columns after those of the taxels."""
         place = self._n_channels + 4 * self._n_taxels + number
         return self._stepper.at(time_s, np.full(time_s.shape[1], place))
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """Truth at instants (n,)."""
+        """See `ContactModel.state`."""
         rows = self._stepper.at(time_s, slice(self._n_channels, None))
-        normal, tx, ty, slipping, rest = np.split(rows, np.arange(1, 5) * self._n_taxels, axis=1)
+        normal, tx, ty, slipping, whole = np.split(rows, np.arange(1, 5) * self._n_taxels, axis=1)
         return ContactState(
             normal_n=normal,
             tangential_n=np.stack([tx, ty], axis=-1),
             slipping=slipping,
-            slipping_share=rest[:, 0],
-            load_n=rest[:, 1],
-            travel_mm=rest[:, 2:4],
-            velocity_mm_s=rest[:, 4:6],
+            slipping_share=whole[:, _SLIPPING],
+            load_n=whole[:, _LOAD],
+            travel_mm=whole[:, _TRAVEL],
+            velocity_mm_s=whole[:, _VELOCITY],
         )
+
+
+class ContactStepper:
+    """Step the contact of a scene on its time grid; a `stepper.GridSource`.
+
+    Parameters as for `PhysicalContact`. Columns of its rows: forces on the channels; normal force, x and y of
+    the tangential force, and slipping share of each taxel; then for the whole contact the slipping share,
+    load, travel (2), velocity (2), load through the creep's lag, and largest load since contact.
+    """
+
+    def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
+        scene = motion.scene
+        self._motion = motion
+        self._controlled = scene.held
+        self._share = taxel_shares(motion, array)
+        self._read = ChannelForces(motion, array)
+        surfaces = [model_surface(plate, name) for plate in motion.surfaces]
+        self._models = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
+        self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
+        self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
+        self._offset_mm = [offset_mm(plate) for plate in motion.surfaces]
+        self.held = HeldMotion(scene, scene.held_object, step_s) if scene.held_object else None
+        self.step_s = self.held.step_s if self.held else step_s
+        self._memory = LoadMemory(self.step_s, scene.electronics.creep_time_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to scene time 0."""
+        for model in self._models:
+            model.reset()
+        self._is_fresh = [True] * len(self._models)
+        self._k = 0
+        self._before_mm: FloatArray | None = None
+        self._memory.reset()
+        self.watch = SlipEpisodeTracker()
+        self.warnings: dict[int, float] = {}
+        if self.held:
+            self.held.reset()
+
+    def advance(self, n: int) -> FloatArray:
+        """Rows (n, width) of the next n grid points."""
+        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(self.step_s)
+        self._k += n
+        state = self._motion.at(time_s)
+        if self.held is not None:
+            load_n, travel_mm, felt = self.held.play(state, self._step_held)
+            return self._rows(time_s, load_n, travel_mm, felt)
+        travel_mm = np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
+        felt = self._step(time_s, state.load_n, travel_mm, np.deg2rad(state.turn_deg))
+        return self._rows(time_s, state.load_n, travel_mm, felt)
+
+    def _step_held(self, load_n: float, place_mm: FloatArray) -> TaxelForces:
+        """Step once on a held object, which has one surface."""
+        base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
+        return self._models[0].step("force", load_n * self._share, base_mm, self.step_s)
+
+    def _step(
+        self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray
+    ) -> TaxelForces:
+        """Forces (n, t) of all taxels on the plates that the skin touches at these instants."""
+        value = np.maximum(load_n[:, None] * self._share, 0.0)
+        if self._controlled == "displacement":
+            value = indentation_mm(value)
+        cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        x, y = self._from_middle[:, 0], self._from_middle[:, 1]
+        turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        base_mm = self._middle_mm + turned + travel_mm[:, None, :]
+        parts: list[tuple[FloatArray, TaxelForces]] = []
+        for number, model in enumerate(self._models):
+            share = self._motion.surface_share(number, time_s)
+            if not share.any():
+                if not self._is_fresh[number]:
+                    model.reset()
+                self._is_fresh[number] = True
+                continue
+            self._is_fresh[number] = False
+            felt = play(model, self._controlled, value, base_mm - self._offset_mm[number], self.step_s)
+            parts.append((share, felt))
+        return parts[0][1] if len(parts) == 1 else _blended(parts)
+
+    def _rows(
+        self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, felt: TaxelForces
+    ) -> FloatArray:
+        slipping_share = _slipping_share(felt)
+        before = travel_mm[:1] if self._before_mm is None else self._before_mm[None]
+        velocity = np.diff(travel_mm, axis=0, prepend=before) / self.step_s
+        self._before_mm = travel_mm[-1]
+        shear_n = np.linalg.norm(felt.tangential_n, axis=-1).sum(axis=1)
+        self.watch.feed(time_s, slipping_share, felt.normal_n.sum(axis=1), shear_n, travel_mm)
+        self._note_warnings(time_s, felt.warnings | np.where(beyond_references(felt), BEYOND_REFERENCES, 0))
+        return np.concatenate(
+            [
+                self._read.channels(felt),
+                felt.normal_n,
+                felt.tangential_n[..., 0],
+                felt.tangential_n[..., 1],
+                felt.slipping,
+                slipping_share[:, None],
+                load_n[:, None],
+                travel_mm,
+                velocity,
+                self._memory.feed(load_n),
+            ],
+            axis=1,
+        )
+
+    def _note_warnings(self, time_s: FloatArray, bits: NDArray[np.int64]) -> None:
+        of_step = np.bitwise_or.reduce(bits, axis=1)
+        for bit in (1 << k for k in range(8)):
+            if bit not in self.warnings and (of_step & bit).any():
+                self.warnings[bit] = float(time_s[np.argmax((of_step & bit) > 0)])
+
+
+def _slipping_share(felt: TaxelForces) -> FloatArray:
+    """Share (n,) of the contact area that slips; the area of a ball is proportional to its indentation."""
+    area = felt.indentation_mm * (felt.normal_n > 0)
+    return np.asarray((felt.slipping * area).sum(axis=1) / np.maximum(area.sum(axis=1), 1e-12))
+
+
+def _blended(parts: list[tuple[FloatArray, TaxelForces]]) -> TaxelForces:
+    """Forces on a skin that is partly on one plate and partly on the next."""
+
+    def blend(name: str) -> FloatArray:
+        return np.asarray(
+            sum(
+                share.reshape(-1, *[1] * (vars(felt)[name].ndim - 1)) * vars(felt)[name]
+                for share, felt in parts
+            )
+        )
+
+    names = ("normal_n", "tangential_n", "side_n", "slipping", "indentation_mm")
+    warnings = np.bitwise_or.reduce([felt.warnings for _, felt in parts])
+    return TaxelForces(**{name: blend(name) for name in names}, warnings=warnings)

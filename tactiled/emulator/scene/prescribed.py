@@ -1,4 +1,4 @@
-"""Rung `signal`: prescribed forces, with no mechanics behind them."""
+"""Contact model `signal`: prescribed forces, without mechanics."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,27 +12,27 @@ from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
 from tactiled.emulator.scene.taxels import INEQUALITY
 
-# Friction acts at the bump's tip and tilts it: the side areas' imbalance is the friction coefficient times
-# height over lever arm, 1.3 mm (bump and adhesive) over some 0.87 mm. With 0.6 that is 0.9: the "almost
-# 100 %" change of Wang 2019. An area cannot be relieved of more than it carries.
+# Friction acts at the tip of the bump and tilts it: the imbalance of opposite side areas is the friction
+# coefficient times height over lever arm, 1.3 mm (bump and adhesive) over some 0.87 mm. With friction 0.6
+# that is 0.9, the "almost 100 %" change of Wang 2019. The limit is below 1, because an area carries no
+# tension.
 _TILT_PER_FRICTION = 1.5
 _LARGEST_TILT = 0.95
-# A taxel averages the grooves over its contact with the ridges; a Gaussian aperture of this sigma makes
-# the ripple grow from 0.9 to 1.5 mm periods about as much as the paper's curves do.
+# A taxel averages the grooves over its contact area. With a Gaussian aperture of this sigma the ripple grows
+# from 0.9 to 1.5 mm periods about as much as in the paper's curves.
 _APERTURE_SD_MM = 0.2
-_LOADS_AT_ONCE = 1024  # steps: an hour of load is then made in a second by who looks at its end first
+_LOADS_AT_ONCE = 1024  # steps: an hour of load is then computed in a second
 
 
 class SignalContact:
-    """Prescribed signals: what the paper's curves show, with no mechanics behind it.
+    """Prescribed signals with the features of the paper's curves.
 
-    A taxel carries ``N = load * share * (1 + rho)``, rho being the groove ripple. A side area at azimuth
-    phi carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `SceneMotion`; a
-    shear channel reads ``mu N s``. The ripple is
-    ``rho = A sum_k h_k cos(k phase)`` with the groove phase
-    ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and amplitude
-    ``A = ripple * cos(a) * exp(-2 (pi sigma / D)^2)``: the Fourier transform of a Gaussian aperture, and
-    the fall to one half from 0 to 60 degrees of Wang 2019.
+    A taxel carries ``N = load * share * (1 + rho)`` with the groove ripple rho. A side area at azimuth phi
+    carries its part of N times ``1 - tilt (s . e_phi)`` with the tangential state s of `SceneMotion`. A shear
+    channel reads ``mu N s``. The ripple is ``rho = A sum_k h_k cos(k phase)`` with the groove phase
+    ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and the amplitude
+    ``A = ripple * cos(a) * exp(-2 (pi sigma / D)^2)``. The exponential is the Fourier transform of a Gaussian
+    aperture; the cosine is the fall to one half from 0 to 60 degrees in Wang 2019.
 
     Parameters
     ----------
@@ -60,15 +60,11 @@ class SignalContact:
         self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
 
     def forces(self, time_s: FloatArray) -> FloatArray:
+        """See `ContactModel.forces`."""
         state = self._motion.at(time_s)
-        ripple = np.zeros_like(time_s)
-        friction = np.zeros_like(time_s)
-        for number, surface in enumerate(self._motion.surfaces):
-            share = self._motion.surface_share(number, time_s)
-            friction += share * surface.friction
-            if isinstance(surface, GroovedPlate):
-                phase = groove_phase(surface, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm)
-                ripple += share * groove_ripple(surface, phase)
+        friction, ripple = self._friction_and_ripple(
+            time_s, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm
+        )
         normal = state.load_n * self._part * (1.0 + ripple)
         tilt = np.minimum(_TILT_PER_FRICTION * friction, _LARGEST_TILT)
         tilted = normal * (1.0 + tilt * (self._side_x * state.shear_x + self._side_y * state.shear_y))
@@ -76,31 +72,29 @@ class SignalContact:
         return np.where(self._tangential, shear, tilted)
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
+        """See `ContactModel.relaxed_load_n`."""
         return self._loads.at(time_s, np.ones(time_s.shape[1], dtype=np.int64))
 
     def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `ContactModel.load_and_peak_n`."""
         load, peak = (np.full(time_s.shape[1], column) for column in (0, 2))
         return self._loads.at(time_s, load), self._loads.at(time_s, peak)
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """As prescribed: all or nothing slips."""
+        """See `ContactModel.state`; slip is prescribed, of the whole contact at once."""
         state = self._motion.at(time_s)
         angle = np.deg2rad(state.direction_deg)
-        friction = np.zeros_like(time_s)
-        ripple = np.zeros((len(time_s), len(self._taxel_share)))
-        for number, surface in enumerate(self._motion.surfaces):
-            share = self._motion.surface_share(number, time_s)
-            friction += share * surface.friction
-            if isinstance(surface, GroovedPlate):
-                x = self._taxel_x_mm + state.travel_x_mm[:, None]
-                y = self._taxel_y_mm + state.travel_y_mm[:, None]
-                ripple += share[:, None] * groove_ripple(surface, groove_phase(surface, x, y))
+        friction, ripple = self._friction_and_ripple(
+            time_s[:, None],
+            self._taxel_x_mm + state.travel_x_mm[:, None],
+            self._taxel_y_mm + state.travel_y_mm[:, None],
+        )
         normal = state.load_n[:, None] * self._taxel_share * (1 + ripple)
         shear = np.stack([state.shear_x, state.shear_y], axis=-1)
         slips = (state.speed_mm_s > 0).astype(np.float64)
         return ContactState(
             normal_n=normal,
-            tangential_n=-normal[..., None] * (friction[:, None] * shear)[:, None, :],
+            tangential_n=-normal[..., None] * (friction * shear)[:, None, :],
             slipping=np.repeat(slips[:, None], normal.shape[1], axis=1),
             slipping_share=slips,
             load_n=state.load_n,
@@ -108,16 +102,28 @@ class SignalContact:
             velocity_mm_s=state.speed_mm_s[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1),
         )
 
+    def _friction_and_ripple(
+        self, time_s: FloatArray, x_mm: FloatArray, y_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Friction coefficient at these times, and groove ripple at places over the surface."""
+        friction, ripple = np.zeros(time_s.shape), np.zeros(x_mm.shape)
+        for number, surface in enumerate(self._motion.surfaces):
+            share = self._motion.surface_share(number, time_s)
+            friction += share * surface.friction
+            if isinstance(surface, GroovedPlate):
+                ripple += share * groove_ripple(surface, groove_phase(surface, x_mm, y_mm))
+        return friction, ripple
+
 
 def groove_phase(grooves: GroovedPlate, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
-    """Phase, in radians, of the groove pattern at places in the surface's frame; a ridge is at 0."""
+    """Phase (rad) of the groove pattern at places in the frame of the surface; 0 on a ridge."""
     angle = np.deg2rad(grooves.angle_deg)
     along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
     return np.asarray(2 * np.pi * along_mm / grooves.period_mm)
 
 
 def groove_ripple(grooves: GroovedPlate, phase: FloatArray) -> FloatArray:
-    """Relative change of the normal force at a phase; see `SignalContact`."""
+    """Relative change of the normal force at a groove phase; see `SignalContact`."""
     aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
     amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture
     wave = np.cos(phase)
@@ -127,7 +133,7 @@ def groove_ripple(grooves: GroovedPlate, phase: FloatArray) -> FloatArray:
 
 
 def _shares(rng: np.random.Generator, group: NDArray[np.int64]) -> FloatArray:
-    """Unequal shares that add up to 1 in each group."""
+    """Draw unequal shares that add up to 1 in each group."""
     raw = 1 + INEQUALITY * rng.uniform(-1, 1, len(group))
     totals = np.bincount(group, raw) if len(group) else np.zeros(0)
     return np.asarray(raw / totals[group])

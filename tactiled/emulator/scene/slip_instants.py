@@ -1,4 +1,4 @@
-"""When does it slip? Instants read off the share of the contact that slips and the tangential load."""
+"""Instants of slip, from the slipping share of the contact and the tangential load."""
 
 import math
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from tactiled.array import FloatArray
 
 INCIPIENT_SHARE = 0.1
 GROSS_SHARE = 0.9
-# A tangential load grows or falls where it changes by more than this part of the normal load: under the first
-# percent of any friction, over rounding.
+# A tangential load grows or falls where it changes by more than this part of the normal load: less than a
+# percent of the friction limit, more than rounding.
 _GROWS = 0.002
-_BEGINNING_MM = 0.5  # beyond presliding: what comes after may turn
-_MOST_EPISODES = 10_000  # an hour of stick-slip at 3 Hz; beyond, the oldest are forgotten
+_BEGINNING_MM = 0.5  # travel that gives the direction: beyond presliding, before the motion turns
+_MOST_EPISODES = 10_000  # kept: an hour of stick-slip at 3 Hz
 
 
 @dataclass
@@ -23,11 +23,11 @@ class SlipEpisode:
     shear_s : float
         The tangential load began to grow.
     incipient_s, gross_s : float or None
-        10 % of the contact slips; 90 % slips, None where it never came so far.
+        10 % of the contact slips; 90 % slips, None where that share was not reached.
     end_s : float or None
-        Less than 10 % slips again; None while it goes on.
+        Less than 10 % slips again; None while it continues.
     x_mm, y_mm : float
-        Way of the skin over the surface since `incipient_s`, its first half millimetre.
+        First half millimetre of travel since `incipient_s`.
     """
 
     shear_s: float
@@ -39,21 +39,21 @@ class SlipEpisode:
 
     @property
     def direction_deg(self) -> float | None:
-        """Direction in which it began; None without one (the skin turned on the spot)."""
+        """Direction at the beginning; None where the skin turned on the spot."""
         if math.hypot(self.x_mm, self.y_mm) < 1e-9:
             return None
         return math.degrees(math.atan2(self.y_mm, self.x_mm))
 
 
 class SlipEpisodeTracker:
-    """Reads grid rows in order, any number at a time.
+    """Find slip episodes in grid rows, which come in order, any number at a time.
 
     Attributes
     ----------
     episodes : list of SlipEpisode
-        The newest; the last may still go on.
+        The newest ones; the last may continue.
     count : int
-        Of all there were.
+        Number of episodes so far.
     """
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class SlipEpisodeTracker:
             self._last = (t, s, x, y)
 
     def _follow_load(self, t: float, shear: float, least: float) -> None:
-        """Keep the last instant before the tangential load began to grow."""
+        """Update the last instant before the tangential load began to grow."""
         fell = shear < self._peak_n - max(least, 0.05 * self._peak_n)
         if fell or shear <= self._low_n + least:
             self._low_s = t

@@ -1,4 +1,4 @@
-"""A scene's load and plates as the taxels of an array have them, and their forces as channels feel them."""
+"""From a scene's load and plates to single taxels, and from forces on taxels to channels."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.errors import ConfigError
 
-# Taxels of a hand-made array share a load unequally, and so do the areas of one taxel.
+# Relative spread of the load between taxels, and between the areas of one taxel, of a hand-made array.
 INEQUALITY = 0.05
 
 
 class ChannelForces:
-    """Forces on the bumps to forces on the channels."""
+    """Conversion of forces on the bumps to forces on the channels."""
 
     def __init__(self, motion: SceneMotion, array: Array) -> None:
         kinds = np.array(array.channel_kind)
@@ -42,12 +42,12 @@ class ChannelForces:
 
 
 def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
-    """Share of the load on each taxel, adding up to 1.
+    """Share of the load on each taxel; the sum is 1.
 
     Raises
     ------
     ConfigError
-        No taxel is left to carry it, or `Scene.touching` names one that is not there.
+        No taxel carries load, or `Scene.touching` names one that does not exist.
     """
     scene = motion.scene
     source = f"scene {scene.name}"
@@ -65,14 +65,14 @@ def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
     return np.asarray(share / share.sum())
 
 
-def rung_surface(plate: FlatPlate | GroovedPlate, rung: str) -> Surface:
-    """A scene's plate as a rung sees it; `ConfigError` for grooves as deep as the bump is high."""
+def model_surface(plate: FlatPlate | GroovedPlate, model: str) -> Surface:
+    """Convert a scene's plate for a contact model; `ConfigError` for grooves as deep as the bump is high."""
     if isinstance(plate, FlatPlate):
         return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
     if plate.depth_mm >= BUMP_MM:
         fault = (
             f"surface.depth_mm: {plate.depth_mm:g} mm is as deep as the bump is high ({BUMP_MM:g} mm); "
-            f"no rung is right there, {rung} neither; use shallower grooves"
+            f"no contact model is valid there, nor is {model}; use shallower grooves"
         )
         raise ConfigError("scene", [fault])
     return Surface(
@@ -86,7 +86,7 @@ def rung_surface(plate: FlatPlate | GroovedPlate, rung: str) -> Surface:
 
 
 def offset_mm(plate: FlatPlate | GroovedPlate) -> FloatArray:
-    """Place of the plate's pattern: rungs have a ridge at their origin."""
+    """Offset (2,) of the plate's pattern; contact models have a ridge at their origin."""
     if isinstance(plate, FlatPlate):
         return np.zeros(2)
     angle = np.deg2rad(plate.angle_deg)

@@ -1,4 +1,4 @@
-"""Ground truth of a scene: what a detector is scored against."""
+"""Ground truth of a scene, against which detectors are scored."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +24,7 @@ _WARNINGS = {
 
 @dataclass(frozen=True)
 class TruePhase:
-    """A phase with its place in time and the plate that is there at its end."""
+    """A phase with its times, and the plate at its end."""
 
     kind: str
     start_s: float
@@ -34,20 +34,20 @@ class TruePhase:
 
 @dataclass(frozen=True)
 class TrueSlip:
-    """The skin moves over the surface, from `onset_s` to `end_s`, in one direction.
+    """Motion of the skin over the surface from `onset_s` to `end_s`.
 
     Attributes
     ----------
     onset_s : float
-        On `signal`, where slip is prescribed: the motion begins. On a physical rung: `incipient_s`.
+        Beginning of the motion with contact model `signal`; `incipient_s` with a physical one.
     end_s : float
-        Infinite while it goes on.
+        Infinite while the slip continues.
     direction_deg : float or None
-        In which it began; None where the skin turned on the spot.
+        At the beginning; None where the skin turned on the spot.
     surface : FlatPlate or GroovedPlate
     shear_s, incipient_s, gross_s : float or None
-        The tangential load begins to grow; 10 % and 90 % of the contact area slip. None where the scene
-        prescribes signals, and `gross_s` also where slip never became gross.
+        The tangential load begins to grow; 10 % and 90 % of the contact area slip. None for prescribed
+        signals; `gross_s` also where slip did not become gross.
     """
 
     onset_s: float
@@ -60,7 +60,7 @@ class TrueSlip:
 
 
 class Truth:
-    """Truth of a scene, with its instants on the clock of the caller.
+    """Truth of a scene, with instants on the caller's clock.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class Truth:
         Instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
         ``start`` command, which the emulator reports.
     contact : ContactModel or None
-        The one that played it, which has seen a controller's grip; None plays the scene anew.
+        The one that played the scene, with any grip of a controller; None plays the scene again.
     array : Array or None
-        The one that was worn; None is the scene's own.
+        Array of the board; None is the scene's own.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Truth:
 
     @cached_property
     def contact(self) -> ContactModel:
-        """What played the scene; played to its end where nobody else does it."""
+        """Contact model of the scene; if none was given, one that has played the scene to its end."""
         if self._given_contact is not None:
             return self._given_contact
         contact = make_contact(self.motion, self.array)
@@ -104,14 +104,14 @@ class Truth:
 
     @property
     def slips(self) -> list[TrueSlip]:
-        """Gross slips; on a physical rung as far as the scene has been played."""
+        """Gross slips; with a physical contact model as far as the scene has been played."""
         if isinstance(self.contact, PhysicalContact):
             return [slip for slip in self.episodes if slip.gross_s is not None]
         return self._prescribed_slips
 
     @property
     def episodes(self) -> list[TrueSlip]:
-        """All times that a tenth or more of the contact slipped, gross or not, as far as played."""
+        """All times that a tenth or more of the contact slipped, as far as the scene has been played."""
         if not isinstance(self.contact, PhysicalContact):
             return self._prescribed_slips
         t0_s = self.t0_s
@@ -130,7 +130,7 @@ class Truth:
 
     @property
     def warnings(self) -> dict[str, float]:
-        """What the contact model warns of, with the first instant of each."""
+        """Warnings of the contact model, with the first instant of each."""
         if not isinstance(self.contact, PhysicalContact):
             return {}
         first = self.contact.warnings
@@ -157,7 +157,7 @@ class Truth:
         return out
 
     def speed_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Speed of the skin over the surface, moved by phases or disturbances."""
+        """Speed of the skin over the surface."""
         if self.scene.held_object is not None:
             velocity = self.state(time_s).velocity_mm_s
         else:
@@ -165,20 +165,20 @@ class Truth:
         return np.asarray(np.linalg.norm(velocity, axis=-1))
 
     def travel_mm(self, time_s: FloatArray) -> FloatArray:
-        """Way of the skin since the scene began: ``(..., 2)``, x and y."""
+        """Travel (..., 2) of the skin since the scene began."""
         if self.scene.held_object is not None:
             return self.state(time_s).travel_mm
         state = self.motion.at(time_s - self.t0_s)
         return np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
 
     def load_n(self, time_s: FloatArray) -> FloatArray:
-        """Normal load in total."""
+        """Total normal load."""
         if self.scene.held_object is not None:
             return self.state(time_s).load_n
         return self.motion.at(time_s - self.t0_s).load_n
 
     def to_map(self) -> dict[str, Any]:
-        """Truth as plain data for JSON, on the caller's clock; slips as far as played."""
+        """Truth as plain data for JSON; slips as far as the scene has been played."""
         return {
             "scene": self.scene.name,
             "contact": self.scene.contact,
@@ -204,7 +204,7 @@ class Truth:
 
     @cached_property
     def _prescribed_slips(self) -> list[TrueSlip]:
-        """Longest spans of motion in one direction over one plate."""
+        """Longest times of motion in one direction over one plate."""
         edges = self.motion.segment_start_s
         middles = (edges[:-1] + edges[1:]) / 2
         state = self.motion.at(middles)
@@ -222,6 +222,6 @@ class Truth:
 
 
 def plain_slip(slip: TrueSlip) -> dict[str, Any]:
-    """A slip as plain data for JSON, which knows no infinity."""
+    """Slip as plain data for JSON, which has no infinity."""
     end_s = slip.end_s if np.isfinite(slip.end_s) else None
     return vars(slip) | {"surface": slip.surface.model_dump(), "end_s": end_s}

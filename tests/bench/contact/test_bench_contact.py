@@ -18,14 +18,14 @@ from bench.contact.score import (
     reference_ripple,
     sliding_errors,
 )
-from tactiled.emulator.scene.contact import RUNGS
+from tactiled.emulator.scene.contact import TAXEL_MODELS
 from tools.fem.reference import reference_names
 
 
 @pytest.mark.parametrize("name", GROOVED)
 @pytest.mark.parametrize("errors", [flat_errors, lambda name: sliding_errors(name, GROOVES)])
 def test_errors_are_as_provided(name: str, errors: Callable[[str], dict[str, float]]) -> None:
-    measured, provided = errors(name), RUNGS[name].provides
+    measured, provided = errors(name), TAXEL_MODELS[name].provides
     for need in set(measured) & set(provided):
         assert measured[need] <= provided[need]
 
@@ -33,7 +33,7 @@ def test_errors_are_as_provided(name: str, errors: Callable[[str], dict[str, flo
 @pytest.mark.parametrize("plate", [name for name in GROOVES if name in reference_names("coarse")])
 def test_ripple_over_grooves_is_as_provided(plate: str) -> None:
     true, own = reference_ripple("coarse", plate), model_ripple("compliance", plate)
-    ratio, provided = own.wave_n / true.wave_n, RUNGS["compliance"].provides
+    ratio, provided = own.wave_n / true.wave_n, TAXEL_MODELS["compliance"].provides
     assert np.abs(np.abs(ratio) - 1).max() <= provided["groove-ripple"]
     assert np.abs(np.angle(ratio)).max() / (2 * np.pi) <= provided["groove-phase"]
     assert own.correlation.min() > 0.95  # the whole run, as the aim is stated
@@ -48,7 +48,7 @@ def test_reference_compared_with_itself_is_perfect() -> None:
     np.testing.assert_allclose(true.correlation, 1.0)
 
 
-def test_findings_of_the_paper_that_do_come_out() -> None:
+def test_findings_of_the_paper_that_are_reproduced() -> None:
     by_period = [np.ptp(side_ripple(period_mm, 0)) for period_mm in (0.9, 1.2, 1.5)]
     assert by_period[0] < by_period[1] < by_period[2]
     assert np.ptp(side_ripple(1.2, 60)) < 0.5 * by_period[1]

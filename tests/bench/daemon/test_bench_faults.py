@@ -19,7 +19,7 @@ def scan(place: int, count: int, error_s: float = 0.0) -> ReceivedMessage:
 
 
 @given(lost=st.sets(st.integers(1, 58), max_size=9), error=st.floats(-2.5, 2.5), base=st.integers(0, 1000))
-def test_scans_that_never_came_are_found_whatever_the_instants_err(
+def test_lost_scans_are_found_under_any_error_of_the_instants(
     lost: set[int], error: float, base: int
 ) -> None:
     """One instant in three errs by up to some periods, as on a busy machine while a new clock fit settles."""
@@ -29,7 +29,7 @@ def test_scans_that_never_came_are_found_whatever_the_instants_err(
     assert lost_scans(taken_s, scans) == [taken_s[k] for k in sorted(lost)]
 
 
-def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
+def test_a_count_after_a_reboot_is_matched_by_instants() -> None:
     taken_s = [100 + k * PERIOD_S for k in range(60)]
     scans = [scan(k, k) for k in range(20)] + [scan(k, k - 10) for k in range(30, 60)]
     assert lost_scans(taken_s, scans) == taken_s[20:30]
@@ -38,7 +38,7 @@ def test_a_count_that_begins_anew_is_tied_to_the_instants() -> None:
 @pytest.mark.parametrize(
     "name", ["a bit flips", "the board misses 30 scans", "its sequence jumps", "unplugged while running"]
 )
-def test_a_fault_played_on_a_pty_costs_what_it_must_and_no_more(name: str, tmp_path: Path) -> None:
+def test_a_fault_on_a_pty_costs_the_scans_that_it_must(name: str, tmp_path: Path) -> None:
     (case,) = [case for case in CASES if case.name == name]
 
     async def play(case: FaultCase) -> tuple[FaultRecovery, list[float]]:

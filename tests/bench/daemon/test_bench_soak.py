@@ -46,7 +46,7 @@ def test_every_defect_misses_its_aim(result: SoakResult) -> None:
         assert name in missed(spoiled)
 
 
-def test_losses_in_a_run_are_told_from_losses_at_its_ends() -> None:
+def test_losses_within_a_run_and_at_its_ends_are_counted_separately() -> None:
     accounting = ScanAccounting(10.0, 1.0)
     for k in range(20):
         boot = 1 + k // 10

@@ -45,7 +45,7 @@ def scored(*events: list[SlipEvent]) -> dict[str, str]:
     return row("x", [ScenePlay(np.zeros((0, 36)), np.zeros(0), list(one), truth) for one in events])
 
 
-def test_errors_are_those_of_the_nearest_events_and_early_ones_count_as_said() -> None:
+def test_errors_are_those_of_the_nearest_events_and_early_ones_are_counted() -> None:
     found = scored([onset(-2.0, 90.0), onset(0.01, 1.5), end(-0.05)], [onset(-0.04, -3.0), end(1.0)])
     assert list(found.values()) == [
         "x", "3 / 2", "2", "-15 ± 25 ms", "10 ms", "1 of 2", "2.4 deg", "1.0 deg", "1 of 2", "1 of 2",
@@ -53,11 +53,11 @@ def test_errors_are_those_of_the_nearest_events_and_early_ones_count_as_said() -
     ]  # fmt: skip
 
 
-def test_a_direction_wraps() -> None:
+def test_direction_errors_wrap_at_180_degrees() -> None:
     assert scored([onset(0.0, 359.0)])["direction error (rms)"] == "1.0 deg"
 
 
-def test_nothing_said_is_nothing_right() -> None:
+def test_without_events_nothing_is_right() -> None:
     assert list(scored([]).values()) == [
         "x",
         "0 / 1",

@@ -27,7 +27,7 @@ from tactiled.array import load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.emulator.scene.families import QUIET
-from tactiled.emulator.scene.imposed import TaxelDrive
+from tactiled.emulator.scene.physical import ContactStepper
 from tactiled.errors import ContractError
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -50,14 +50,14 @@ def test_instants_of_a_slip_are_in_order(slide: PlayedScene) -> None:
 
 
 def test_a_scene_is_played_from_its_start_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun: list[TaxelDrive] = []
-    reset = TaxelDrive.reset
+    begun: list[ContactStepper] = []
+    reset = ContactStepper.reset
 
-    def counted(source: TaxelDrive) -> None:
+    def counted(source: ContactStepper) -> None:
         begun.append(source)
         reset(source)
 
-    monkeypatch.setattr(TaxelDrive, "reset", counted)
+    monkeypatch.setattr(ContactStepper, "reset", counted)
     held = play("inclined-load", QUIET["inclined-load"], 1)
     assert held.duration_s > 4.0  # longer than a contact model keeps
     assert len(begun) <= 2  # where it is made

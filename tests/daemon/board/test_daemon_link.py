@@ -26,8 +26,8 @@ from tactiled.daemon.service import Service
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.emulator.shell import Emulator
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board

@@ -112,7 +112,7 @@ def test_any_chunking_gives_the_same_counts() -> None:
     np.testing.assert_array_equal(whole, np.concatenate(single[::-1]))
 
 
-def test_dead_channels_read_nothing_and_must_exist() -> None:
+def test_dead_channels_read_zero_and_must_exist() -> None:
     scene = load_scene("prescribed").with_changes(electronics={"dead_channels": [5], "noise_v": 0.0})
     counts = sensor(scene).counts(0, at_rate(4.0, 4.1))
     assert np.all(counts[:, 5] == 0)

@@ -25,10 +25,10 @@ def taxel_v(params: ElectronicsParams, side_n: FloatArray) -> FloatArray:
 
 
 def pressed_n(load_n: float, way_mm: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, float]:
-    """Forces on R1..R4 of a taxel that is pressed and then moved, and friction, on rung `lumped`."""
-    rung, load = Lumped(Surface(0.6), AZIMUTH, 1), np.array([load_n])
-    rung.step("force", load, np.zeros((1, 2)), 0.01)
-    felt = rung.step("force", load, np.array([way_mm]), 0.01)
+    """Forces on R1..R4 of a taxel that is pressed and then moved, and friction, on contact model `lumped`."""
+    model, load = Lumped(Surface(0.6), AZIMUTH, 1), np.array([load_n])
+    model.step("force", load, np.zeros((1, 2)), 0.01)
+    felt = model.step("force", load, np.array([way_mm]), 0.01)
     return felt.side_n[0], float(np.linalg.norm(felt.tangential_n))
 
 
@@ -79,7 +79,7 @@ def test_the_rubber_stays_above_500_kiloohm_per_newton() -> None:
 
 
 @given(st.floats(0.05, 0.4), st.floats(0.1, 0.9), st.floats(0.2, 0.45))
-def test_calibration_meets_what_it_is_given(first: float, part: float, shear: float) -> None:
+def test_calibration_gives_the_wanted_sensitivities(first: float, part: float, shear: float) -> None:
     params = calibrate((first, part * first), (shear * first, shear * first))
     volts = [float(taxel_v(params, pressed_n(n)[0]).mean()) for n in (6.0, 15.0)]
     assert volts[0] / 6 == pytest.approx(first, rel=1e-3)

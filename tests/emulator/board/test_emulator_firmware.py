@@ -155,7 +155,7 @@ def test_a_ping_is_answered_after_its_time_on_the_line_with_the_tick_of_that_ins
         assert 0 <= at * 1e6 - answer.ticks <= 1
 
 
-def test_identify_says_hello_also_while_running() -> None:
+def test_identify_sends_hello_also_while_running() -> None:
     bench = Bench()
     bench.ask(0.7, "start", 1)
     bench.until(1.0)
@@ -166,7 +166,7 @@ def test_identify_says_hello_also_while_running() -> None:
     assert next(f for f in frames if isinstance(f, Hello)).streaming
 
 
-def test_identify_repeated_says_hello_again() -> None:
+def test_a_repeated_identify_sends_hello_again() -> None:
     bench = Bench()
     bench.until(0.5)
     for _ in range(2):
@@ -183,7 +183,7 @@ def test_stop_while_idle_changes_nothing() -> None:
     assert bench.hello_s == pytest.approx([0.05, 1.05, 2.05, 3.05])
 
 
-def test_a_repeated_token_is_answered_the_same_and_not_done_again() -> None:
+def test_a_repeated_token_gets_the_same_answer_and_is_not_carried_out_again() -> None:
     bench = Bench(drift_ppm=0.0)
     bench.ask(0.5, "start", 10)
     assert bench.ask(0.904, "start", 10).result == "ok"
@@ -217,7 +217,7 @@ def test_rate_is_limited_by_the_sampling_of_a_scan() -> None:
     assert bench.ask(0.6, "set_rate", 2, 115.0).result == "bad_argument"
 
 
-def test_a_new_rate_holds_at_once_and_is_said() -> None:
+def test_a_new_rate_takes_effect_at_once_and_is_in_the_hello() -> None:
     bench = Bench(drift_ppm=0.0)
     bench.ask(0.5, "start", 1)
     bench.ask(1.0, "set_rate", 2, 20.0)
@@ -236,7 +236,7 @@ def test_a_power_up_rate_that_does_not_fit_is_refused() -> None:
         Bench(rate_hz=200.0)
 
 
-def test_an_unknown_command_is_refused_and_noise_is_not_heard() -> None:
+def test_an_unknown_command_is_refused_and_noise_is_ignored() -> None:
     bench = Bench()
     bench.until(0.5)
     bench.board.receive(b"\x05hello\0\xff\xff\0" + bytes(range(200)), ORIGIN_S + 0.6)
@@ -253,7 +253,7 @@ def test_an_unknown_command_is_refused_and_noise_is_not_heard() -> None:
     assert bench.until(0.7) == [Acknowledge(77, "0x7e", "unknown_command", 700021)]
 
 
-def test_commands_during_boot_are_not_heard() -> None:
+def test_commands_during_boot_are_ignored() -> None:
     bench = Bench()
     bench.board.receive(Encoder(V1).encode(Command("start", 1)), ORIGIN_S + BOOT_S / 2)
     assert kinds(bench.until(0.5)) == ["Hello"]
@@ -324,7 +324,7 @@ def test_missed_scans_are_counted_and_flagged() -> None:
     assert sorted(s.sequence for s in bench.scans if s.sent)[-len(scans) :] == [s.sequence for s in scans]
 
 
-def test_reboot_begins_anew_but_not_the_scene() -> None:
+def test_reboot_resets_the_board_but_not_the_scene() -> None:
     bench = Bench(boot_count=65535, start_sequence=500, start_ticks=10**6)
     first = bench.until(0.1)[0]
     assert isinstance(first, Hello)

@@ -43,7 +43,7 @@ def test_frames_queue_on_a_busy_line() -> None:
     assert arrived == pytest.approx([5.0 + 85 * BYTE_S, 5.0 + 170 * BYTE_S])
 
 
-def test_a_bunching_adapter_hands_over_at_its_own_ticks() -> None:
+def test_a_bunching_adapter_delivers_at_multiples_of_its_timer() -> None:
     made = line(bunch_s=0.016, adapter_ppm=1000.0)
     for k in range(300):
         made.send(0.01 * k, FRAME)
@@ -59,7 +59,7 @@ def test_a_bunching_adapter_hands_over_at_its_own_ticks() -> None:
     assert waited.max() < 0.016
 
 
-def test_a_stall_holds_everything_back_and_then_lets_it_go_at_once() -> None:
+def test_after_a_stall_all_bytes_arrive_at_once() -> None:
     made = line()
     for k in range(20):
         made.send(0.01 * k, FRAME)
@@ -106,7 +106,7 @@ def test_flips_change_one_bit_each() -> None:
     assert int(changed.reshape(400, 85).any(axis=1).sum()) == counts.frames_damaged
 
 
-def test_armed_faults_fall_on_the_next_frame_only() -> None:
+def test_armed_faults_change_the_next_frame_only() -> None:
     counts = FaultCounts()
     made = CableModel(115200, FaultParams(burst_bytes=100), 3, counts)
     arrived: list[bytes] = []
@@ -144,7 +144,7 @@ def test_any_polling_gives_the_same_bytes_at_the_same_instants(steps: list[float
     assert run(polls) == run([polls[-1]])
 
 
-def test_a_plan_keeps_order_rate_and_seed() -> None:
+def test_planned_faults_are_in_order_at_their_rate_and_reproducible() -> None:
     params = FaultParams.model_validate(
         {"stall_per_s": 0.5, "reboot_per_s": 0.1, "at": [{"kind": "unplug", "at_s": 33.0}]}
     )

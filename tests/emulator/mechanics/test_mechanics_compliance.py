@@ -1,4 +1,4 @@
-"""Rung compliance: equilibrium and Coulomb's law at every node, finite elements as witness, the extremes."""
+"""Contact model compliance: equilibrium and Coulomb's law at every node, finite elements, extremes."""
 
 import numpy as np
 import pytest
@@ -21,18 +21,18 @@ def at(x_mm: float, y_mm: float = 0.0) -> FloatArray:
     return np.array([[x_mm, y_mm]])
 
 
-def press(rung: Compliance, load_n: float, steps: int = 8) -> TaxelForces:
+def press(model: Compliance, load_n: float, steps: int = 8) -> TaxelForces:
     for k in range(1, steps + 1):
-        felt = rung.step("force", np.array([load_n * k / steps]), at(0.0), 0.01)
+        felt = model.step("force", np.array([load_n * k / steps]), at(0.0), 0.01)
     return felt
 
 
 def replay(reference: ReferenceRun, readout: str = "half") -> dict[str, FloatArray]:
     columns = reference.columns
-    rung = Compliance(reference.surface, AZIMUTH, 1, readout="half" if readout == "half" else "edge")
+    model = Compliance(reference.surface, AZIMUTH, 1, readout="half" if readout == "half" else "edge")
     base = np.stack([columns["travel_x_mm"], columns["travel_y_mm"]], axis=-1)
     felt = [
-        rung.step("force", columns["normal_n"][k : k + 1], base[k : k + 1], 0.01) for k in range(len(base))
+        model.step("force", columns["normal_n"][k : k + 1], base[k : k + 1], 0.01) for k in range(len(base))
     ]
     return {name: np.array([vars(one)[name][0] for one in felt]) for name in vars(felt[0])}
 
@@ -103,11 +103,11 @@ moves = st.lists(
 def test_any_plate_and_any_move_give_finite_forces_inside_coulombs_cone(
     surface: Surface, steps: list[tuple[float, float, float]]
 ) -> None:
-    rung = Compliance(surface, AZIMUTH, 1)
+    model = Compliance(surface, AZIMUTH, 1)
     place = at(0.0)
     for load_n, dx, dy in steps:
         place = place + np.array([[dx, dy]])
-        felt = rung.step("force", np.array([load_n]), place, 0.01)
+        felt = model.step("force", np.array([load_n]), place, 0.01)
         assert all(np.isfinite(values).all() for values in vars(felt).values())
         if felt.warnings[0] & NOT_CONVERGED:
             assert surface.friction > 1  # jammed between ridges: flagged, never hidden
@@ -151,9 +151,11 @@ def test_the_laws_hold_at_every_node() -> None:
 def test_a_mirrored_slide_gives_mirrored_forces() -> None:
     felt = []
     for sign in (1, -1):
-        rung = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 1, readout="half")
-        press(rung, LOAD_N)
-        felt.append([rung.step("force", np.array([LOAD_N]), at(sign * 0.02 * k), 0.01) for k in range(1, 31)])
+        model = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 1, readout="half")
+        press(model, LOAD_N)
+        felt.append(
+            [model.step("force", np.array([LOAD_N]), at(sign * 0.02 * k), 0.01) for k in range(1, 31)]
+        )
     for there, back in zip(*felt, strict=True):
         np.testing.assert_allclose(there.side_n[0, [0, 2]], back.side_n[0, [2, 0]], atol=3e-4)
         np.testing.assert_allclose(there.tangential_n[0, 0], -back.tangential_n[0, 0], atol=3e-4)
@@ -164,10 +166,10 @@ def test_finer_steps_converge(depth_mm: float) -> None:
     """Steps of 10 ms, 1 ms and 0.1 ms at 3 mm/s; the finest stands for the truth."""
     ends = []
     for count in (10, 100, 1000):
-        rung = Compliance(Surface(0.6, 1.2, 20.0, depth_mm), AZIMUTH, 1)
-        press(rung, LOAD_N)
+        model = Compliance(Surface(0.6, 1.2, 20.0, depth_mm), AZIMUTH, 1)
+        press(model, LOAD_N)
         for k in range(1, count + 1):
-            felt = rung.step("force", np.array([LOAD_N]), at(0.3 * k / count), 0.1 / count)
+            felt = model.step("force", np.array([LOAD_N]), at(0.3 * k / count), 0.1 / count)
         ends.append(np.concatenate([felt.side_n[0], felt.tangential_n[0]]))
     coarse, fine = np.abs(ends[0] - ends[2]).max(), np.abs(ends[1] - ends[2]).max()
     assert coarse < 0.02  # newtons, of 1 N of friction
@@ -175,20 +177,20 @@ def test_finer_steps_converge(depth_mm: float) -> None:
 
 
 def test_microsecond_steps_and_standstill_change_nothing() -> None:
-    rung = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
+    model = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
     load, place = np.full(2, LOAD_N), np.zeros((2, 2))
-    before = rung.step("force", load, place, 0.01)
+    before = model.step("force", load, place, 0.01)
     for k in range(1, 101):
-        after = rung.step("force", load, place + 1e-8 * k, 1e-5)
+        after = model.step("force", load, place + 1e-8 * k, 1e-5)
     np.testing.assert_allclose(after.side_n, before.side_n, atol=1e-4)
-    still = rung.step("force", load, place + 1e-6, 1e-5)
+    still = model.step("force", load, place + 1e-6, 1e-5)
     np.testing.assert_array_equal(still.side_n, after.side_n)
 
 
 def test_a_jump_over_many_periods_takes_bounded_work_and_ends_sliding() -> None:
-    rung = Compliance(Surface(0.6, 0.9, 0.0, 0.1), AZIMUTH, 1)
-    press(rung, LOAD_N)
-    far = rung.step("force", np.array([LOAD_N]), at(1000.0), 0.01)
+    model = Compliance(Surface(0.6, 0.9, 0.0, 0.1), AZIMUTH, 1)
+    press(model, LOAD_N)
+    far = model.step("force", np.array([LOAD_N]), at(1000.0), 0.01)
     near = Compliance(Surface(0.6, 0.9, 0.0, 0.1), AZIMUTH, 1)
     press(near, LOAD_N)
     for k in range(1, 101):
@@ -196,21 +198,21 @@ def test_a_jump_over_many_periods_takes_bounded_work_and_ends_sliding() -> None:
     np.testing.assert_allclose(far.side_n, slow.side_n, atol=5e-3)
 
 
-def test_contact_lost_and_found_again_remembers_nothing() -> None:
+def test_contact_after_a_loss_has_no_history() -> None:
     surface = Surface(0.6)
-    rung = Compliance(surface, AZIMUTH, 1)
-    press(rung, LOAD_N)
+    model = Compliance(surface, AZIMUTH, 1)
+    press(model, LOAD_N)
     for k in range(1, 21):
-        rung.step("force", np.array([LOAD_N]), at(0.02 * k), 0.01)
-    lifted = rung.step("force", np.array([0.0]), at(0.4), 0.01)
+        model.step("force", np.array([LOAD_N]), at(0.02 * k), 0.01)
+    lifted = model.step("force", np.array([0.0]), at(0.4), 0.01)
     assert not lifted.side_n.any()
     assert not lifted.tangential_n.any()
-    again = rung.step("force", np.array([LOAD_N]), at(0.4), 0.01)
+    again = model.step("force", np.array([LOAD_N]), at(0.4), 0.01)
     fresh = Compliance(surface, AZIMUTH, 1).step("force", np.array([LOAD_N]), at(0.0), 0.01)
     np.testing.assert_allclose(again.side_n, fresh.side_n, atol=1e-6)
 
 
-def test_held_displacement_gives_the_load_that_asks_for_it() -> None:
+def test_an_imposed_indentation_gives_the_load_that_causes_it() -> None:
     by_force = Compliance(Surface(0.6), AZIMUTH, 1)
     pressed = press(by_force, 1.0)
     by_depth = Compliance(Surface(0.6), AZIMUTH, 1)
@@ -223,16 +225,16 @@ def test_held_displacement_gives_the_load_that_asks_for_it() -> None:
 
 
 def test_reset_is_new() -> None:
-    rung = Compliance(Surface(0.6), AZIMUTH, 1)
-    first = press(rung, LOAD_N)
-    rung.step("force", np.array([LOAD_N]), at(0.3), 0.01)
-    rung.reset()
-    np.testing.assert_array_equal(press(rung, LOAD_N).side_n, first.side_n)
+    model = Compliance(Surface(0.6), AZIMUTH, 1)
+    first = press(model, LOAD_N)
+    model.step("force", np.array([LOAD_N]), at(0.3), 0.01)
+    model.reset()
+    np.testing.assert_array_equal(press(model, LOAD_N).side_n, first.side_n)
 
 
-def test_areas_at_other_azimuths_interpolate_round_the_chip() -> None:
-    rung = Compliance(Surface(0.6), np.array([0.0, 45.0, 90.0, 360.0]), 1)
-    felt = press(rung, LOAD_N)
+def test_areas_at_other_azimuths_are_interpolated() -> None:
+    model = Compliance(Surface(0.6), np.array([0.0, 45.0, 90.0, 360.0]), 1)
+    felt = press(model, LOAD_N)
     np.testing.assert_allclose(felt.side_n[0], felt.side_n[0, 0], rtol=1e-3)
 
 

@@ -29,7 +29,7 @@ def noisy(rubber: Yeoh, seed: int) -> YeohFit:
 
 @pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
 @pytest.mark.parametrize(("header", "offset"), [("strain,stress_mpa", 1.0), ("stretch,stress_mpa", 0.0)])
-def test_table_1_comes_back_from_a_file(tmp_path: Path, rubber: Yeoh, header: str, offset: float) -> None:
+def test_fit_recovers_table_1_from_a_file(tmp_path: Path, rubber: Yeoh, header: str, offset: float) -> None:
     path = table(
         tmp_path / "curve.csv", header, COMPRESSION - offset, rubber.uniaxial(COMPRESSION).stress_mpa
     )
@@ -39,7 +39,7 @@ def test_table_1_comes_back_from_a_file(tmp_path: Path, rubber: Yeoh, header: st
 
 
 @pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
-def test_intervals_cover_what_they_say(rubber: Yeoh) -> None:
+def test_intervals_have_their_coverage(rubber: Yeoh) -> None:
     trials, truth = 600, np.array([rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa])
     fits = [noisy(rubber, seed) for seed in range(trials)]
     low, high = np.array([f.low_mpa for f in fits]), np.array([f.high_mpa for f in fits])
@@ -73,7 +73,7 @@ def test_fit_is_the_least_squares_one() -> None:
         assert squares(np.array(fit.c_mpa) + nudge) > best
 
 
-def test_measured_beyond_the_stable_range_is_said() -> None:
+def test_measurements_beyond_the_stable_range_are_reported() -> None:
     stretch = np.linspace(0.3, 2.2, 60)
     x = stretch**2 + 2 / stretch - 3
     stress = 2 * (stretch - stretch**-2) * (RUBBER.c1_mpa + 2 * RUBBER.c2_mpa * x + 3 * RUBBER.c3_mpa * x**2)
@@ -116,7 +116,7 @@ def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_pa
         ("strain,stress_mpa\n-0.1,0.3\n-0.2,0.7\n-0.3,1.2\n-0.4,2\n-0.5,4\n", "is compression negative"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, text: str, complaint: str) -> None:
+def test_faults_of_a_file_are_named(tmp_path: Path, text: str, complaint: str) -> None:
     path = tmp_path / "curve.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DataError, match=complaint) as caught:
@@ -124,6 +124,6 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, complaint: str) -> No
     assert str(caught.value).startswith(str(path))
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"nowhere\.csv: cannot be read"):
         fit_material_file(tmp_path / "nowhere.csv")

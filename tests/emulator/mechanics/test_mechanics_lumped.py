@@ -1,4 +1,4 @@
-"""Rung lumped: laws of dry friction, and finite elements as the reference."""
+"""Contact model lumped: laws of dry friction, and finite elements as the reference."""
 
 import itertools
 import json
@@ -84,7 +84,7 @@ def test_load_curve_follows_finite_elements() -> None:
     np.testing.assert_allclose(indentation_mm(load_n(fem["approach_mm"])), fem["approach_mm"])
 
 
-def test_edge_areas_change_by_all_they_have() -> None:
+def test_edge_areas_change_by_their_whole_force() -> None:
     felt = run(Surface(0.6), line(1.0))
     r1, r2, r3, r4 = (felt.side_n[-1, 0] / felt.side_n[0, 0] - 1).tolist()
     assert r1 > 0.95
@@ -107,7 +107,7 @@ def test_friction_opposes_a_slide_in_any_direction(direction_deg: float, frictio
     st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0, 4)), min_size=2, max_size=30)
 )
 @settings(max_examples=30, deadline=None)
-def test_friction_never_exceeds_its_cone_whatever_happens(path: list[tuple[float, float, float]]) -> None:
+def test_friction_stays_within_its_cone(path: list[tuple[float, float, float]]) -> None:
     steps = np.array(path)
     felt = run(Surface(0.7), np.cumsum(steps[:, 0] + 1j * steps[:, 1]), steps[:, 2])
     size = np.linalg.norm(felt.tangential_n[:, 0], axis=-1)
@@ -160,14 +160,14 @@ def test_a_held_load_that_comes_obliquely_does_not_slip(degrees: float) -> None:
     assert not [slip for slip in truth.episodes if slip.end_s is None or slip.end_s > 0.1]
 
 
-def test_friction_does_no_work_on_a_closed_path_but_loses_it() -> None:
+def test_friction_dissipates_on_a_closed_path() -> None:
     way = 0.15 * np.sin(np.linspace(0, 8 * np.pi, 1000))
     felt = run(Surface(0.6), way + 0j)
     loss = -np.sum(0.5 * (felt.tangential_n[1:, 0, 0] + felt.tangential_n[:-1, 0, 0]) * np.diff(way))
     assert loss > 0.01
 
 
-def test_hum_below_the_limit_closes_its_loops() -> None:
+def test_vibration_below_the_limit_gives_closed_loops() -> None:
     # Dahl's and LuGre's laws creep here. A shear of half the limit, then thousands of cycles of 5 um.
     cycles = 0.06 + 0.005 * np.sin(2 * np.pi * np.arange(100_000) / 10)
     felt = run(Surface(0.6), np.concatenate([line(0.06), cycles]))
@@ -200,7 +200,7 @@ def test_results_converge_in_the_step() -> None:
     assert errors[2] < errors[1] < errors[0]
 
 
-def test_contact_lost_and_regained_within_a_step_begins_anew() -> None:
+def test_contact_lost_and_regained_within_a_step_has_no_history() -> None:
     load = np.array([HOLD_N] * 50 + [0.0] + [HOLD_N] * 2)
     way = np.concatenate([line(0.5, 50), [0.5, 0.5, 0.5]])
     felt = run(Surface(0.6), way, load)
@@ -227,7 +227,7 @@ def test_extremes_of_friction_and_load() -> None:
     assert np.isfinite(deep.side_n).all()
 
 
-def test_standing_still_is_stick_and_reversing_goes_through_it() -> None:
+def test_rest_sticks_and_a_reversal_passes_through_sticking() -> None:
     way = np.concatenate([line(0.6), np.full(5, 0.6), 0.6 - line(0.7)])
     felt = run(Surface(0.6), way)
     assert felt.slipping[199, 0] == 1.0
@@ -256,7 +256,7 @@ def test_friction_falls_from_rest_to_motion() -> None:
     assert slid(100.0) == pytest.approx(0.5)
 
 
-def test_one_by_one_is_the_same_as_together() -> None:
+def test_single_steps_equal_steps_at_once() -> None:
     rng = np.random.default_rng(1)
     value, base = rng.uniform(0, 3, (40, 9)), rng.normal(0, 0.1, (40, 9, 2)).cumsum(axis=0)
     together = play(Lumped(Surface(0.6), SIDES, 9), "force", value, base, DT_S)

@@ -62,7 +62,7 @@ def test_small_strain_is_linear_elasticity() -> None:
     [(RUBBER, (0.375, 2.08), (0.358, 2.01)), (PDMS, (0.295, 2.40), (0.281, 2.35))],
     ids=["rubber", "PDMS"],
 )
-def test_stable_range_is_the_one_found_before(
+def test_stable_range_is_the_known_one(
     rubber: Yeoh, elliptic: tuple[float, float], rising: tuple[float, float]
 ) -> None:
     # Found before on a grid: its last digit is as far as it goes.
@@ -86,7 +86,7 @@ def smallest_ellipticity(slope: float, curvature: float, stretches: FloatArray) 
 
 
 @pytest.mark.parametrize("rubber", [RUBBER, PDMS], ids=["rubber", "PDMS"])
-def test_ellipticity_is_lost_where_brute_force_over_directions_says(rubber: Yeoh) -> None:
+def test_ellipticity_is_lost_where_a_search_over_directions_finds_it(rubber: Yeoh) -> None:
     def margin(stretch: float) -> float:
         x = stretch**2 + 2 / stretch - 3
         slope = rubber.c1_mpa + 2 * rubber.c2_mpa * x + 3 * rubber.c3_mpa * x**2
@@ -136,7 +136,7 @@ def test_extremes_give_rising_finite_stress(c: tuple[float, float, float]) -> No
 
 
 @pytest.mark.parametrize("rubber", [RUBBER, PDMS], ids=["rubber", "PDMS"])
-def test_the_continuation_says_so_and_joins_without_a_step(rubber: Yeoh) -> None:
+def test_the_continuation_is_flagged_and_joins_without_a_step(rubber: Yeoh) -> None:
     assert rubber.uniaxial([0.1, 3.0]).continued.tolist() == [True, True]
     assert not rubber.uniaxial([0.77, 1.3]).continued.any()
     limit = rubber.excess_limit
@@ -146,7 +146,7 @@ def test_the_continuation_says_so_and_joins_without_a_step(rubber: Yeoh) -> None
 
 
 @pytest.mark.parametrize("stretch", [0.0, -0.5, float("nan"), float("inf")])
-def test_no_stretch_at_all_is_refused(stretch: float) -> None:
+def test_stretches_that_are_not_positive_are_refused(stretch: float) -> None:
     for material in (RUBBER, PET):
         with pytest.raises(ContractError, match="stretch"):
             material.uniaxial([1.0, stretch])

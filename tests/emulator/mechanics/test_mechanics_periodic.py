@@ -1,4 +1,4 @@
-"""Rung periodic: its parent's ripple at a fraction of the cost, at any load, place and direction."""
+"""Contact model periodic: its parent's ripple at a fraction of the cost, at any load, place and direction."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def ripple(values: FloatArray, base: FloatArray, surface: Surface) -> NDArray[np
         (Surface(0.6, 1.5, 0.0, 0.1), 1.9, 180.0),
     ],
 )
-def test_ripple_is_the_parents(surface: Surface, load_n: float, direction_deg: float) -> None:
+def test_ripple_is_that_of_compliance(surface: Surface, load_n: float, direction_deg: float) -> None:
     load, base = protocol(load_n, direction_deg)
     own = play(Periodic(surface, AZIMUTH, 2, readout="half"), "force", load, base, 0.01)
     parent = play(Compliance(surface, AZIMUTH, 2, readout="half"), "force", load, base, 0.01)
@@ -62,8 +62,8 @@ def test_chunking_changes_nothing() -> None:
     surface = Surface(0.6, 1.2, 0.0, 0.1)
     load, base = protocol(LOAD_N)
     whole = play(Periodic(surface, AZIMUTH, 2), "force", load, base, 0.01)
-    rung = Periodic(surface, AZIMUTH, 2)
-    parts = [rung.step("force", load[k], base[k], 0.01) for k in range(len(load))]
+    model = Periodic(surface, AZIMUTH, 2)
+    parts = [model.step("force", load[k], base[k], 0.01) for k in range(len(load))]
     for name, values in vars(whole).items():
         np.testing.assert_array_equal(np.array([vars(part)[name] for part in parts]), values)
 
@@ -73,12 +73,12 @@ def everything_finite(felt: TaxelForces) -> bool:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
-def test_loads_from_nothing_to_overload_and_any_course_are_finite(friction: float) -> None:
+def test_forces_are_finite_at_any_load_and_direction(friction: float) -> None:
     load = np.array([0.0, 1e-9, 1e-3, 0.05, 1.0, 1.0, 1.0, 1.0, 0.0, 20.0, 1.0, 1.0])[:, None]
     x = np.array([0, 0, 0, 0, 0, 0.5, 0.5, 0.2, 0.2, 0.2, 0.2, 50.2])
     y = np.array([0, 0, 0, 0, 0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
-    rung = Periodic(Surface(friction, 1.2, 0.0, 0.1), AZIMUTH, 1)
-    felt = rung.run("force", load, np.stack([x, y], axis=-1)[:, None], 0.01)
+    model = Periodic(Surface(friction, 1.2, 0.0, 0.1), AZIMUTH, 1)
+    felt = model.run("force", load, np.stack([x, y], axis=-1)[:, None], 0.01)
     assert everything_finite(felt)
     assert not felt.side_n[[0, 8]].any()
     assert (felt.side_n >= 0).all()
@@ -94,7 +94,7 @@ def test_a_flat_plate_and_a_slide_along_the_grooves_have_no_ripple() -> None:
 
 def test_reset_is_new() -> None:
     load, base = protocol(LOAD_N)
-    rung = Periodic(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
-    first = rung.run("force", load, base, 0.01)
-    rung.reset()
-    np.testing.assert_array_equal(rung.run("force", load, base, 0.01).side_n, first.side_n)
+    model = Periodic(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
+    first = model.run("force", load, base, 0.01)
+    model.reset()
+    np.testing.assert_array_equal(model.run("force", load, base, 0.01).side_n, first.side_n)

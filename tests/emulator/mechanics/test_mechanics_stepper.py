@@ -46,19 +46,19 @@ def test_any_order_and_chunking_gives_the_same_bits(times: list[float], block: i
 
 @given(st.floats(0, 100))
 @settings(max_examples=40, deadline=None)
-def test_between_grid_points_it_is_a_straight_line(time_s: float) -> None:
+def test_rows_between_grid_points_are_interpolated_linearly(time_s: float) -> None:
     stepper = GridInterpolator(Walk(), step_s=STEP_S, block=16)
     grid = STEP_S * np.arange(len(PATH))
     expected = [np.interp(time_s, grid, PATH[:, k]) for k in range(3)]
     np.testing.assert_allclose(stepper.at(np.array([time_s]), slice(None))[0], expected, rtol=1e-7, atol=1e-7)
 
 
-def test_before_the_beginning_it_is_the_beginning() -> None:
+def test_rows_before_time_0_are_those_of_time_0() -> None:
     rows = GridInterpolator(Walk(), step_s=STEP_S).at(np.array([-5.0, 0.0]), slice(None))
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
-def test_memory_is_bounded_and_the_far_past_is_played_again() -> None:
+def test_memory_is_bounded_and_the_far_past_is_computed_again() -> None:
     source = Walk()
     stepper = GridInterpolator(source, step_s=STEP_S)
     early = stepper.at(np.array([0.5]), slice(None))
@@ -71,7 +71,7 @@ def test_memory_is_bounded_and_the_far_past_is_played_again() -> None:
 
 
 @pytest.mark.parametrize("block", [1, 12])
-def test_no_more_is_played_than_asked_for(block: int) -> None:
+def test_no_more_blocks_are_computed_than_needed(block: int) -> None:
     stepper = GridInterpolator(Walk(), step_s=STEP_S, block=block)
     for time_s in (0.2, 0.5, 3.0):
         stepper.at(np.array([time_s]), slice(None))

@@ -21,7 +21,7 @@ def truth(force_n: float, *phases: dict[str, Any], **rest: Any) -> Truth:
     return Truth(Scene.model_validate(scene))
 
 
-def test_limits_are_those_of_the_references_and_no_material_was_continued_in_them() -> None:
+def test_load_limits_are_those_of_the_references_without_continued_materials() -> None:
     pressed: list[float] = []
     sheared: list[float] = []
     for path in shipped("config", "contact").glob("fem-*.json"):
@@ -33,7 +33,7 @@ def test_limits_are_those_of_the_references_and_no_material_was_continued_in_the
     assert max(sheared) == pytest.approx(SHEARED_REFERENCE_N, abs=0.01)
 
 
-def test_more_than_any_reference_is_flagged_when_it_comes() -> None:
+def test_more_load_than_in_any_reference_is_flagged_at_its_instant() -> None:
     assert truth(2.4, SLIDE).warnings == {}
     assert truth(3.9, HOLD).warnings == {}
     pressed = truth(8.0, HOLD).warnings

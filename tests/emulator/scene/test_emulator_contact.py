@@ -1,4 +1,4 @@
-"""The prescribed rung: the signs and phases of the geometry, derived in another way; the paper's findings."""
+"""Contact model signal: signs and phases of the geometry, derived in another way; the paper's findings."""
 
 import cmath
 
@@ -81,7 +81,7 @@ def test_taxels_of_larger_y_see_each_ridge_earlier() -> None:
     assert peaks[0] - peaks[1] == pytest.approx(3.5 * np.tan(np.deg2rad(30.0)), abs=0.01)
 
 
-def test_the_pattern_stands_still_with_the_skin() -> None:
+def test_the_pattern_is_constant_while_the_skin_rests() -> None:
     ripple = taxel_ripple(grooves(1.2, 30.0), [PRESS, HOLD], [0.5, 1.0, 1.7])
     assert np.ptp(ripple, axis=0).max() < 1e-12
     assert np.ptp(ripple[0]) > 0.01
@@ -144,6 +144,6 @@ def test_shear_channels_carry_friction_with_the_sign_of_motion() -> None:
         assert slid[kinds == "shear_y"].sum() == pytest.approx(18.0 * 0.6 * y_sign, abs=1e-9)
 
 
-def test_without_friction_a_slide_leaves_no_trace_on_a_flat_plate() -> None:
+def test_without_friction_a_slide_on_a_flat_plate_changes_nothing() -> None:
     slid = forces([PRESS, HOLD, slide()], [1.9, 5.0], surface={"kind": "flat", "friction": 0.0})
     np.testing.assert_allclose(slid[0], slid[1])

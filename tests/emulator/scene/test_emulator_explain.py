@@ -1,4 +1,4 @@
-"""What a scene's contact model is said to be is what plays it, or the same refusal."""
+"""Explanation of the contact model of a scene, or the same refusal as for playing it."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 
 
-def test_a_rung_that_cannot_play_the_scene_is_refused_and_not_explained() -> None:
+def test_explain_refuses_a_contact_model_that_cannot_play_the_scene() -> None:
     grooved = load_scene("demo").with_changes(
         contact="lumped", needs=[], surface={"kind": "grooves", "period_mm": 1.2}
     )
@@ -17,9 +17,9 @@ def test_a_rung_that_cannot_play_the_scene_is_refused_and_not_explained() -> Non
         explain(grooved)
 
 
-def test_a_rung_that_can_is_explained() -> None:
+def test_explain_names_the_contact_model_of_the_scene() -> None:
     words = explain(load_scene("grasp").with_changes(contact="lumped"))
-    assert words.startswith("contact: lumped\n  the scene says so\n  not modelled: ")
+    assert words.startswith("contact: lumped\n  named by the scene\n  not modelled: ")
 
 
 GROOVES = {"kind": "grooves", "period_mm": 1.2}
@@ -39,7 +39,7 @@ def test_a_held_object_on_grooves_is_for_simulated_time_alone(contact: str) -> N
     assert "contact: lumped" in explain_in_real_time(flat, load_array(flat.array))
 
 
-def test_in_real_time_it_is_said_what_one_waits_for() -> None:
+def test_explain_in_real_time_names_slow_contact_models() -> None:
     shipped = load_scene("demo")
     array = load_array(shipped.array)
     assert explain_in_real_time(shipped, array) == f"{explain(shipped)}\n  in real time: as it is"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactiled.emulator.scene.contact import choose_rung
+from tactiled.emulator.scene.contact import choose_model
 from tactiled.emulator.scene.families import FAMILIES, HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET, SLIPPING
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
@@ -17,7 +17,7 @@ SLIPS, STAYS = SLIPPING | HELD_OUT_SLIPPING, QUIET | HELD_OUT_QUIET
 
 def test_grooves_are_slid_over() -> None:
     scene = SLIPPING["grooves"](0)
-    assert choose_rung(scene).rung == "periodic"
+    assert choose_model(scene).name == "periodic"
     (slip,) = Truth(scene.with_changes(contact="signal", needs=[])).slips
     assert slip.surface == scene.surface
 
@@ -35,7 +35,7 @@ def test_slipping_families_slip(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STAYS)
-def test_quiet_families_never_slip_as_a_whole(name: str) -> None:
+def test_quiet_families_have_no_gross_slip(name: str) -> None:
     for seed in SEEDS:
         truth = Truth(STAYS[name](seed))
         assert truth.slips == [], seed
@@ -45,18 +45,18 @@ def test_quiet_families_never_slip_as_a_whole(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_seed_is_a_scene(name: str) -> None:
+def test_a_seed_gives_one_scene(name: str) -> None:
     family = FAMILIES[name]
     assert family(3) == family(3)
     assert family(3) != family(4)
     assert family(3).name == f"{name}-3"
 
 
-def test_families_do_not_share_their_luck() -> None:
+def test_families_draw_different_numbers() -> None:
     frictions = {family(0).surface.friction for family in FAMILIES.values()}
     assert len(frictions) == len(FAMILIES)
 
 
 @pytest.mark.parametrize("name", FLAT)
-def test_flat_families_run_on_the_cheapest_physical_rung(name: str) -> None:
-    assert choose_rung(FAMILIES[name](7)).rung == "lumped"
+def test_flat_families_run_on_the_cheapest_physical_contact_model(name: str) -> None:
+    assert choose_model(FAMILIES[name](7)).name == "lumped"

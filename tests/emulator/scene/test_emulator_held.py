@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from tactiled.array import load_array
 from tactiled.emulator.control import ControlLines, control_link
 from tactiled.emulator.line.links import PtyLink
+from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
-from tactiled.emulator.shell import Emulator
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Encoder
@@ -62,7 +62,7 @@ def test_below_the_limit_friction_balances_the_load(
     assert truth.slips == []
 
 
-def test_beyond_the_limit_it_accelerates_as_newton_says() -> None:
+def test_beyond_the_limit_it_accelerates_by_newtons_law() -> None:
     scene = held(
         PRESS,
         load(9.0, 0.001),
@@ -74,7 +74,7 @@ def test_beyond_the_limit_it_accelerates_as_newton_says() -> None:
     assert acceleration == pytest.approx((9.0 - 6.0) / 2.0 * 1e3, rel=0.01)
 
 
-def test_a_grip_that_rises_in_time_keeps_the_object_and_one_that_does_not_loses_it() -> None:
+def test_an_early_grip_keeps_the_object_and_a_late_one_loses_it() -> None:
     scene = load_scene("grasp")
 
     def play(raise_grip: bool) -> Truth:
@@ -106,7 +106,7 @@ def test_the_same_commands_at_the_same_instants_give_the_same_bits() -> None:
     assert play() == play()
 
 
-def test_what_a_controller_said_is_played_again_with_the_past() -> None:
+def test_a_controllers_grips_are_repeated_when_the_past_is_computed_again() -> None:
     model = contact(held(PRESS, load(3.0), {"kind": "hold", "duration_s": 20.0}))
     for time_s in np.arange(0, 2, 0.01):
         if 0.99 < time_s < 1.01:
@@ -122,7 +122,7 @@ def test_what_a_controller_said_is_played_again_with_the_past() -> None:
     assert first.load_n[-1] == pytest.approx(18.0)
 
 
-def test_fingers_follow_no_faster_than_they_can() -> None:
+def test_grip_follows_at_its_rate() -> None:
     model = contact(
         held(PRESS, load(1.0), {"kind": "hold", "duration_s": 2.0}, held_object={"grip_rate_n_s": 20.0})
     )
@@ -141,7 +141,7 @@ def test_a_dragged_object_sticks_and_slips() -> None:
     assert 16.0 < truth.travel_mm(np.array([21.0]))[0, 0] < 20.0
 
 
-def test_an_object_let_go_has_fallen() -> None:
+def test_a_released_object_falls() -> None:
     scene = held(PRESS, load(3.0), {"kind": "lift", "duration_s": 0.5}, {"kind": "rest", "duration_s": 1.0})
     model = contact(scene)
     model.play_until(2.4)
@@ -160,12 +160,12 @@ def test_an_object_let_go_has_fallen() -> None:
         ([PRESS | {"surface": {"kind": "flat", "friction": 0.3}}], {}, "one surface"),
     ],
 )
-def test_impossible_holds_are_refused(phases: list[Any], rest: dict[str, Any], finding: str) -> None:
+def test_impossible_held_objects_are_refused(phases: list[Any], rest: dict[str, Any], finding: str) -> None:
     with pytest.raises(ValueError, match=finding):
         held(*phases, **rest)
 
 
-def test_grips_that_cannot_be_are_refused() -> None:
+def test_impossible_grips_are_refused() -> None:
     model = contact(held(PRESS))
     for force_n in (-1.0, float("nan"), float("inf"), 1e9):
         with pytest.raises(ConfigError, match="not a force from 0 to 2000 N"):
@@ -188,7 +188,7 @@ LINES = [
 ]
 
 
-def test_control_lines_answer_each_line_however_it_is_cut() -> None:
+def test_control_lines_answer_each_line_in_any_chunking() -> None:
     text = b"\n".join(LINES) + b"\n"
     lines = ControlLines(contact(held(PRESS, load(1.0))))
     whole = lines.receive(text, 0.3)

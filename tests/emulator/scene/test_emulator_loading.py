@@ -24,7 +24,7 @@ def sensor(**rest: Any) -> Sensor:
 
 
 @pytest.mark.parametrize("tau", [0.2, 20.0])
-def test_the_lag_solves_its_equation(tau: float) -> None:
+def test_the_creep_lag_solves_its_equation(tau: float) -> None:
     coarse = np.interp(np.arange(0, 2.5, 0.01), [0, 0.5, 1.2, 1.4, 2.0], [0, 9, 9, 0, 4])
     fine = np.interp(np.arange(0, 2.5, 1e-4), np.arange(0, 2.5, 0.01), coarse)
     stepped = np.zeros_like(fine)
@@ -36,7 +36,7 @@ def test_the_lag_solves_its_equation(tau: float) -> None:
 
 @given(st.lists(st.floats(0, 100), min_size=2, max_size=50), st.data())
 @settings(max_examples=50, deadline=None)
-def test_the_peak_is_the_largest_since_contact_however_it_is_cut(loads: list[float], data: Any) -> None:
+def test_the_peak_is_the_largest_load_since_contact_in_any_chunking(loads: list[float], data: Any) -> None:
     load_n = np.array(loads) * (np.array(loads) > 20)
     cut = data.draw(st.integers(1, len(loads) - 1))
     memory = LoadMemory(0.01, 1.0)
@@ -48,7 +48,7 @@ def test_the_peak_is_the_largest_since_contact_however_it_is_cut(loads: list[flo
 
 
 @pytest.mark.parametrize("contact", ["signal", "lumped"])
-def test_a_disturbance_of_the_load_creeps_in_and_is_a_peak(contact: str) -> None:
+def test_a_disturbance_of_the_load_enters_creep_and_peak(contact: str) -> None:
     extra = {"on": "load_n", "shape": "pulse", "amplitude": 8.0, "start_s": 1.0, "duration_s": 1.0}
     model = sensor(contact=contact, disturbances=[extra], electronics={"creep_time_s": 0.05}).contact
     time_s = np.full((1, 36), 1.5)
@@ -60,7 +60,7 @@ def test_a_disturbance_of_the_load_creeps_in_and_is_a_peak(contact: str) -> None
     assert peak_n[0, 0] == pytest.approx(18.0, rel=1e-3)
 
 
-def test_a_controllers_grip_creeps_in_and_leaves_hysteresis() -> None:
+def test_a_controllers_grip_enters_creep_and_hysteresis() -> None:
     load = {"kind": "load", "duration_s": 3.0, "tangential_n": 0.0}
     held = {"contact": "lumped", "held_object": {}, "phases": [PRESS, load]}
 

@@ -67,7 +67,7 @@ def test_travel_is_the_integral_of_speed_and_everything_is_finite(
     assert all(np.all(np.isfinite(values)) for values in vars(state).values())
 
 
-def test_tangential_state_obeys_dahl_and_turns_over() -> None:
+def test_tangential_state_obeys_dahl_and_reverses() -> None:
     slide = {"kind": "slide", "duration_s": 0.3, "speed_mm_s": 2.0}
     test = scene(PRESS, slide, slide | {"direction_deg": 180.0}, slide | {"direction_deg": 90.0})
     time_s = np.arange(0.5, 1.4, 1e-5)
@@ -84,7 +84,7 @@ def test_tangential_state_obeys_dahl_and_turns_over() -> None:
     assert state.shear_x[int(0.59e5)] < -0.99
 
 
-def test_a_stop_is_felt_and_two_holds_are_one() -> None:
+def test_a_stop_relaxes_shear_and_two_holds_equal_one() -> None:
     slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
     time_s = np.linspace(0, 3, 301)
     once = SceneMotion(scene(PRESS, slide, {"kind": "hold", "duration_s": 0.8})).at(time_s)
@@ -101,7 +101,7 @@ def test_losing_contact_clears_the_tangential_state() -> None:
     assert state.shear_x[1] == 0.0
 
 
-def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
+def test_a_change_of_plate_in_contact_takes_travel() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2, "entry_mm": 0.5}
     slide = {"kind": "slide", "duration_s": 2.0, "speed_mm_s": 1.0}
     motion = SceneMotion(
@@ -116,13 +116,13 @@ def test_a_plate_that_comes_in_contact_is_entered_by_travel() -> None:
     np.testing.assert_allclose(both, 1.0)
 
 
-def test_a_plate_in_the_air_is_there_at_once() -> None:
+def test_a_change_of_plate_without_contact_is_immediate() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2}
     motion = SceneMotion(scene({"kind": "rest", "duration_s": 1.0}, PRESS | {"surface": grooves}))
     assert motion.surface_share(1, np.array([0.9, 1.01])).tolist() == [0.0, 1.0]
 
 
-def test_truth_names_each_slip_and_carries_the_clock() -> None:
+def test_truth_has_each_slip_on_the_callers_clock() -> None:
     stick = {"kind": "slide", "duration_s": 2.0, "profile": [[0.0, 1.0], [0.5, 0.0], [1.0, 0.0], [1.5, 2.0]]}
     other = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0, "direction_deg": 90.0}
     truth = Truth(scene(PRESS, stick, other), t0_s=500.0)

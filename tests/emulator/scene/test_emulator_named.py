@@ -9,24 +9,24 @@ from tactiled.emulator.scene.named import named_scene, scene_names
 from tactiled.errors import ConfigError
 
 
-def test_each_kind_is_found_by_the_name_it_has() -> None:
+def test_scenes_of_each_kind_are_found_by_name() -> None:
     names = scene_names()
     for name in names["shipped"] + names["paper"] + [f"{family}-3" for family in FAMILIES]:
         assert named_scene(name).name == name
 
 
-def test_a_familys_number_is_its_seed() -> None:
+def test_the_number_in_a_family_scene_is_the_seed() -> None:
     assert named_scene("stick-slip-7") == FAMILIES["stick-slip"](7)
     assert named_scene("stick-slip-7") != named_scene("stick-slip-8")
 
 
-def test_a_file_is_a_scene(tmp_path: Path) -> None:
+def test_a_scene_is_read_from_a_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('name = "mine"\n[[phases]]\nkind = "rest"\nduration_s = 1.0\n')
     assert named_scene(str(file)).name == "mine"
 
 
 @pytest.mark.parametrize("name", ["dmeo", "taps", "taps-x", "nothing-3", "taps-99999999999"])
-def test_a_stranger_is_refused_with_all_names(name: str) -> None:
+def test_an_unknown_scene_is_refused_with_all_names(name: str) -> None:
     with pytest.raises(ConfigError, match=rf"no scene '{name}'.*demo.*experiment-d0\.90-a0.*stick-slip-SEED"):
         named_scene(name)

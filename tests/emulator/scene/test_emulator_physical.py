@@ -1,4 +1,4 @@
-"""Scenes on physical rungs: instants of slip, motion that cannot be prescribed, and what is refused."""
+"""Scenes on physical contact models: instants of slip, motion with mechanics, refusals."""
 
 import json
 from typing import Any
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.scene.contact import choose_rung, explain, make_contact
+from tactiled.emulator.scene.contact import choose_model, explain, make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
@@ -47,7 +47,7 @@ def test_instants_of_slip_follow_mindlin() -> None:
     assert slip.onset_s == slip.incipient_s
 
 
-def test_pressing_and_holding_slip_nowhere() -> None:
+def test_no_slip_while_pressing_and_holding() -> None:
     truth = Truth(scene(PRESS, HOLD, {"kind": "press", "duration_s": 0.1, "force_n": 5.0}, HOLD))
     assert truth.episodes == []
     assert truth.state(np.array([1.5])).load_n[0] == 15.0
@@ -93,7 +93,7 @@ def test_shear_and_normal_channels_carry_the_forces() -> None:
     assert slid[kinds == "shear_x"].sum() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_rotation_slips_round_about_and_has_no_direction() -> None:
+def test_rotation_slips_without_direction() -> None:
     rotate = {"kind": "rotate", "duration_s": 4.0, "angle_deg": 40.0}
     truth = Truth(scene(PRESS, rotate, contact="auto"))
     (slip,) = truth.episodes
@@ -109,7 +109,7 @@ def test_rotation_slips_round_about_and_has_no_direction() -> None:
     assert np.linalg.norm(state.tangential_n[0].sum(axis=0)) < 1.0
 
 
-def test_partial_contact_leaves_the_other_taxels_alone() -> None:
+def test_taxels_out_of_contact_bear_no_load() -> None:
     played = scene(PRESS, SLIDE, touching=[0, 4, 5], load_gradient_per_mm=(0.1, 0.0))
     normal = Truth(played).state(np.array([2.0])).normal_n[0]
     np.testing.assert_array_equal(np.flatnonzero(normal), [0, 4, 5])
@@ -117,7 +117,7 @@ def test_partial_contact_leaves_the_other_taxels_alone() -> None:
     assert normal[5] > normal[4] > normal[0]
 
 
-def test_a_reversal_is_a_slip_of_its_own() -> None:
+def test_a_reversal_is_a_separate_slip() -> None:
     truth = Truth(scene(PRESS, SLIDE, SLIDE | {"direction_deg": 180.0}, HOLD))
     directions = [slip.direction_deg for slip in truth.slips]
     assert directions == pytest.approx([0.0, 180.0])
@@ -125,7 +125,7 @@ def test_a_reversal_is_a_slip_of_its_own() -> None:
     assert reversal.gross_s == pytest.approx(4.0 + 2 * 0.245, abs=0.05)  # Masing: twice the travel
 
 
-def test_hum_of_the_skin_within_presliding_is_no_gross_slip() -> None:
+def test_vibration_within_presliding_is_no_gross_slip() -> None:
     hum = {"on": "travel_mm", "shape": "sine", "amplitude": 0.05, "frequency_hz": 20.0, "start_s": 1.5}
     truth = Truth(scene(PRESS, HOLD, HOLD, disturbances=[hum]))
     assert truth.slips == []
@@ -133,7 +133,7 @@ def test_hum_of_the_skin_within_presliding_is_no_gross_slip() -> None:
     assert max(truth.state(np.arange(0, 3, 0.001)).slipping_share) < 0.9
 
 
-def test_without_friction_everything_slips_and_nothing_is_felt() -> None:
+def test_without_friction_everything_slips_without_tangential_force() -> None:
     played = scene(PRESS, HOLD, SLIDE, surface={"kind": "flat", "friction": 0.0})
     felt = contact(played).forces(np.repeat([[1.9], [4.0]], 36, axis=1))
     np.testing.assert_allclose(felt[0], felt[1])
@@ -163,7 +163,7 @@ def test_grooves_as_deep_as_the_bump_are_refused() -> None:
         contact(played)
 
 
-def test_grooves_on_a_rung_without_them_are_refused() -> None:
+def test_grooves_on_a_contact_model_without_them_are_refused() -> None:
     played = scene(PRESS, SLIDE, contact="lumped", surface={"kind": "grooves", "period_mm": 1.2})
     with pytest.raises(ConfigError, match="lumped cannot play grooves"):
         contact(played)
@@ -177,27 +177,27 @@ def test_grooves_on_a_rung_without_them_are_refused() -> None:
         ({"held_object": {}}, "cannot play a held object"),
     ],
 )
-def test_what_cannot_be_prescribed_is_refused_on_signal(change: dict[str, Any], finding: str) -> None:
+def test_motion_that_needs_mechanics_is_refused_on_signal(change: dict[str, Any], finding: str) -> None:
     with pytest.raises(ValueError, match=finding):
         Scene.model_validate({"name": "t", "contact": "signal", "phases": [PRESS], **change})
 
 
-def test_auto_takes_the_cheapest_rung_that_serves_and_says_why() -> None:
+def test_auto_takes_the_cheapest_contact_model_that_meets_the_needs() -> None:
     flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
-    assert choose_rung(flat).rung == "signal"
-    assert choose_rung(flat.with_changes(needs=["direction"])).rung == "lumped"
+    assert choose_model(flat).name == "signal"
+    assert choose_model(flat.with_changes(needs=["direction"])).name == "lumped"
     tight = flat.with_changes(needs=["tangential-force", "transients"], tolerance=0.02)
     words = explain(flat.with_changes(needs=["absolute-force"], tolerance=0.03))
     assert words.startswith("contact: compliance\n")
     assert "not lumped: absolute-force is 7.5 % off" in words
     for refused in (tight, flat.with_changes(needs=["incipient-slip"], tolerance=0.12)):
-        with pytest.raises(ConfigError, match="no rung delivers this"):
-            choose_rung(refused)
+        with pytest.raises(ConfigError, match="no contact model delivers this"):
+            choose_model(refused)
 
 
-@pytest.mark.parametrize("rung", ["signal", "lumped"])
-def test_truth_goes_along_with_a_simulation_and_into_json(rung: str) -> None:
-    simulation = Simulation(scene(PRESS, HOLD, SLIDE, contact=rung), load_layout("board-v1"))
+@pytest.mark.parametrize("model", ["signal", "lumped"])
+def test_truth_of_a_simulation_is_json(model: str) -> None:
+    simulation = Simulation(scene(PRESS, HOLD, SLIDE, contact=model), load_layout("board-v1"))
     for _ in simulation:
         pass
     truth = simulation.truth
@@ -213,7 +213,7 @@ def test_truth_goes_along_with_a_simulation_and_into_json(rung: str) -> None:
     np.testing.assert_allclose(state.tangential_n[1].sum(axis=0), [-9.0, 0.0], rtol=1e-6, atol=1e-9)
 
 
-def test_groove_phase_of_each_taxel_is_told() -> None:
+def test_truth_has_the_groove_phase_of_each_taxel() -> None:
     grooves = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 0.0, "offset_mm": 0.3}
     truth = Truth(scene(PRESS, SLIDE, contact="signal", surface=grooves))
     phase = truth.groove_phase(np.array([1.0, 1.6]))
@@ -222,7 +222,7 @@ def test_groove_phase_of_each_taxel_is_told() -> None:
     assert np.isnan(Truth(scene(PRESS)).groove_phase(np.array([0.5]))).all()
 
 
-def test_a_warm_sensor_drifts_and_hysteresis_shows_on_the_way_back() -> None:
+def test_warming_changes_volts_and_hysteresis_raises_them_in_unloading() -> None:
     layout = load_layout("board-v1")
     up, down = PRESS | {"force_n": 20.0}, PRESS | {"force_n": 10.0}
 

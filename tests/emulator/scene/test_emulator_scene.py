@@ -27,7 +27,7 @@ def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
 
 
 @pytest.mark.parametrize("name", resources.shipped_names("config/scenes"))
-def test_every_shipped_scene_loads_and_says_its_name(name: str) -> None:
+def test_every_shipped_scene_loads_and_has_its_name(name: str) -> None:
     loaded = load_scene(name)
     assert loaded.name == name
     assert load_array(loaded.array).n_channels == 36
@@ -92,12 +92,15 @@ BAD = {
     ),
     "no duration": ('[[phases]]\nkind = "rest"', r"phases\[0\]\.rest\.duration_s: missing"),
     "nan": ('[[phases]]\nkind = "rest"\nduration_s = nan', r"phases\[0\]\.rest\.duration_s"),
-    "an unknown rung": ('contact = "magic"\n[[phases]]\nkind = "rest"\nduration_s = 1', r"contact: .*signal"),
+    "an unknown model": (
+        'contact = "magic"\n[[phases]]\nkind = "rest"\nduration_s = 1',
+        r"contact: .*signal",
+    ),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_scene_files_are_refused_by_name(tmp_path: Path, case: str) -> None:
+def test_bad_scene_files_are_refused_with_the_key(tmp_path: Path, case: str) -> None:
     text, finding = BAD[case]
     path = tmp_path / "bad.toml"
     path.write_text(f'name = "bad"\n{text}\n')
@@ -129,6 +132,6 @@ def test_rest_while_pressed_is_refused() -> None:
         scene(PRESS, {"kind": "rest", "duration_s": 1.0})
 
 
-def test_a_name_that_does_not_ship_lists_those_that_do() -> None:
+def test_an_unknown_name_is_refused_with_the_shipped_ones() -> None:
     with pytest.raises(ConfigError, match=r"dmeo.*no such file.*demo, flat-exp"):
         load_scene("dmeo")

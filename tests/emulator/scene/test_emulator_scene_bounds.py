@@ -52,7 +52,7 @@ def at_extremes(part: type[Params]) -> st.SearchStrategy[dict[str, Any]]:
     st.sampled_from([-10.0, 0.0, 10.0]),
 )
 @settings(max_examples=60, deadline=None)
-def test_volts_are_finite_at_the_extremes_of_all_that_is_accepted(
+def test_volts_are_finite_at_the_extremes_of_all_parameters(
     electronics: dict[str, float],
     plate: dict[str, float],
     contact: str,
@@ -85,7 +85,7 @@ def test_volts_are_finite_at_the_extremes_of_all_that_is_accepted(
         {"surface": {"kind": "grooves", "period_mm": 1.0, "ripple": 0.0, "harmonics": [1e308, 1e308]}},
     ],
 )
-def test_what_made_no_number_is_refused(change: dict[str, Any]) -> None:
+def test_parameters_that_gave_nan_are_refused(change: dict[str, Any]) -> None:
     press = {"kind": "press", "duration_s": 1.0, "force_n": 5.0}
     with pytest.raises(ValueError, match=r"(less|greater) than or equal"):
         Scene.model_validate({"name": "t", "phases": [press], **change})

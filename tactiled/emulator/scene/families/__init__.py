@@ -1,7 +1,7 @@
-"""Randomised scenes: each family is a function of a seed, the same seed the same scene on any machine.
+"""Random scenes: each family is a function of a seed, with the same scenes on any machine.
 
-``SLIPPING`` is what a detector must find, ``QUIET`` what it must not mistake for it. Those of
-``HELD_OUT_`` are for reports alone: nothing may be tuned on them. `FAMILIES` has all.
+A detector must report the slips in ``SLIPPING`` and none in ``QUIET``. Families in ``HELD_OUT_`` are for
+reports only: nothing may be tuned on them. `FAMILIES` has all.
 """
 
 from collections.abc import Callable

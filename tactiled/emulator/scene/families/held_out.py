@@ -1,7 +1,8 @@
-"""Scenes kept apart: no constant of a detector, and no setting, was set on them.
+"""Scenes held out: no constant and no setting of a detector was set on them.
 
-What they showed did change what is scored (`bench.slip.truth`: pulls that swell have grown before truth calls
-it growth) and what is modelled (`detect.slip.direction`: skin that is sheared already), by other scenes.
+Findings on them changed the scoring (`bench/slip/truth.py`: swelling pulls grow before truth reports growth)
+and the model of direction (`detect.slip.direction`: skin that is sheared already); both were set on other
+scenes.
 """
 
 from tactiled.emulator.scene.description import Scene
@@ -22,7 +23,7 @@ _SLIP_TRAVEL_MM = 0.23
 
 
 def braking_drag(seed: int) -> Scene:
-    """A drag that begins at its full speed, slows down and goes on slowly."""
+    """A slide that begins at full speed, slows down and continues slowly."""
     rng, scene = begin("braking-drag", seed)
     top = log_uniform(rng, 1.0, 15.0)
     slow, braked_s = top * rng.uniform(0.05, 0.4), rng.uniform(0.3, 2.0)
@@ -32,18 +33,20 @@ def braking_drag(seed: int) -> Scene:
 
 
 def swelling_pull(seed: int) -> Scene:
-    """A pull on a held object swells, at first as the square of time, beyond what friction bears."""
+    """A pull on a held object grows, at first as the square of time, beyond the friction limit."""
     rng, scene = begin_quiet("swelling-pull", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 5.0}]
     strength, start_s = friction_n(scene) * rng.uniform(1.5, 2.5), rng.uniform(3.5, 4.5)
     weight = scene["phases"][-2]
-    along_deg = turned(weight["direction_deg"], rng.uniform(-60.0, 60.0))  # against it, shear would go first
+    along_deg = turned(
+        weight["direction_deg"], rng.uniform(-60.0, 60.0)
+    )  # a pull against the weight would first reduce shear
     disturb(scene, "pull_n", "pulse", strength, start_s, rng.uniform(1.0, 6.0), direction_deg=along_deg)
     return made(scene)
 
 
 def slide_under_changing_grip(seed: int) -> Scene:
-    """The grip tightens or weakens by up to a half while the slide begins."""
+    """The grip changes by up to a half while the slide begins."""
     rng, scene = begin("changing-grip", seed)
     press, hold = scene["phases"]
     scene["phases"] += [slide_phase(rng, duration_s=3.0, speed_mm_s=log_uniform(rng, 0.25, 10.0))]
@@ -54,7 +57,7 @@ def slide_under_changing_grip(seed: int) -> Scene:
 
 
 def slip_on_shear(seed: int) -> Scene:
-    """The skin is sheared within presliding, rests, and slides on from there at an angle to it."""
+    """The skin is sheared within presliding, rests, and then slides at an angle to the shear."""
     rng, scene = begin("slip-on-shear", seed)
     speed_mm_s = log_uniform(rng, 0.25, 10.0)
     sheared_mm = rng.uniform(0.2, 0.6) * scene["surface"]["friction"] * _SLIP_TRAVEL_MM
@@ -66,7 +69,7 @@ def slip_on_shear(seed: int) -> Scene:
 
 
 def walking(seed: int) -> Scene:
-    """Whoever holds the object walks: every step pulls at it, well within what friction bears."""
+    """The hand belongs to a walker: every step pulls at the object, well below the friction limit."""
     rng, scene = begin_quiet("walking", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 9.0}]
     step_hz, along_deg = rng.uniform(1.4, 2.4), any_direction_deg(rng)
@@ -78,7 +81,7 @@ def walking(seed: int) -> Scene:
 
 
 def hand_over(seed: int) -> Scene:
-    """Somebody takes hold of the object and pulls, below what friction bears, and thinks better of it."""
+    """A person pulls at the object below the friction limit, and lets go."""
     rng, scene = begin_quiet("hand-over", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
     strength, direction_deg = friction_n(scene) * rng.uniform(0.2, 0.6), any_direction_deg(rng)
@@ -90,7 +93,7 @@ def hand_over(seed: int) -> Scene:
 
 
 def off_centre_squeeze(seed: int) -> Scene:
-    """A tilted surface is squeezed harder and softer: the load grows more on one side."""
+    """The grip on a tilted surface grows and falls: the load changes more on one side."""
     rng, scene = begin("off-centre-squeeze", seed)
     scene["load_gradient_per_mm"] = rng.uniform(-0.1, 0.1, 2).tolist()
     least_n = scene["phases"][0]["force_n"]

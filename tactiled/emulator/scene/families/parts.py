@@ -1,4 +1,4 @@
-"""What random scenes are made of."""
+"""Parts of random scenes."""
 
 from typing import Any
 
@@ -10,8 +10,8 @@ Document = dict[str, Any]
 
 
 def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
-    """A press of 6 to 20 N on a plate of friction 0.3 to 0.9, and a hold."""
-    # The name is in the seed, so that families do not share their luck.
+    """Begin a scene with a press of 6 to 20 N on a plate of friction 0.3 to 0.9, and a hold."""
+    # The name is in the seed, so that families draw different numbers.
     rng = np.random.default_rng([seed, *name.encode()])
     scene: Document = {
         "name": f"{name}-{seed}",
@@ -30,7 +30,7 @@ def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
 
 
 def begin_quiet(name: str, seed: int) -> tuple[np.random.Generator, Document]:
-    """The same, with a held object whose weight is a small part of what friction bears."""
+    """Begin a scene with a held object whose weight is a small part of the friction limit."""
     rng, scene = begin(name, seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
     scene["phases"] += [load_phase(rng, scene, 0.5, rng.uniform(0.05, 0.2))]
@@ -68,7 +68,7 @@ def slide_phase(rng: np.random.Generator, **rest: Any) -> Document:
 
 
 def load_phase(rng: np.random.Generator, scene: Document, duration_s: float, of_friction: float) -> Document:
-    """A load that goes to a part of what friction bears."""
+    """Phase in which the load changes to a part of the friction limit."""
     return {
         "kind": "load",
         "duration_s": duration_s,

@@ -1,4 +1,4 @@
-"""Scenes in which nothing slips as a whole: what a detector must not mistake for slip."""
+"""Scenes without gross slip, in which a detector must report none."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from tactiled.emulator.scene.families.parts import (
 
 
 def taps(seed: int) -> Scene:
-    """An untouched skin, then a held one, is tapped."""
+    """The skin is tapped during a hold."""
     rng, scene = begin("taps", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
     for start_s in np.sort(rng.uniform(3.5, 10.0, 8)):
@@ -25,7 +25,7 @@ def taps(seed: int) -> Scene:
 
 
 def grip_changes(seed: int) -> Scene:
-    """A gripper that holds a weight tightens and eases, well above what friction needs."""
+    """The grip on a weight changes, well above the force that friction needs."""
     rng, scene = begin_quiet("grip-changes", seed)
     least_n = scene["phases"][0]["force_n"]
     for _ in range(5):
@@ -38,7 +38,7 @@ def grip_changes(seed: int) -> Scene:
 
 
 def motor_hum(seed: int) -> Scene:
-    """The gripper's motor shakes grip and object, with its harmonic."""
+    """The motor of the gripper shakes grip and object, with a harmonic."""
     rng, scene = begin_quiet("motor-hum", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
     hum_hz, start_s = rng.uniform(8.0, 90.0), rng.uniform(3.5, 5.0)
@@ -50,7 +50,7 @@ def motor_hum(seed: int) -> Scene:
 
 
 def arm_acceleration(seed: int) -> Scene:
-    """The arm starts and stops: the object's inertia pulls one way, then the other."""
+    """The arm starts and stops: the inertia of the object pulls in opposite directions."""
     rng, scene = begin_quiet("arm-acceleration", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
     strength = 0.3 * friction_n(scene) * rng.uniform(0.3, 1.0)
@@ -62,7 +62,7 @@ def arm_acceleration(seed: int) -> Scene:
 
 
 def cable_tug(seed: int) -> Scene:
-    """Somebody tugs at what is held, within what friction bears."""
+    """Tugs at the held object, below the friction limit."""
     rng, scene = begin_quiet("cable-tug", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
     for start_s in rng.uniform(3.5, 9.0, 3):
@@ -73,7 +73,7 @@ def cable_tug(seed: int) -> Scene:
 
 
 def load_and_back(seed: int) -> Scene:
-    """The load on a held object grows below what friction bears, and goes again."""
+    """The load on a held object grows to less than the friction limit, and falls again."""
     rng, scene = begin_quiet("load-and-back", seed)
     for part in rng.uniform(0.3, 0.7, 3):
         length_s = rng.uniform(0.3, 2.0)
@@ -82,7 +82,7 @@ def load_and_back(seed: int) -> Scene:
 
 
 def inclined_load(seed: int) -> Scene:
-    """A load that comes, stays and goes at a slant within the friction cone: neither press nor pull alone."""
+    """Normal and tangential load grow, stay and fall together, within the friction cone."""
     rng, scene = begin("inclined-load", seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
     press = scene["phases"][0]
@@ -104,7 +104,7 @@ def thermal_drift(seed: int) -> Scene:
 
 
 def persistent_contact(seed: int) -> Scene:
-    """A grip that stays, and creeps into the rubber."""
+    """A constant grip, with creep of the rubber."""
     _, scene = begin("persistent-contact", seed)
     scene["phases"] += [{"kind": "hold", "duration_s": 120.0}]
     return made(scene)

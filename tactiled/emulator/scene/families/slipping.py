@@ -1,4 +1,4 @@
-"""Scenes in which the contact slips: what a detector must find."""
+"""Scenes with gross slip, which a detector must report."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def steady_slide(seed: int) -> Scene:
 
 
 def accelerating_slide(seed: int) -> Scene:
-    """The speed grows from rest, evenly."""
+    """The speed grows evenly from rest."""
     rng, scene = begin("accelerating-slide", seed)
     top = log_uniform(rng, 2.0, 20.0)
     scene["phases"] += [slide_phase(rng, duration_s=4.0, profile=[[0.0, 0.0], [4.0, top]])]
@@ -32,7 +32,7 @@ def accelerating_slide(seed: int) -> Scene:
 
 
 def reversing_slide(seed: int) -> Scene:
-    """To and fro along one line."""
+    """Slides to and fro along one line."""
     rng, scene = begin("reversing-slide", seed)
     way = slide_phase(rng, duration_s=1.5, speed_mm_s=log_uniform(rng, 1.0, 8.0), ramp_s=0.1)
     back = way | {"direction_deg": turned(way["direction_deg"], 180.0)}
@@ -41,19 +41,19 @@ def reversing_slide(seed: int) -> Scene:
 
 
 def stick_slip(seed: int) -> Scene:
-    """An object dragged through a spring on a plate with more friction at rest than in motion."""
+    """An object is dragged by a spring, with more friction at rest than in motion."""
     rng, scene = begin("stick-slip", seed)
     scene["surface"] |= {"static_ratio": rng.uniform(1.3, 1.8), "stribeck_mm_s": rng.uniform(1.0, 4.0)}
     spring_n_mm = log_uniform(rng, 1.0, 5.0)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.2, 1.0), "spring_n_mm": spring_n_mm}
-    # The spring is stretched to what friction bears at rest in 2 to 4 s.
+    # The spring reaches the friction limit at rest in 2 to 4 s.
     speed_mm_s = scene["surface"]["static_ratio"] * friction_n(scene) / spring_n_mm / rng.uniform(2.0, 4.0)
     scene["phases"] += [slide_phase(rng, duration_s=12.0, speed_mm_s=speed_mm_s)]
     return made(scene)
 
 
 def creep_into_slip(seed: int) -> Scene:
-    """The load on a held object grows slowly beyond what friction bears."""
+    """The load on a held object grows slowly beyond the friction limit."""
     rng, scene = begin("creep-into-slip", seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 1.0)}
     scene["phases"] += [load_phase(rng, scene, duration_s=rng.uniform(4.0, 12.0), of_friction=1.3)]
@@ -61,7 +61,7 @@ def creep_into_slip(seed: int) -> Scene:
 
 
 def jerk_into_slip(seed: int) -> Scene:
-    """A held object is jerked harder than friction bears."""
+    """A held object is jerked beyond the friction limit."""
     rng, scene = begin("jerk-into-slip", seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
     weight = load_phase(rng, scene, duration_s=1.0, of_friction=rng.uniform(0.2, 0.5))
@@ -75,7 +75,7 @@ def jerk_into_slip(seed: int) -> Scene:
 
 
 def turning(seed: int) -> Scene:
-    """The skin turns about the normal, to and fro; the middle taxel may hold on while all others slip."""
+    """The skin turns about the normal, to and fro; the middle taxel may stick while all others slip."""
     rng, scene = begin("turning", seed)
     angle = float(rng.choice([-1, 1]) * rng.uniform(15.0, 60.0))
     for part in (1.0, -1.0):
@@ -84,7 +84,7 @@ def turning(seed: int) -> Scene:
 
 
 def partial_contact(seed: int) -> Scene:
-    """Some taxels only, under a tilted surface, slide."""
+    """A slide with some of the taxels in contact, under a tilted surface."""
     rng, scene = begin("partial-contact", seed)
     touching = np.sort(rng.choice(_TAXELS, size=int(rng.integers(2, _TAXELS)), replace=False))
     scene["touching"] = touching.tolist()
@@ -94,9 +94,12 @@ def partial_contact(seed: int) -> Scene:
 
 
 def grooves(seed: int) -> Scene:
-    """A slide over grooves of any period and angle, the plate put down anywhere."""
+    """A slide over grooves of random period, angle and offset."""
     rng, scene = begin("grooves", seed)
-    scene["needs"] = ["direction", "groove-phase"]  # no rung has the ripple's amplitude to better than 60 %
+    scene["needs"] = [
+        "direction",
+        "groove-phase",
+    ]  # no contact model has the ripple's amplitude to better than 60 %
     period_mm = rng.uniform(0.8, 2.0)
     scene["surface"] |= {
         "kind": "grooves",

@@ -1,4 +1,4 @@
-"""Disturbances of a scene as functions of time: any instants at all, in any order, the same numbers."""
+"""Disturbances of a scene as functions of time."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from tactiled.emulator.scene.phases import Disturbance
 
 Shape = Callable[[Disturbance, FloatArray], FloatArray]
 
-_SWELL = 0.1  # part of its time over which a sine swells, and dies: no kinks of its own making
+_SWELL = 0.1  # part of its time over which a sine grows, and fades, so that it begins and ends without a kink
 
 
 class Disturbances:
@@ -30,7 +30,7 @@ class Disturbances:
         return self._sum("load_n", time_s), travel.real, travel.imag, pull.real, pull.imag
 
     def velocity_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Rate of the travel, (..., 2)."""
+        """Velocity (..., 2) of the travel."""
         rate = self._vector("travel_mm", time_s, _rate)
         return np.stack([rate.real, rate.imag], axis=-1)
 
@@ -61,21 +61,23 @@ def _value(extra: Disturbance, time_s: FloatArray) -> FloatArray:
     if extra.shape == "ramp":
         return np.asarray(extra.amplitude * part)
     if extra.shape == "pulse":
-        return np.asarray(extra.amplitude * np.sin(np.pi * part) ** 2 * (part < 1))  # sin(pi) is no zero
+        return np.asarray(
+            extra.amplitude * np.sin(np.pi * part) ** 2 * (part < 1)
+        )  # sin(pi) is not exactly 0
     swell = np.clip(np.minimum(part, 1 - part) / _SWELL, 0.0, 1.0)
     wave = np.sin(2 * np.pi * extra.frequency_hz * since_s)
     return np.asarray(extra.amplitude * swell * swell * (3 - 2 * swell) * wave)
 
 
 def _rate(extra: Disturbance, time_s: FloatArray) -> FloatArray:
-    """Derivative of `_value` by time."""
+    """Time derivative of `_value`."""
     since_s = np.asarray(time_s) - extra.start_s
     part = since_s / extra.duration_s
-    goes_on = (part >= 0) & (part < 1)
+    is_active = (part >= 0) & (part < 1)
     if extra.shape == "ramp":
-        return np.asarray(extra.amplitude / extra.duration_s * goes_on)
+        return np.asarray(extra.amplitude / extra.duration_s * is_active)
     if extra.shape == "pulse":
-        return np.asarray(extra.amplitude / extra.duration_s * np.pi * np.sin(2 * np.pi * part) * goes_on)
+        return np.asarray(extra.amplitude / extra.duration_s * np.pi * np.sin(2 * np.pi * part) * is_active)
     swell = np.clip(np.minimum(part, 1 - part) / _SWELL, 0.0, 1.0)
     swell_rate = 6 * swell * (1 - swell) / (_SWELL * extra.duration_s) * np.where(part < 0.5, 1, -1)
     omega = 2 * np.pi * extra.frequency_hz

@@ -19,9 +19,8 @@ import pytest
 
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink, TcpLink, make_link
-from tactiled.emulator.process import run_emulator
+from tactiled.emulator.realtime import Emulator, run_emulator
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.shell import Emulator
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
@@ -143,7 +142,7 @@ def test_unplugging_closes_the_port_and_brings_it_back_under_the_same_name(tmp_p
     assert not os.path.lexists(link)
 
 
-def test_a_host_that_does_not_read_blocks_nothing(tmp_path: Path) -> None:
+def test_a_host_that_does_not_read_does_not_block_the_emulator(tmp_path: Path) -> None:
     link = tmp_path / "board"
     # A line this fast is no bottleneck: what does not go out is what the pty does not take.
     fast = compile_layout(V1.file.model_copy(update={"baud": 100_000_000}))
@@ -201,12 +200,12 @@ def test_unplugging_a_tcp_port_hangs_up_and_listens_again() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_cleanly(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_the_emulator_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     link = tmp_path / "board"
     program = (
         "import json, sys; from pathlib import Path\n"
         "from tactiled.emulator.scene.description import load_scene\n"
-        "from tactiled.emulator.process import run_emulator\n"
+        "from tactiled.emulator.realtime import run_emulator\n"
         "from tactiled.wire.layout import Layout, compile_layout, load_layout\n"
         "run_emulator(load_scene('rest'), load_layout('board-v1'), link=Path(sys.argv[1]),\n"
         "             report=lambda report: print(json.dumps(report), flush=True))\n"
@@ -256,7 +255,7 @@ def test_an_address_in_use_is_refused() -> None:
             run_emulator(DEMO, V1, tcp=f"tcp://127.0.0.1:{port}", report=lambda _: None)
 
 
-def test_a_fault_is_done_when_another_thread_asks_for_it() -> None:
+def test_another_thread_can_cause_a_fault() -> None:
     reports: Reports = []
     emulator = Emulator(DEMO, V1, PtyLink(None), faults=FaultParams(unplug_s=0.05), report=reports.append)
     thread = threading.Thread(target=emulator.run)

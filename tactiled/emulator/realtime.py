@@ -1,26 +1,28 @@
-"""The emulator in real time, on a real pty or TCP port.
+"""The emulator in real time, on a pty or a TCP port, until a signal ends it.
 
-Deadlines are absolute on CLOCK_MONOTONIC, so lateness never adds up; the loop sleeps in ``select`` until the
-next one or until the host writes. Scene time starts with the board's first ``start`` command; the report
-says when that was. What must be solved before is solved in a thread: the board introduces itself meanwhile
-and answers ``start`` with ``busy``. A host that cannot compute the scans in time makes the board miss some,
-see `pace`; the bytes of each scan go out before the next one is computed.
+Deadlines are absolute on CLOCK_MONOTONIC, so lateness does not accumulate. The loop sleeps in ``select``
+until the next deadline or until the host writes. Scene time starts with the board's first ``start`` command,
+which is reported. A thread solves the tables that the scene needs; until then the board sends its hello and
+answers ``start`` with ``busy``. A host that cannot compute the scans in time makes the board miss some
+(`pace`); the bytes of each scan are sent before the next one is computed.
 """
 
 import contextlib
 import os
 import select
+import signal
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
-from tactiled.emulator.control import ControlLines, contact_report
+from tactiled.emulator.control import ControlLines, contact_report, control_link
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.line.links import HostLink
+from tactiled.emulator.line.links import HostLink, make_link
 from tactiled.emulator.pace import OverrunPolicy, SceneClock
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.prepare import check_real_time, prepare
@@ -32,13 +34,12 @@ from tactiled.errors import ConfigError
 from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
-# Longest sleep: a scan that ends in the far future must not outlive a suspended machine by much.
-_LONGEST_SLEEP_S = 1.0
-_LONG_PREPARATION_S = 2.0  # beyond it, a person is told that the board is not dead
+_LONGEST_SLEEP_S = 1.0  # after a suspended machine wakes, the loop looks at its deadlines within this time
+_LONG_PREPARATION_S = 2.0  # a longer preparation is reported, so that nobody takes the board for dead
 
 
 class Emulator:
-    """A port in real time; `run` until `stop`.
+    """A board in real time; `run` until `stop`.
 
     Parameters
     ----------
@@ -50,16 +51,16 @@ class Emulator:
     seed : int
         Of the faults.
     report : callable
-        Gets maps with ``what``: ``"ready"`` (where the port is), ``"preparing"`` (before each table that is
-        solved, and after two seconds of looking which are needed), ``"prepared"`` (if it took two seconds),
-        ``"scene"`` (truth, instants on CLOCK_MONOTONIC), ``"slip"`` (on a physical rung, with its
-        ``number``: once it is gross, and again once it has ended), ``"overrun"`` (this host is too slow: how
-        many scan instants were missed so far, for how long the scene stood still, and the ``t0_s`` that
-        holds from now on), ``"unplugged"``, ``"plugged"``, ``"scan"`` (if asked), ``"end"`` (counts).
+        Gets maps with ``what``: ``"ready"`` (address of the port), ``"preparing"`` (before each table that is
+        solved, and after two seconds of search for those needed), ``"prepared"`` (if it took two seconds),
+        ``"scene"`` (truth, instants on CLOCK_MONOTONIC), ``"slip"`` (on a physical contact model, with its
+        ``number``: when it is gross, and again when it has ended), ``"overrun"`` (this host is too slow: scan
+        instants missed so far, time for which the scene stood still, and the ``t0_s`` from now on),
+        ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
     control : HostLink or None
-        Where a controller speaks; see `control`.
+        Link to a controller; see `control`.
 
     Raises
     ------
@@ -97,7 +98,7 @@ class Emulator:
         self._control_lines = ControlLines(self._port.contact)
         contact = self._port.contact
         self._slips = SlipReports(contact.watch) if isinstance(contact, PhysicalContact) else None
-        self._asked_for: deque[FaultKind] = deque()
+        self._faults_to_cause: deque[FaultKind] = deque()
         self._is_stopping = False
         self._is_plugged = True
         self._clock: SceneClock | None = None
@@ -109,18 +110,18 @@ class Emulator:
         self._wake_read, self._wake_write = os.pipe()
 
     def stop(self) -> None:
-        """End `run` soon; may be called from a signal handler or another thread."""
+        """End `run`; may be called from a signal handler or another thread."""
         self._is_stopping = True
         with contextlib.suppress(OSError):  # `run` has ended and closed it
             os.write(self._wake_write, b"x")
 
     def inflict(self, kind: FaultKind) -> None:
-        """Do this to the line or the board at once; may be called from another thread."""
-        self._asked_for.append(kind)
+        """Cause a fault of line or board at once; may be called from another thread."""
+        self._faults_to_cause.append(kind)
         os.write(self._wake_write, b"x")
 
     def run(self) -> None:
-        """Be a board until `stop`."""
+        """Run the board until `stop`."""
         try:
             self._link.open()
             control = {}
@@ -144,9 +145,9 @@ class Emulator:
 
     def _step(self) -> None:
         """Do what is due, then sleep until something is."""
-        while self._asked_for:
-            self._port.inflict(self._asked_for.popleft(), time.monotonic())
-        self._look_at_preparation()
+        while self._faults_to_cause:
+            self._port.inflict(self._faults_to_cause.popleft(), time.monotonic())
+        self._check_preparation()
         for arrival in self._port.step(time.monotonic()):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
         if self._is_plugged != self._port.plugged:
@@ -158,7 +159,7 @@ class Emulator:
         self._keep_pace(now_s)
         wait_s = self._port.next_deadline_s() - now_s
         fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
-        # To answer, the board must have come up to now: what is overdue is done first, one step at a time.
+        # The board must have come up to now before it answers: overdue steps come first, one at a time.
         awaited = [self._wake_read, *([*fds, *control_fds] if wait_s > 0 else [])]
         ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
         if self._wake_read in ready:
@@ -169,7 +170,7 @@ class Emulator:
             self._obey(self._control)
 
     def _keep_pace(self, now_s: float) -> None:
-        """Leave out scans that are too late, and report it."""
+        """Leave out scans that are too late, and report overruns."""
         board = self._port.board
         if self._clock is not None and board.running and self._pace.is_behind(board.next_deadline_s(), now_s):
             scene_s = board.next_scene_s
@@ -188,7 +189,7 @@ class Emulator:
             )
 
     def _prepare(self) -> None:
-        """In a thread: solve what the scene needs, then let the board start."""
+        """Solve the tables of the scene in a thread, then let the board start."""
         try:
             prepare(self._scene, self._port.array, self._report_preparing)
         except ConfigError as error:
@@ -197,7 +198,7 @@ class Emulator:
         with contextlib.suppress(OSError):  # `run` has ended and closed it
             os.write(self._wake_write, b"x")
 
-    def _look_at_preparation(self) -> None:
+    def _check_preparation(self) -> None:
         if self._refused is not None:
             raise self._refused
         if self._preparing_s is None:
@@ -211,7 +212,7 @@ class Emulator:
             self._report_preparing(0, 0)
 
     def _obey(self, control: HostLink) -> None:
-        """Answer the controller; before the scene begins, scene time stands at 0."""
+        """Answer the controller; scene time is 0 before the scene begins."""
         t0_s = self._port.board.scene_start_s
         scene_s = 0.0 if t0_s is None else time.monotonic() - t0_s
         if answer := self._control_lines.receive(control.read(), scene_s):
@@ -260,27 +261,90 @@ class Emulator:
 
 
 class SlipReports:
-    """Each slip when it becomes gross, and again when it has ended.
+    """Report each slip when it becomes gross, and again when it has ended."""
 
-    Parameters
-    ----------
-    watch : SlipEpisodeTracker
-    """
-
-    def __init__(self, watch: SlipEpisodeTracker) -> None:
-        self._watch = watch
-        self._number = 0  # of the slip that may have news
-        self._said_gross = False
+    def __init__(self, tracker: SlipEpisodeTracker) -> None:
+        self._tracker = tracker
+        self._number = 0  # of the oldest slip that is not reported as ended
+        self._is_gross_reported = False
 
     def since_last(self, truth: Callable[[], Truth]) -> Iterator[dict[str, Any]]:
-        """Slips as plain data, with their ``number``; `truth` is asked only where there is news."""
-        while self._number < self._watch.count:
-            back = self._number - self._watch.count
-            slip = self._watch.episodes[back]
+        """New reports of slips as plain data with their ``number``; `truth` is called only for these."""
+        while self._number < self._tracker.count:
+            back = self._number - self._tracker.count
+            slip = self._tracker.episodes[back]
             ended = slip.end_s is not None
-            if ended or (slip.gross_s is not None and not self._said_gross):
+            if ended or (slip.gross_s is not None and not self._is_gross_reported):
                 yield {"number": self._number, **plain_slip(truth().episodes[back])}
-                self._said_gross = True
+                self._is_gross_reported = True
             if not ended:
                 return
-            self._number, self._said_gross = self._number + 1, False
+            self._number, self._is_gross_reported = self._number + 1, False
+
+
+def run_emulator(
+    scene: Scene,
+    layout: Layout,
+    *,
+    link: Path | None = None,
+    tcp: str | None = None,
+    board: EmulatedBoardParams | None = None,
+    faults: FaultParams | None = None,
+    seed: int = 0,
+    report: Report,
+    with_scans: bool = False,
+    control: str | None = None,
+) -> None:
+    """Run an `Emulator` until SIGTERM or SIGINT, on a pty with the name `link`, or listening on `tcp`.
+
+    A controller can move the grip at `control`, which is ``unix:///PATH`` or ``tcp://HOST:PORT``.
+
+    Raises
+    ------
+    ConfigError
+        The arguments do not fit each other, or the link cannot be made.
+    """
+    emulator = Emulator(
+        scene,
+        layout,
+        make_link(link, tcp),
+        board=board,
+        faults=faults,
+        seed=seed,
+        report=report,
+        with_scans=with_scans,
+        control=None if control is None else control_link(control),
+    )
+    with _stopped_by_signals(emulator.stop):
+        emulator.run()
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Let SIGTERM and SIGINT call `stop`; handlers can only be set in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def words_for_people(what: dict[str, Any]) -> str:
+    """Report of `Emulator` in words; empty for most reports."""
+    if what["what"] == "preparing":
+        stage = f"table {what['solved'] + 1} of {what['tables']}" if what["tables"] else "finding its tables"
+        return f"solving the contact before the scene can start: {stage} (the board answers start with busy)"
+    if what["what"] == "prepared":
+        return f"prepared after {what['took_s']:.1f} s"
+    if what["what"] == "overrun":
+        held = f"; the scene has stood still for {what['held_s']:.2f} s in all" if what["held_s"] else ""
+        return (
+            f"overrun: this host is too slow for the scene: {what['missed']} scan instants missed so far, "
+            f"each flagged on the wire as an overrun{held}"
+        )
+    return ""
