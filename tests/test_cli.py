@@ -77,7 +77,7 @@ def test_usage_and_configuration_faults_end_in_2_with_one_clear_line(
     assert done.stdout == ""
 
 
-def test_a_configuration_with_files_that_are_missing_or_open_to_all_is_not_called_good(
+def test_missing_or_world_readable_files_of_a_configuration_are_reported(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "t.toml"
@@ -94,7 +94,7 @@ def test_a_configuration_with_files_that_are_missing_or_open_to_all_is_not_calle
     assert "t.toml: publish.keys: keys: no such folder" in done.stderr
 
 
-def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
+def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
     rows = "".join(f"{k / 100}," + ",".join(["0"] * 36) + "\n" for k in range(50))
     (tmp_path / "log.csv").write_text("time_s," + ",".join(f"c{k}" for k in range(36)) + "\n" + rows)
     shell = f"{sys.executable} -m tactiled check-config --schema | head -c 10"
@@ -105,7 +105,7 @@ def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
     assert done.stderr == ""
 
 
-def test_the_schema_is_for_editors() -> None:
+def test_the_json_schema_is_printed() -> None:
     schema = json.loads(tactiled("check-config", "--schema").stdout)
     assert "port" in schema["properties"]
 

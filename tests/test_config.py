@@ -38,7 +38,7 @@ def documented(text: str) -> dict[tuple[str, str], str]:
     return found
 
 
-def test_every_option_stands_in_the_file_with_its_default() -> None:
+def test_every_option_is_in_the_shipped_file_with_its_default() -> None:
     found = documented(SHIPPED.read_text())
     known = {(table, key): default for table, key, default in options(Config)}
     assert set(found) == set(known)
@@ -90,7 +90,7 @@ endpoints = ["tcp://0.0.0.0:9872"]
         assert says in text, text
 
 
-def test_faults_of_the_files_it_names_are_told_together(tmp_path: Path) -> None:
+def test_faults_of_named_files_are_reported_together(tmp_path: Path) -> None:
     array = tmp_path / "array.toml"
     array.write_text('name = "x"\n[[grids]]\nx_mm = [1.0, 0.0]\ny_mm = [0.0]\n')
     path = tmp_path / "t.toml"
@@ -111,7 +111,7 @@ def test_an_array_of_other_size_than_the_scan_is_refused(tmp_path: Path) -> None
         load_config(path)
 
 
-def test_a_missing_or_broken_file_says_so(tmp_path: Path) -> None:
+def test_a_missing_or_invalid_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no such file"):
         load_config(tmp_path / "none.toml")
     broken = tmp_path / "broken.toml"

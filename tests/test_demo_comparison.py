@@ -67,14 +67,14 @@ def test_a_missing_last_slide_is_wrong_and_named() -> None:
     assert not [words for words in found if "slip 1" in words]
 
 
-def test_nothing_at_all_is_wrong() -> None:
+def test_no_estimate_at_all_is_wrong() -> None:
     found = wrong([])
     for name in ("slip 1, flat", "slip 2, grooves"):
         assert f"{name}: gross at: not reported" in found
     assert "good" not in {row[-1] for row in compare(SLIDES, [], T0_S).rows[:-1]}
 
 
-def test_a_scene_without_slides_proves_nothing() -> None:
+def test_a_scene_without_slides_is_an_error() -> None:
     assert compare([], [], T0_S).wrong == ["the scene plays no slide: there is nothing to find"]
 
 
@@ -107,7 +107,7 @@ def test_an_estimate_that_is_wrong_is_called_so(events: list[Event], quantity: s
     assert [words for words in wrong(events) if words.startswith(f"slip 2, grooves: {quantity}")]
 
 
-def test_what_the_demo_must_find_is_known_from_its_scene_alone() -> None:
+def test_the_expected_slips_follow_from_the_scene_alone() -> None:
     truth = Truth(load_scene("demo"))
     slides = true_slides(truth)
     assert [slide.surface.kind for slide in slides] == ["flat", "grooves"]

@@ -92,7 +92,7 @@ def test_a_log_of_any_array_gives_its_slip(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_an_array_file_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_user_array_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two taxels listed one by one, z before x, x turned round: geometry is data."""
     file = tmp_path / "mine.toml"
     file.write_text(
@@ -184,7 +184,7 @@ def test_lateness_of_a_recording_is_no_reason_to_refuse(
     assert [e["period_mm"] for e in answered] == pytest.approx([1.2] * len(answered), abs=0.05)
 
 
-def test_a_recording_goes_on_behind_a_wrong_board(
+def test_a_recording_continues_after_a_wrong_board(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     source = load_board("board-v1", "wang2019-3x3")
@@ -214,7 +214,7 @@ def test_a_recording_goes_on_behind_a_wrong_board(
     assert "its scans are left out" in caplog.text
 
 
-def test_nan_readings_never_leave(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_events_contain_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
     volts[::3, 5] = np.nan
     volts[:, 8] = np.nan
@@ -236,7 +236,7 @@ def test_nan_readings_never_leave(tmp_path: Path, capsys: pytest.CaptureFixture[
         (("log.mcap", "normal-4x4"), ConfigError, "a recording knows its own"),
     ],
 )
-def test_what_cannot_be_run_says_why(
+def test_unusable_input_gives_a_reason(
     call: tuple[str, ...], error: type[Exception], says: str, tmp_path: Path
 ) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
@@ -246,7 +246,7 @@ def test_what_cannot_be_run_says_why(
         detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
 
 
-def test_a_log_in_counts_names_the_key_that_mends_it(tmp_path: Path) -> None:
+def test_a_log_in_counts_names_the_key_to_set(tmp_path: Path) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
     write_csv(tmp_path / "log.csv", time_s[:100], np.rint(38_000 + 1000 * volts[:100]))
     with pytest.raises(
@@ -256,7 +256,7 @@ def test_a_log_in_counts_names_the_key_that_mends_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("reading", [1e300, -1e300, 3000.0])
-def test_what_no_channel_can_read_is_refused_and_not_called_a_contact(
+def test_readings_beyond_the_range_are_refused(
     reading: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)

@@ -198,7 +198,7 @@ def test_backlog_behind_a_stall_raises_no_fresh_slip() -> None:
     assert [slip.valid for slip in slips] == [False]
 
 
-def test_a_wrong_board_is_told_and_its_scans_are_not() -> None:
+def test_a_wrong_board_is_reported_and_its_scans_are_not_published() -> None:
     board = EmulatedBoardParams(array_id="other-array")
     out: list[object] = []
     target = pipeline()
@@ -218,7 +218,7 @@ def test_a_wrong_board_is_told_and_its_scans_are_not() -> None:
     assert "protocol version 2" in str(check_hello(newer, LAYOUT, ARRAY))
 
 
-def test_disconnecting_forgets_half_frames_and_says_a_gap() -> None:
+def test_disconnecting_drops_partial_frames_and_gives_a_gap() -> None:
     target = pipeline()
     reads = stream()
     for now_s, data in reads[:200]:

@@ -100,7 +100,7 @@ def test_places_inside_lists_and_unions_are_named() -> None:
     assert "'disc', 'plate'" in line
 
 
-def test_every_fault_is_told_at_once() -> None:
+def test_all_faults_are_reported_at_once() -> None:
     lines = faults({"rate_hz": 0, "cuont": 1, "main": {}})
     assert {line.split(":")[0] for line in lines} == {"rate_hz", "cuont", "main.radius_mm"}
 
@@ -122,7 +122,7 @@ def test_one_fault_is_one_line_and_several_are_a_list() -> None:
         (b"\xff\xfe", "cannot be read: "),
     ],
 )
-def test_what_is_no_toml_is_said(tmp_path: Path, content: bytes, fault: str) -> None:
+def test_invalid_toml_is_reported(tmp_path: Path, content: bytes, fault: str) -> None:
     path = tmp_path / "bench.toml"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:

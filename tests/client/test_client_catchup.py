@@ -108,7 +108,7 @@ def test_a_gap_is_filled_before_what_is_newer() -> None:
     assert world.inbox.catch_up.lost == 0
 
 
-def test_a_recovered_message_knows_its_age_and_is_no_message() -> None:
+def test_a_recovered_message_is_a_separate_item_with_its_age() -> None:
     world = World()
     world.publish(SLIP, heard=True)
     world.now_s = 130.0
@@ -119,7 +119,7 @@ def test_a_recovered_message_knows_its_age_and_is_no_message() -> None:
     assert old.message.age_s >= 130.0  # its instant is 0
 
 
-def test_a_status_tells_of_a_loss_that_nothing_followed() -> None:
+def test_a_status_reveals_a_loss_at_the_end_of_a_topic() -> None:
     world = World()
     world.slips(True, False)
     world.exchange()
@@ -139,7 +139,7 @@ def test_other_topics_do_not_wait_for_one() -> None:
     assert world.story() == [0, "r1", 2]
 
 
-def test_what_the_store_let_go_is_lost_with_the_right_count() -> None:
+def test_messages_dropped_by_the_store_are_counted_as_lost() -> None:
     world = World(history_mb=0.01)
     world.publish(SLIP, heard=True)
     for _ in range(500):
@@ -153,7 +153,7 @@ def test_what_the_store_let_go_is_lost_with_the_right_count() -> None:
     assert world.inbox.catch_up.lost == 500 - kept
 
 
-def test_a_daemon_that_does_not_answer_is_not_waited_for_long() -> None:
+def test_catching_up_gives_up_on_a_daemon_that_does_not_answer() -> None:
     world = World()
     world.publish(SLIP, heard=True)
     world.deaf = True
@@ -201,7 +201,7 @@ def test_a_late_answer_changes_nothing() -> None:
     assert world.story() == [0, "lost 1", 2]
 
 
-def test_one_who_comes_late_gets_the_newest_of_each_topic_and_loses_nothing() -> None:
+def test_a_late_subscriber_gets_the_newest_message_of_each_topic_and_no_loss() -> None:
     world = World()
     for _ in range(5):
         world.publish(SLIP, heard=False)
@@ -215,7 +215,7 @@ def test_one_who_comes_late_gets_the_newest_of_each_topic_and_loses_nothing() ->
     assert world.story("contact") == []
 
 
-def test_what_is_retained_never_comes_after_what_is_newer() -> None:
+def test_a_retained_message_is_never_delivered_after_a_newer_one() -> None:
     world = World()
     world.publish(SLIP, heard=False)
     world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
@@ -235,7 +235,7 @@ def test_after_a_restart_the_new_run_is_fetched_from_its_beginning() -> None:
     assert world.story() == [0, 1, 2, "restarted", "r0", "r1", "r2", 3]
 
 
-def test_a_restart_while_waiting_gives_the_old_hole_up() -> None:
+def test_a_restart_while_waiting_abandons_the_gap_of_the_old_run() -> None:
     world = World()
     world.slips(True, False, True)
     world.start()
@@ -246,7 +246,7 @@ def test_a_restart_while_waiting_gives_the_old_hole_up() -> None:
     assert world.story() == [0, "lost 1", 2, "restarted", 0]
 
 
-def test_a_restart_that_is_heard_first_lets_go_what_waits() -> None:
+def test_a_restart_releases_the_messages_that_wait() -> None:
     world = World()
     world.slips(True, False, True)
     world.start()
@@ -297,7 +297,7 @@ def test_within_the_store_everything_comes_once_and_in_order(story: list[Action]
 
 @given(story=actions, restarts=st.lists(st.integers(0, 79), max_size=2))
 @settings(deadline=None, max_examples=200)
-def test_with_a_tiny_store_and_deafness_all_is_accounted_for(
+def test_with_a_small_store_every_message_is_delivered_or_counted_as_lost(
     story: list[Action], restarts: list[int]
 ) -> None:
     """In each run: what came and what is lost are all that there was, and numbers only grow."""
@@ -351,7 +351,7 @@ def test_a_hostile_daemon_never_raises(replies: list[Any]) -> None:
 
 
 @pytest.mark.parametrize("catch_up", [False, True])
-def test_endless_holes_do_not_fill_the_memory(catch_up: bool) -> None:
+def test_many_gaps_use_bounded_memory(catch_up: bool) -> None:
     world = World()
     world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=catch_up)
     world.inbox.tick(world.now_s)

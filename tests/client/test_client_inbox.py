@@ -78,7 +78,7 @@ def test_nothing_is_fresh_before_a_valid_status() -> None:
     assert kinds(daemon.status()) == ["Message"]
 
 
-def test_silence_is_told_once_and_ends_with_a_status() -> None:
+def test_silence_is_reported_once_and_ends_with_a_status() -> None:
     daemon = Daemon(topics=("slip",))
     assert daemon.status() == [Fresh()]
     assert daemon.wait(0.4) == []
@@ -91,7 +91,7 @@ def test_silence_is_told_once_and_ends_with_a_status() -> None:
     assert daemon.status() == [Fresh()]
 
 
-def test_a_client_that_hears_nothing_from_the_start_is_told_so() -> None:
+def test_a_client_that_receives_nothing_is_stale_from_the_start() -> None:
     daemon = Daemon()
     assert kinds(daemon.wait(0.5)) == ["Stale"]
 
@@ -142,7 +142,7 @@ def test_joining_late_is_no_loss() -> None:
     assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
 
 
-def test_a_restart_is_told_by_numbers_that_begin_again() -> None:
+def test_sequence_numbers_that_begin_again_mean_a_restart() -> None:
     daemon = Daemon(topics=("scan",))
     for _ in range(5):
         daemon.read(daemon.make("scan"))
@@ -152,7 +152,7 @@ def test_a_restart_is_told_by_numbers_that_begin_again() -> None:
     assert daemon.inbox.catch_up.lost == 0
 
 
-def test_a_restart_is_told_where_numbers_have_overtaken_and_what_was_said_since_counts_as_lost() -> None:
+def test_a_restart_is_noticed_although_numbers_have_overtaken_and_missed_messages_count_as_lost() -> None:
     daemon = Daemon(topics=("slip", "scan"))
     for _ in range(5):
         daemon.now_s += 0.1
@@ -170,7 +170,7 @@ def test_a_restart_is_told_where_numbers_have_overtaken_and_what_was_said_since_
     assert daemon.inbox.catch_up.lost == 300
 
 
-def test_a_status_tells_of_what_never_came() -> None:
+def test_a_status_reveals_messages_that_never_arrived() -> None:
     daemon = Daemon(topics=("slip",))
     daemon.status(sent={"slip": 7, "scan": 900})  # joined here: what was before is no loss
     assert daemon.status(sent={"slip": 7, "scan": 910}) == []
@@ -181,7 +181,7 @@ def test_a_status_tells_of_what_never_came() -> None:
 @pytest.mark.parametrize(
     "sent", [None, [], 7, {"slip": -1}, {"slip": 1.5}, {"slip": True}, {b"slip": 3}, {"slip": 2**64 - 1}]
 )
-def test_nonsense_about_what_was_sent_is_passed_over(sent: Any) -> None:
+def test_invalid_counts_of_sent_messages_are_ignored(sent: Any) -> None:
     daemon = Daemon(topics=("slip",))
     daemon.status(sent={"slip": 0})
     assert daemon.status(sent=sent) == []
@@ -262,7 +262,7 @@ GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "
         [b"tactile/b/slip", msgpack.packb(GOOD) + b"\0"],
     ],
 )  # fmt: skip
-def test_what_is_no_message_of_ours_is_reported(parts: list[bytes]) -> None:
+def test_foreign_messages_are_reported(parts: list[bytes]) -> None:
     inbox = Inbox((), None, 0.5, 0.0)
     (item,) = inbox.receive(parts, 0.1, 1.0)
     assert isinstance(item, Malformed)
@@ -293,7 +293,7 @@ def test_a_hostile_publisher_never_raises(messages: list[tuple[bytes, bytes]]) -
         assert inbox.is_fresh(now_s) in (True, False)
 
 
-def test_endless_new_boards_do_not_fill_the_memory() -> None:
+def test_many_boards_use_bounded_memory() -> None:
     daemon = Daemon()
     for number in range(3000):
         daemon.board = f"b{number}"

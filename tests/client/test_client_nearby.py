@@ -41,7 +41,7 @@ def host() -> Iterator[Host]:
         yield Host(root, stack)
 
 
-def test_the_one_daemon_is_found_whoever_started_it(host: Host) -> None:
+def test_the_only_daemon_is_found_for_any_user(host: Host) -> None:
     (host.units / "TS0009").mkdir(parents=True)  # a unit whose daemon is starting
     endpoint = host.listen(host.units / "TS0001")
     assert host.find() == endpoint
@@ -73,7 +73,7 @@ def test_the_error_says_that_no_daemon_runs(host: Host) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs another user")
-def test_who_is_not_in_the_group_is_told_how_to_join(host: Host) -> None:
+def test_the_error_names_the_group_that_may_connect(host: Host) -> None:
     host.listen(host.units / "TS0001")
     (host.units / "TS0001").chmod(0o750)
     child = os.fork()

@@ -184,7 +184,7 @@ def test_a_hostile_message_is_an_item_like_any_other(endpoint: str, publisher: P
 
 
 @pytest.mark.parametrize("endpoint", ["9872", "tcp://127.0.0.1", "warp://x", ""])
-def test_what_is_no_endpoint_is_a_config_error(endpoint: str) -> None:
+def test_an_invalid_endpoint_is_a_config_error(endpoint: str) -> None:
     async def enter() -> None:
         async with Client(endpoint):
             pass
@@ -216,7 +216,7 @@ def test_listen_ends_when_the_time_is_up(endpoint: str) -> None:
     assert "fresh" in err.getvalue()
 
 
-def test_listen_says_what_json_cannot(endpoint: str, publisher: Publisher) -> None:
+def test_listen_reports_values_that_json_cannot_represent(endpoint: str, publisher: Publisher) -> None:
     head: dict[str, Any] = {
         "v": 1,
         "timestamp": 1.0,
@@ -236,7 +236,7 @@ def test_listen_says_what_json_cannot(endpoint: str, publisher: Publisher) -> No
 
 
 @pytest.mark.usefixtures("publisher")
-def test_listen_takes_a_reader_that_has_had_enough(endpoint: str) -> None:
+def test_listen_ends_when_its_reader_closes_the_pipe(endpoint: str) -> None:
     code = f"import sys; from tactiled.client.listen import listen; sys.exit(listen({endpoint!r}, ('slip',)))"
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -78,7 +78,7 @@ def test_unplug_and_replug_restore_rate_and_start(tmp_path: Path) -> None:
     play(daemon, story)
 
 
-def test_a_missing_port_is_said_and_retried(tmp_path: Path) -> None:
+def test_a_missing_port_is_reported_and_retried(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
 
     async def story(_: Service) -> None:
@@ -160,7 +160,7 @@ def test_a_wrong_board_is_a_fault_and_its_scans_are_not_published(tmp_path: Path
     assert {row["board"] for row in daemon.rows("status")} <= {"TS0001"}
 
 
-def test_noise_is_named_as_such(tmp_path: Path) -> None:
+def test_noise_is_named_as_the_cause(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
 
     class Noisy(PtyBoard):
@@ -196,7 +196,7 @@ def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(
     asyncio.run(asyncio.wait_for(main(), 8))
 
 
-def test_the_watchdog_is_fed_while_all_is_well_and_not_while_the_data_path_hangs(
+def test_the_watchdog_is_notified_only_while_the_data_path_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     daemon = Daemon(tmp_path)
@@ -244,7 +244,7 @@ def test_the_watchdog_is_fed_while_all_is_well_and_not_while_the_data_path_hangs
         assert hung == [[]]
 
 
-def test_reload_takes_what_it_can_and_says_what_it_cannot(
+def test_reload_applies_what_can_change_and_logs_the_rest(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     daemon = Daemon(tmp_path)
@@ -289,7 +289,7 @@ def test_reload_takes_what_it_can_and_says_what_it_cannot(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signals_end_it_well(tmp_path: Path, number: signal.Signals) -> None:
+def test_signals_end_the_daemon_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     daemon = Daemon(tmp_path)
 
     async def main() -> None:

@@ -34,7 +34,7 @@ HEAD = {"v": "int", "timestamp": "float64", "seq": "int", "board": "str", "run":
     ],
     ids=["nil", "bin", "ext", "float32", "negative", "int-key", "mixed-array", "trailing", "twice"],
 )
-def test_the_strict_reader_is_strict(payload: bytes) -> None:
+def test_the_strict_reader_rejects_other_payloads(payload: bytes) -> None:
     with pytest.raises(AssertionError):
         walk(payload)
 
@@ -53,7 +53,7 @@ def shape_of(kind: Any) -> Any:
 @KINDS
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
-def test_one_plain_type_for_each_field_for_ever(kind: type[Event], data: st.DataObject) -> None:
+def test_each_field_has_one_fixed_type(kind: type[Event], data: st.DataObject) -> None:
     event = data.draw(instances(kind))
     board = data.draw(st.text(max_size=30))
     frames = codec.encode(event, seq=data.draw(st.integers(0, 2**63)), board=board, unix_offset_s=1.7e9)
@@ -125,7 +125,7 @@ def test_a_board_name_never_breaks_the_topic(board: str, topic: str) -> None:
 @pytest.mark.parametrize(
     "payload", [b"", b"\xc0", b"\x91\x01", b"\x81\x01\x02", b"\x80\x80", b"\xff", b"\x81\xa1v"]
 )
-def test_what_is_no_message_is_refused(payload: bytes) -> None:
+def test_invalid_messages_are_refused(payload: bytes) -> None:
     with pytest.raises(ContractError, match="tactile/b/slip"):
         codec.decode(b"tactile/b/slip", payload)
 

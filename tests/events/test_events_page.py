@@ -13,7 +13,7 @@ from tactiled import resources
 from tactiled.events import codec
 
 
-def test_the_printed_subscriber_works(tmp_path: Path) -> None:
+def test_the_subscriber_in_the_documentation_works(tmp_path: Path) -> None:
     page = resources.shipped("protocols", "events.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     endpoint = f"ipc://{tmp_path}/events.ipc"

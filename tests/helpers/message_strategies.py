@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 FLOATS = st.one_of(st.sampled_from([0.0, -0.0, 1.0]), st.floats(-1e15, 1e15))
 INTEGERS = st.integers(0, 2**63 - 1)
+_MINUS_ONE = 0xFF  # msgpack byte of -1, which only `uid` may be (protocols/events.md)
 NONNEGATIVE = {
     "period_mm", "speed_mm_s", "frequency_hz", "window_s", "rate_hz", "uptime_s", "volts_per_count", "weight",
     "free_mb", "inhibited_s", "loop_lag_s", "friction", "friction_low", "friction_high", "needed_load",
@@ -104,7 +105,10 @@ def _walk(data: bytes, at: int) -> tuple[Any, Any, int]:
         key, shape, at = _walk(data, at)
         assert shape == "str", f"a key that is {shape}"
         assert key not in entries, f"{key} twice"
-        entries[key], kinds[key], at = _walk(data, at)
+        if key == "uid" and data[at] == _MINUS_ONE:
+            entries[key], kinds[key], at = -1, "int", at + 1
+        else:
+            entries[key], kinds[key], at = _walk(data, at)
     return entries, kinds, at
 
 

@@ -101,5 +101,5 @@ def test_the_answer_in_words() -> None:
 @pytest.mark.parametrize(
     ("sd", "words"), [(0.0012, "1.235 ± 0.001"), (2.0, "1 ± 2"), (0.0, "1.234567890 ± 0.000000000")]
 )
-def test_digits_are_those_of_the_sigma(sd: float, words: str) -> None:
+def test_numbers_have_the_digits_of_their_standard_deviation(sd: float, words: str) -> None:
     assert in_words(1.23456789, sd) == words

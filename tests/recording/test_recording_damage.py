@@ -75,7 +75,7 @@ def test_any_byte_of_the_chunks_may_flip(small: tuple[Path, bytes, list[Item], l
         check(small, at, 0xFF)
 
 
-def test_a_length_that_leads_beyond_whole_chunks_is_not_believed(
+def test_a_damaged_length_beyond_whole_chunks_is_ignored(
     small: tuple[Path, bytes, list[Item], list[int]],
 ) -> None:
     path, data, whole, ends = small
@@ -209,7 +209,7 @@ def test_a_description_that_is_damaged_twice_is_refused(tmp_path: Path) -> None:
         read_header(path)
 
 
-def test_a_file_that_is_whole_is_read_without_a_word(
+def test_a_complete_file_is_read_without_a_log_line(
     long: tuple[Path, int], caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.DEBUG):

@@ -85,7 +85,7 @@ def leave_unfinished(path: Path, n_reads: int) -> bytes:
     return writer.active.read_bytes()
 
 
-def test_what_earlier_runs_left_is_finished_and_what_is_being_written_is_left_alone(tmp_path: Path) -> None:
+def test_unfinished_files_are_recovered_and_files_being_written_are_not(tmp_path: Path) -> None:
     leave_unfinished(tmp_path / name(0), 5)
     os.utime(tmp_path / (name(0) + ACTIVE), (1000.0, 1000.0))
     leave_unfinished(tmp_path / "mine.mcap", 5)
@@ -122,7 +122,7 @@ def test_a_file_without_room_for_its_copy_or_with_a_finished_one_beside_it_is_le
         list(recover_directory(tmp_path / "none"))
 
 
-def test_a_new_file_that_somebody_looks_at_is_tried_again_under_its_name(
+def test_a_file_that_cannot_be_locked_is_removed_and_can_be_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The lock is not there between creating the file and locking it: nothing is left behind then."""

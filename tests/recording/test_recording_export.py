@@ -64,7 +64,7 @@ def test_detect_finds_the_same_in_the_table(
     assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=scan_s)
 
 
-def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
+def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
     volts = np.ones((3, 2))
     valid = np.array([[True, False], [True, True], [False, True]])
     np.savez(tmp_path / "v.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid)
@@ -75,7 +75,7 @@ def test_readings_marked_invalid_are_no_readings(tmp_path: Path) -> None:
         read_table(tmp_path / "w.npz")
 
 
-def test_what_cannot_be_exported_says_why_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
+def test_a_failed_export_gives_a_reason_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
     with RecordingWriter(tmp_path / "empty.mcap", HEADER):
         pass
     with pytest.raises(DataError, match="contains no scans"):

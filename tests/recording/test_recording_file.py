@@ -35,7 +35,7 @@ def test_bytes_arrivals_and_events_come_back_exactly(tmp_path: Path, reads: list
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_else_the_pipeline_was_told_keeps_its_place(tmp_path: Path) -> None:
+def test_other_pipeline_inputs_keep_their_place(tmp_path: Path) -> None:
     told: list[Read | Input] = [
         Read(1.0, 0.5, b"ab"),
         Input(1.5, 0.5, "dropped", '{"reads": 3, "bytes": 99}'),
@@ -127,9 +127,7 @@ def test_a_recorder_in_another_process_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("directory", ["none", "file"])
-def test_a_place_that_takes_no_files_is_refused_before_anything_is_lost(
-    tmp_path: Path, directory: str
-) -> None:
+def test_an_unwritable_path_is_refused_before_recording(tmp_path: Path, directory: str) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DataError, match=r"a\.mcap\.active: cannot be written \(.*choose a place"):
         RecordingWriter(tmp_path / directory / "a.mcap", HEADER)

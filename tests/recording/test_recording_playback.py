@@ -62,7 +62,7 @@ def test_a_driver_gets_every_byte(tmp_path: Path, recording: tuple[Path, list[Re
     assert not (tmp_path / "port").is_symlink()
 
 
-def test_it_takes_as_long_as_it_took(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
+def test_playback_takes_as_long_as_the_recording(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
     path, reads = recording
     whole = b"".join(read.data for read in reads)
     driver = Driver(tmp_path / "port", len(whole))
@@ -73,14 +73,14 @@ def test_it_takes_as_long_as_it_took(tmp_path: Path, recording: tuple[Path, list
     assert driver.data == whole
 
 
-def test_a_driver_that_leaves_ends_it(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
+def test_playback_ends_when_the_driver_leaves(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
     path, _ = recording
     with pytest.raises(OperatorError, match=r"closed the port after \d+ bytes"):
         played_to(Driver(tmp_path / "port", 100), path, 1.0)
     assert not (tmp_path / "port").is_symlink()
 
 
-def test_what_cannot_be_played_says_why(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
+def test_an_unplayable_file_gives_a_reason(tmp_path: Path, recording: tuple[Path, list[Read]]) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(ConfigError, match=r"cannot make .*taken: File exists"):
         play([recording[0]], tmp_path / "taken")

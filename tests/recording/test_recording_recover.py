@@ -63,7 +63,7 @@ def test_cut_at_every_byte(
     assert [path.name for path in tmp_path.iterdir()] == ["cut.mcap.active"]
 
 
-def test_a_garbage_end_is_not_believed(
+def test_garbage_at_the_end_is_skipped(
     tmp_path: Path, whole: tuple[bytes, list[Item], list[tuple[int, int]]]
 ) -> None:
     """After a power cut the unsynced end may be zeros, old blocks or a chunk with flipped bits."""
@@ -119,7 +119,7 @@ def test_a_file_in_use_and_a_name_in_use_are_left_alone(tmp_path: Path) -> None:
         recover(writer.active, tmp_path / "none" / "b.mcap")
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     for name, data in (("empty", b""), ("text", b"hello"), ("zeros", bytes(5000))):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(DataError, match=f"{name}: not a recording of tactiled"):

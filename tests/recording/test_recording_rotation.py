@@ -70,7 +70,9 @@ def test_parts_by_size(tmp_path: Path) -> None:
     assert [item for part in parts for item in items(part)] == reads
 
 
-def test_the_disk_guard_stops_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recording_pauses_on_a_full_disk_and_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     room_mb = 1000.0
     monkeypatch.setattr(rotation, "free_mb", lambda _: room_mb)
     target = Rotation(tmp_path / "a.mcap", RecordParams(min_free_mb=500.0), HEADER, 0.0)
@@ -127,7 +129,7 @@ def small_disk(directory: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("full_disk", [limited_by_size, small_disk])
-def test_a_full_disk_costs_what_was_not_synced_and_nothing_else(
+def test_a_full_disk_loses_only_unsynced_data(
     tmp_path: Path, full_disk: "type[contextlib.AbstractContextManager[Path]]"
 ) -> None:
     directory = tmp_path / "disk"

@@ -74,9 +74,7 @@ def table(path: Path, spacing_s: float) -> Path:
         (1e4, "0.0001 Hz; .* milliseconds"),  # microseconds
     ],
 )
-def test_times_that_are_hardly_seconds_are_refused_with_what_to_do(
-    tmp_path: Path, spacing_s: float, says: str
-) -> None:
+def test_implausible_times_are_refused_with_a_remedy(tmp_path: Path, spacing_s: float, says: str) -> None:
     with pytest.raises(DataError, match=rf"t\.npz: rows are .*{says}"):
         read_table(table(tmp_path / "t.npz", spacing_s))
 

@@ -72,7 +72,7 @@ def test_every_scan_is_delivered_or_missing(kept: list[bool], tick0: int, sequen
     assert target.counts.restarts == 0
 
 
-def test_wraps_of_sequence_and_ticks_go_unseen() -> None:
+def test_wraps_of_sequence_and_ticks_change_nothing() -> None:
     target = assembler()
     items = feed(target, list(range(40)), tick0=2**32 - 200_000, sequence0=2**16 - 20)
     assert not [item for item in items if isinstance(item, Gap)]
@@ -133,7 +133,7 @@ def test_a_started_board_whose_ticks_are_young_is_another_run() -> None:
     assert items[1].time_s[0] == pytest.approx(75.0, abs=2e-3)
 
 
-def test_another_board_with_the_same_counts_is_scaled_as_itself() -> None:
+def test_each_board_is_scaled_by_its_own_reference() -> None:
     target = assembler()
     feed(target, list(range(100)))
     target.board(hello(board_serial="TS0002", adc_reference_v=1.5), 51.5)
@@ -143,7 +143,7 @@ def test_another_board_with_the_same_counts_is_scaled_as_itself() -> None:
     assert items[-1].volts[0, 0] == 0.75
 
 
-def test_scans_of_the_future_are_not_fresh() -> None:
+def test_scans_with_future_times_are_late() -> None:
     """A clock that runs ahead (ticks jumped, sequence did not say so) marks what it stamps."""
     target = assembler()
     feed(target, list(range(300)))
@@ -232,7 +232,7 @@ def test_a_board_without_ticks_is_timed_by_its_sample_count() -> None:
     assert block.time_s[-1] == pytest.approx(10 + 599 * 0.02 - latency_s, abs=1e-3)
 
 
-def test_scan_before_hello_is_our_own_mistake() -> None:
+def test_a_scan_before_the_hello_is_a_contract_error() -> None:
     with pytest.raises(ContractError):
         Assembler(LAYOUT).scan(scan(0), 0.0)
 
@@ -249,7 +249,7 @@ def test_blocks_refuse_to_straddle_a_gap() -> None:
 OVERRUN = LAYOUT.flag("overrun")
 
 
-def test_scans_that_the_board_missed_are_told_from_scans_that_were_lost() -> None:
+def test_scans_missed_by_the_board_are_counted_apart_from_lost_scans() -> None:
     target = assembler()
     feed(target, [0, 1])
     feed(target, [5], flags=OVERRUN)  # 2, 3, 4: the board says that it missed them

@@ -56,7 +56,7 @@ def test_sixteen_millisecond_steps_without_relative_drift_stay_inside_the_stated
     assert 0.3 < worst < 2.5  # uniform errors end at 1.7 sigma
 
 
-def test_a_stepped_board_clock_is_believed_after_a_few_scans() -> None:
+def test_a_step_of_the_board_clock_is_followed_after_a_few_scans() -> None:
     fit = ClockFit(ClockParams(), 0.0)
     for k in range(500):
         fit.add(k * 0.01, 100 + k * 0.01)
@@ -115,7 +115,7 @@ def test_moments_agree_with_sampling() -> None:
     assert line.var01 == pytest.approx(np.cov(y0[inside], y1[inside])[0, 1], abs=0.01)
 
 
-def test_bounds_that_contradict_newer_ones_are_passed_over() -> None:
+def test_bounds_that_contradict_newer_ones_are_ignored() -> None:
     """The old band says 5 to 6, the newer two say -1 to 0: the clock was slewed, the newer hold."""
     bands = [Band(0.0, 5.0, 0.0, 6.0), Band(1.0, -1.0, 1.0, 0.0), Band(2.0, -1.0, 2.0, 0.0)]
     line = lines_through(bands, 1e-3, 0.05).line
@@ -133,7 +133,7 @@ def test_bounds_that_contradict_newer_ones_are_passed_over() -> None:
         (0.010, 100.0, 5.0),
     ],
 )
-def test_sigma_is_true_whatever_timer_the_adapter_has(
+def test_errors_match_the_stated_sigma_for_any_adapter_timer(
     bunch_s: float, rate_hz: float, drift_ppm: float
 ) -> None:
     """Timers that divide the scan period hide a constant delay; the sigma must know it."""
@@ -150,7 +150,7 @@ def test_sigma_is_true_whatever_timer_the_adapter_has(
 
 
 @pytest.mark.parametrize("is_configured", [False, True])
-def test_a_known_timer_is_believed_where_reads_cannot_show_it(is_configured: bool) -> None:
+def test_a_configured_timer_is_used_where_reads_do_not_reveal_it(is_configured: bool) -> None:
     """16 ms hand-overs of whole 62.5 Hz frames look like a perfect line, 8 ms off on the average."""
     ratios = []
     for seed in range(12):
@@ -233,7 +233,7 @@ def test_a_crystal_within_the_limit_is_no_warning() -> None:
     ("bunch_s", "stall_per_s", "drift_ppm"),
     [(0.010, 0.0, 5.0), (0.001, 0.0, 5.0), (0.016, 0.1, -100.0), (0.0, 0.1, 100.0)],
 )
-def test_pings_make_sigma_true_and_small_whatever_the_adapter_hides(
+def test_with_pings_sigma_is_small_and_correct_for_any_adapter(
     bunch_s: float, stall_per_s: float, drift_ppm: float
 ) -> None:
     line = LineConditions("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=stall_per_s))
@@ -245,7 +245,7 @@ def test_pings_make_sigma_true_and_small_whatever_the_adapter_hides(
     assert np.sqrt(np.mean(sd_s**2)) < 0.3e-3
 
 
-def test_a_board_that_answers_slowly_bounds_loosely_and_never_falsely() -> None:
+def test_slow_answers_give_wide_but_correct_bounds() -> None:
     """100 ms from ping to tick: the line is as well known as without pings."""
     line = LineConditions("test", 5.0, FaultParams(bunch_s=0.016))
     for seed in range(2):
@@ -284,7 +284,7 @@ def test_a_stall_longer_than_a_bucket_moves_nothing_once_pings_are_answered() ->
             assert sd_s < 5e-3
 
 
-def test_a_ping_takes_back_what_was_assumed_of_perfect_reads() -> None:
+def test_a_ping_revokes_the_assumption_of_unbunched_frames() -> None:
     """Whole frames each 10 ms from a 10 ms timer look like a line that nothing bunches, and are 6 ms late."""
     fit = ClockFit(ClockParams(), 0.0)
     for k in range(1000):

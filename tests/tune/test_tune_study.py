@@ -112,7 +112,7 @@ def test_an_array_without_shear_is_refused() -> None:
 
 @pytest.mark.parametrize("rise_s", [0.1, 1.0])
 @pytest.mark.parametrize("name", ["balanced", "quiet"])
-def test_in_a_still_hold_an_onset_is_told_when_its_shear_is_there(name: str, rise_s: float) -> None:
+def test_in_a_still_hold_an_onset_is_detected_once_its_shear_has_grown(name: str, rise_s: float) -> None:
     """Mindlin's curve reaches `least_shear` at a known time; the detector tells within three scans of it.
 
     No sooner but for 5 %, and 10 % near the curve's end: it sees a straight ramp where the curve is bent.
@@ -125,13 +125,13 @@ def test_in_a_still_hold_an_onset_is_told_when_its_shear_is_there(name: str, ris
     assert max(found) <= 1.1 * there_s + 0.03
 
 
-def test_an_onset_smaller_than_what_counts_is_never_told() -> None:
+def test_an_onset_below_the_required_shear_is_never_detected() -> None:
     found = latencies(recording(held(10, 1e-4)), SETTINGS["quiet"], InjectedOnset(0.15, 0.1))
     assert found == [np.inf] * 20
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_a_hand_that_sways_hides_no_slip(name: str) -> None:
+def test_slip_is_detected_on_a_swaying_hand(name: str) -> None:
     time_s = np.arange(30 * int(RATE_HZ)) / RATE_HZ
     sway = 0.083 * np.sin(2 * np.pi * 0.7 * time_s) * (time_s > 5)
     swaying = recording(slide(ARRAY, held(30.0, 1e-3, seed=3), sway, 40.0))
@@ -173,7 +173,7 @@ def still() -> Study:
     return quietly(alone, alone)
 
 
-def test_a_still_motion_proposes_the_fastest_and_says_what_that_is_worth(still: Study) -> None:
+def test_a_still_motion_proposes_the_fastest_setting_with_its_bound(still: Study) -> None:
     assert still.shear_tail is None
     assert still.proposed.params.shear == SHEARS[0]
     assert "nothing can be extrapolated" in in_words(still)
@@ -188,7 +188,7 @@ def test_alarms_in_the_quiet_hold_are_reported() -> None:
     assert found.proposed.quiet.count == 0
 
 
-def test_the_snippet_is_a_configuration(still: Study) -> None:
+def test_the_proposed_toml_is_a_valid_configuration(still: Study) -> None:
     slip = DetectParams.model_validate(tomllib.loads(as_toml(still))["detect"]).slip
     assert slip.shear == still.proposed.params.shear
     assert slip.false_alarms_per_hour == still.proposed.params.false_alarms_per_hour

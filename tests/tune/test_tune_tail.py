@@ -23,7 +23,7 @@ def test_limits_of_a_rate_are_those_at_which_the_count_is_a_rare_one(count: int,
     assert poisson.cdf(count, high * hours) == pytest.approx(0.025)
 
 
-def test_the_tail_of_exponential_sizes_covers_the_truth_as_often_as_it_says() -> None:
+def test_the_interval_of_the_exponential_tail_has_its_stated_coverage() -> None:
     """Sizes of scale 0.03 at 1200 an hour, seen for a minute: for one an hour 0.02 + 0.03 ln 1200."""
     rng = np.random.default_rng(4)
     rungs, hours = np.geomspace(0.02, 1.0, 40), 1 / 60
@@ -63,7 +63,7 @@ def test_the_interval_of_a_median_covers_it() -> None:
     assert 0.94 <= share <= 0.98  # 0.959: order statistics come in steps
 
 
-def test_what_was_never_told_counts_as_later_than_all() -> None:
+def test_missed_detections_count_as_infinite_latency() -> None:
     assert median_interval([0.1, np.inf, np.inf])[0] == np.inf
     assert median_interval([0.1, 0.2, 0.3, np.inf])[0] == pytest.approx(0.25)
     assert median_interval([0.1]) == (0.1, 0.1, 0.1)

@@ -73,7 +73,7 @@ def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
     assert "wrong baud rate (115200 configured): the UART counts framing errors" in line.fault
 
 
-def test_the_model_of_the_uart_hears_what_was_sent_at_the_right_rate() -> None:
+def test_the_uart_model_receives_what_was_sent_at_the_same_rate() -> None:
     data = b"".join(scans(LAYOUT, 5))
     assert received_at(data, BAUD, BAUD) == (data, 0)
     assert received_at(data, BAUD * 1.02, BAUD) == (data, 0)  # two crystals differ by less
@@ -91,7 +91,7 @@ def test_clean_bytes_that_are_no_frames_are_another_protocol_where_the_uart_coun
     assert "most likely" in Line(parts).fault
 
 
-def test_intact_frames_of_another_version_are_told_from_noise() -> None:
+def test_intact_frames_of_another_version_are_not_noise() -> None:
     stranger = bytes.fromhex("037f050350c700")  # type 0x7f, checksum right
     assert "intact frames of another one or version" in Line([stranger * 10] * 100).fault
 
@@ -102,7 +102,7 @@ def test_a_console_is_quoted() -> None:
     assert "waiting for image" in fault
 
 
-def test_heavy_noise_is_told_from_a_wrong_rate() -> None:
+def test_heavy_noise_is_not_a_wrong_baud_rate() -> None:
     parts = []
     for part in scans(LAYOUT):
         octets = bytearray(part)
@@ -123,7 +123,7 @@ def test_a_flip_in_a_minute_is_no_warning() -> None:
     assert Line(parts).watch.warning() == ""
 
 
-def test_silence_is_named_after_a_second_and_forgiven_with_the_first_frame() -> None:
+def test_silence_is_a_fault_after_a_second_until_the_first_frame() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(10.0)
     watch.count(Tally(), 10.0)
@@ -135,7 +135,7 @@ def test_silence_is_named_after_a_second_and_forgiven_with_the_first_frame() -> 
     assert watch.fault(12.1) == ""
 
 
-def test_the_words_stay_while_the_cause_does() -> None:
+def test_the_text_of_a_fault_is_constant() -> None:
     lines = [f"line {k} of a console that prints\r\n".encode() for k in range(100)]
     watch = LineWatch("x", BAUD)
     watch.reset(0.0)
@@ -148,7 +148,7 @@ def test_the_words_stay_while_the_cause_does() -> None:
     assert len(faults - {""}) == 1
 
 
-def test_frames_of_no_layout_have_no_name() -> None:
+def test_unknown_frames_have_no_layout_name() -> None:
     assert frames_of(b"\x00\x01\x02" * 300, {"a": LAYOUT, "b": LEGACY}) is None
     assert frames_of(b"".join(scans(LEGACY, 3)), {"a": LAYOUT, "b": LEGACY}) == "b"
 
@@ -203,7 +203,7 @@ def test_a_silent_pseudo_terminal_has_no_cable() -> None:
     assert not [word for word in CABLE if word in fault]
 
 
-def test_lines_of_a_board_that_was_heard_are_not_swapped() -> None:
+def test_a_board_that_has_sent_frames_has_no_swapped_lines() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(0.0)
     watch.count(Tally(), 0.0)

@@ -62,7 +62,7 @@ async def until_connects(daemon: Daemon, n: int) -> None:
     await daemon.until(lambda: bool(daemon.rows("status")) and daemon.status["connects"] == n, f"port {n}")
 
 
-def test_a_descriptor_that_is_stuck_is_left_for_the_device_that_bears_the_name(tmp_path: Path) -> None:
+def test_a_stuck_descriptor_is_replaced_by_the_device_of_that_name(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
     took_s = []
 
@@ -120,7 +120,7 @@ def tcp_board(port: int, deaf: int) -> Iterator[None]:
             item.close()
 
 
-def test_a_half_dead_connection_is_opened_anew(tmp_path: Path) -> None:
+def test_a_connection_that_delivers_nothing_is_reopened(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
 
     async def story(_: Service) -> None:
@@ -141,7 +141,7 @@ def bare_link() -> BoardLink:
     return BoardLink(Pipeline(LAYOUT, ARRAY), session, line)
 
 
-def test_a_silent_port_is_opened_anew_ever_more_rarely() -> None:
+def test_a_silent_port_is_reopened_at_growing_intervals() -> None:
     link, now_s, openings = bare_link(), 100.0, []
     link.opened(now_s)
     while now_s < 800.0:
@@ -156,7 +156,7 @@ def test_a_silent_port_is_opened_anew_ever_more_rarely() -> None:
     assert waits[-1] == pytest.approx(60.0, abs=0.2)
 
 
-def test_bytes_make_it_patient_again() -> None:
+def test_received_bytes_reset_the_interval() -> None:
     link = bare_link()
     link.opened(100.0)
     assert link.dead_because(100.0 + SILENT_S)
@@ -236,7 +236,7 @@ def test_lost_frames_are_missing_and_no_restart() -> None:
     assert (status.restarts, status.scans_missing, status.scans) == (0, 7, 20)
 
 
-def test_an_adapter_that_hands_over_late_is_said_in_status(
+def test_a_slow_latency_timer_is_a_warning_in_status(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(device, "shorten_latency", lambda _: 16)
@@ -251,7 +251,7 @@ def test_an_adapter_that_hands_over_late_is_said_in_status(
     assert caplog.text.count("every 16 ms only") == 1
 
 
-def test_the_timer_that_an_adapter_says_goes_into_the_clock_and_into_the_recording(
+def test_the_latency_timer_of_the_adapter_is_used_by_the_clock_and_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(device, "shorten_latency", lambda _: 16)

@@ -142,7 +142,7 @@ def test_the_configured_rate_is_set_confirmed_and_restored_after_reboot_and_repl
     assert (bench.state(), bench.board.rate_hz) == ("running", 200.0)
 
 
-def test_a_reboot_without_a_word_is_seen_as_silence_and_mended() -> None:
+def test_a_silent_reboot_is_a_stall_and_the_board_is_started_again() -> None:
     bench = Bench(SessionParams(rate_hz=200.0))
     bench.plug()
     bench.run(0.5)
@@ -211,7 +211,7 @@ def test_another_protocol_version_is_a_fault_that_a_new_firmware_ends() -> None:
     assert bench.state() == "running"
 
 
-def test_a_refused_command_is_told_and_tried_again() -> None:
+def test_a_refused_command_is_logged_and_sent_again() -> None:
     bench = Bench(SessionParams(rate_hz=1000.0))
     bench.board.refuses["set_rate"] = "bad_argument"
     bench.plug()
@@ -225,7 +225,7 @@ def test_a_refused_command_is_told_and_tried_again() -> None:
     assert (bench.state(), bench.reason, bench.board.rate_hz) == ("running", "", 1000.0)
 
 
-def test_a_busy_board_is_asked_again_without_a_fuss() -> None:
+def test_a_busy_board_gets_the_command_again_without_a_warning() -> None:
     bench = Bench()
     bench.board.refuses["start"] = "busy"
     bench.plug()
@@ -246,7 +246,7 @@ class Rounding(SimBoard):
         return replies
 
 
-def test_a_rate_that_the_board_takes_but_does_not_keep_is_a_fault_and_no_endless_talk() -> None:
+def test_a_rate_that_the_board_accepts_but_does_not_keep_is_a_fault() -> None:
     bench = Bench(SessionParams(rate_hz=100.5), Rounding())
     bench.plug()
     bench.run(3.0)
@@ -354,7 +354,7 @@ def test_no_ping_goes_while_a_command_waits_for_its_answer() -> None:
     assert len(pings(bench)) > before
 
 
-def test_pings_that_nobody_answers_hold_nothing_up() -> None:
+def test_unanswered_pings_delay_no_command() -> None:
     bench = Bench()
     bench.plug()
     bench.run(0.1)
@@ -367,7 +367,7 @@ def test_pings_that_nobody_answers_hold_nothing_up() -> None:
     assert (bench.state(), bench.board.rate_hz) == ("running", 50.0)
 
 
-def test_a_board_that_knows_no_ping_is_asked_once() -> None:
+def test_a_board_without_ping_is_pinged_once() -> None:
     bench = Bench()
     bench.board.refuses["ping"] = "unknown_command"
     bench.plug()

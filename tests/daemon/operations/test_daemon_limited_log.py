@@ -25,7 +25,7 @@ def test_a_condition_is_logged_once_then_counted(caplog: pytest.LogCaptureFixtur
     assert caplog.messages[3:] == ["denied: a"]
 
 
-def test_however_many_conditions_there_are_the_lines_are_few(caplog: pytest.LogCaptureFixture) -> None:
+def test_many_conditions_give_a_bounded_number_of_lines(caplog: pytest.LogCaptureFixture) -> None:
     log = RateLimitedLog(logging.getLogger("t"), "denied")
     for k in range(1000):
         log.add(str(k), 100.0)
@@ -34,7 +34,7 @@ def test_however_many_conditions_there_are_the_lines_are_few(caplog: pytest.LogC
     assert caplog.messages[-1] == "denied: and 992 more, for other reasons"
 
 
-def test_the_last_line_says_how_things_are_now(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_last_line_is_the_last_condition(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
         log = RateLimitedLog(logging.getLogger("t"))
         for k in range(100):
@@ -46,7 +46,7 @@ def test_the_last_line_says_how_things_are_now(caplog: pytest.LogCaptureFixture)
     assert [record.levelname for record in caplog.records] == ["WARNING", "INFO", "INFO", "WARNING"]
 
 
-def test_measured_values_do_not_make_a_condition_another_one(caplog: pytest.LogCaptureFixture) -> None:
+def test_measured_values_do_not_distinguish_conditions(caplog: pytest.LogCaptureFixture) -> None:
     log = RateLimitedLog(logging.getLogger("t"))
     for k in range(20):
         log.add(f"the clock was set by {k} s", 100.0, kind="clock")

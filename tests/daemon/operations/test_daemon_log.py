@@ -43,7 +43,7 @@ def test_each_line_has_its_priority_for_the_journal(tmp_path: Path, monkeypatch:
     assert all(line.startswith("<3>") for line in lines[3:])
 
 
-def test_people_see_no_priorities(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_gets_no_priorities(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = written(tmp_path / "log", monkeypatch, journal=False)
     assert lines[1].endswith("INFO i")
     assert not any(line.startswith("<") for line in lines)

@@ -98,14 +98,14 @@ def bare(errors: LineErrors | None = None) -> Metrics:
     return Metrics(Pipeline(LAYOUT, ARRAY).health, lambda: errors)
 
 
-def test_before_anything_happened_there_is_a_valid_answer() -> None:
+def test_metrics_are_valid_before_the_first_event() -> None:
     families = parse(bare().text())
     assert value(families, "tactiled_frames_total", result="good") == 0
     assert "tactiled_state" not in families
     assert "tactiled_uart_errors" not in families
 
 
-def test_uart_and_disk_are_told_where_they_are_known() -> None:
+def test_uart_and_disk_metrics_appear_where_known() -> None:
     metrics = bare(LineErrors(framing=3, overrun=4))
     metrics.count(
         RecordingEvent(
@@ -191,7 +191,7 @@ def serve(
         (b"", "405"),
     ],
 )
-def test_anything_asked_is_answered(request_line: bytes, status: str) -> None:
+def test_every_http_request_is_answered(request_line: bytes, status: str) -> None:
     async def story(port: int) -> None:
         head, _ = await scrape(port, request_line + b"\r\nHost: x\r\n\r\n")
         assert f"HTTP/1.0 {status}" in head
@@ -213,7 +213,9 @@ def test_a_request_without_end_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     serve(story)
 
 
-def test_a_client_that_does_not_read_is_cut_and_hurts_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_that_does_not_read_is_disconnected_without_effect_on_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(exporter_module, "_PATIENCE_S", 1.5)
 
     async def story(port: int) -> None:
@@ -232,7 +234,7 @@ def test_a_client_that_does_not_read_is_cut_and_hurts_nobody(monkeypatch: pytest
     serve(story, lambda: "x" * 20_000_000)
 
 
-def test_too_many_clients_are_turned_away_and_room_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_excess_clients_are_refused_until_others_leave(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.3)
 
     async def story(port: int) -> None:
@@ -259,7 +261,7 @@ def test_open_clients_do_not_hold_up_the_end() -> None:
     serve(story, after=held.aclose)
 
 
-def test_a_port_that_is_taken_is_said_once_and_had_when_it_is_free(
+def test_a_port_in_use_is_logged_once_and_bound_when_free(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(exporter_module, "RETRY_S", 0.05)

@@ -63,7 +63,7 @@ def test_pings_come_in_less_than_half_the_limit_and_only_when_the_data_path_runs
 @pytest.mark.parametrize(
     "environ", [{}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"}, {"WATCHDOG_USEC": "x"}]
 )
-def test_no_pings_where_nobody_asked_us_for_them(
+def test_no_watchdog_pings_without_a_request(
     environ: dict[str, str], manager: tuple[socket.socket, str]
 ) -> None:
     listening, name = manager
@@ -80,7 +80,7 @@ def test_without_a_manager_nothing_happens() -> None:
     notifier.close()
 
 
-def test_a_manager_that_went_away_or_does_not_read_never_stops_us(tmp_path: Path) -> None:
+def test_a_missing_or_blocked_service_manager_never_blocks(tmp_path: Path) -> None:
     name = tmp_path / "notify"
     notifier = Notifier({"NOTIFY_SOCKET": str(name)})
     notifier.ready()  # nobody there

@@ -65,7 +65,7 @@ def items(path: Path) -> list[Item]:
     return list(read_items(path))
 
 
-def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
+def test_all_entries_are_in_the_file(tmp_path: Path) -> None:
     reads = [read(k) for k in range(1000)]
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         for item in reads:
@@ -81,7 +81,7 @@ def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
     assert recorder.reads_dropped == 0
 
 
-def test_a_stuck_disk_is_not_waited_for_and_what_it_costs_is_marked(
+def test_a_stuck_disk_delays_nothing_and_the_loss_is_marked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
@@ -106,7 +106,7 @@ def test_a_stuck_disk_is_not_waited_for_and_what_it_costs_is_marked(
     assert f"{dropped} more reads are in no file" in caplog.text
 
 
-def test_a_disk_stuck_for_good_does_not_keep_us_from_ending(
+def test_close_returns_although_the_disk_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "_CLOSE_S", 0.1)
@@ -121,7 +121,7 @@ def test_a_disk_stuck_for_good_does_not_keep_us_from_ending(
     recorder.close()
 
 
-def test_a_disk_that_fails_later_is_said_and_survived(
+def test_a_disk_that_fails_later_is_reported_and_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
@@ -145,7 +145,7 @@ def test_a_disk_that_fails_later_is_said_and_survived(
     assert items(saved.path)[0] == read(0)
 
 
-def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
+def test_a_full_disk_only_increases_the_drop_count(tmp_path: Path) -> None:
     """/dev/full behind the name: every write fails as on a disk without room."""
     recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
     stream = recorder._session._rotation._writer._stream  # type: ignore[union-attr]  # noqa: SLF001  a fault is put into the disk
@@ -161,7 +161,7 @@ def test_a_full_disk_costs_a_count_only(tmp_path: Path) -> None:
     recorder.close()
 
 
-def test_a_place_that_cannot_be_written_is_said_at_the_start() -> None:
+def test_an_unwritable_path_is_reported_at_the_start() -> None:
     sysfs = Path("/sys")  # takes no files, not even from root
     with Recorder(PARAMS, HEADER, sysfs / "a.mcap") as recorder:
         assert report(recorder).state == "failed"
@@ -210,9 +210,7 @@ def test_a_disk_without_room_at_the_start_is_recorded_onto_when_there_is_room(
         until(lambda: report(recorder).state == "off")
 
 
-def test_a_disk_that_does_not_answer_at_the_start_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hanging_disk_does_not_delay_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = StuckDisk(monkeypatch)
     began_s = time.monotonic()
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
@@ -271,7 +269,7 @@ def test_reports_come_each_second_and_at_changes(tmp_path: Path) -> None:
         assert changed.state == "off"
 
 
-def test_a_fault_of_ours_ends_the_recording_not_the_service(
+def test_a_bug_ends_the_recording_and_not_the_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
@@ -306,7 +304,7 @@ def test_a_directory_is_kept_within_its_limit_while_recording(tmp_path: Path) ->
     assert old[2].exists()  # of a file named by hand nobody expects that it removes others
 
 
-def test_what_an_earlier_run_left_is_recovered_beside_recording(
+def test_files_of_an_earlier_run_are_recovered_while_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rotation, "RETRY_S", 0.1)
@@ -329,9 +327,7 @@ def test_what_an_earlier_run_left_is_recovered_beside_recording(
     assert items(place / name) == [read(k) for k in range(5)]
 
 
-def test_a_recovery_that_has_not_ended_does_not_keep_us_from_ending(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_close_does_not_wait_for_a_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = RecordingWriter(tmp_path / "tactile-20200101T000000.000Z.mcap", HEADER)
     left.abandon()
     slow = tmp_path / "slow"

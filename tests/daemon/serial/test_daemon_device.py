@@ -50,7 +50,7 @@ def test_the_latency_timer_is_found_behind_a_stable_name_and_set(adapter: tuple[
     assert device.latency_warning(str(name), 1) == ""
 
 
-def test_a_timer_that_we_may_not_set_is_warned_about(
+def test_a_timer_without_permission_gives_a_warning(
     adapter: tuple[Path, Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, sys_tty, _ = adapter
@@ -67,12 +67,12 @@ def test_a_timer_that_we_may_not_set_is_warned_about(
     assert "ttyUSB3/device/latency_timer" in words
 
 
-def test_no_timer_no_complaint(tmp_path: Path) -> None:
+def test_no_warning_without_a_timer(tmp_path: Path) -> None:
     assert device.shorten_latency("/dev/ttyACM9", tmp_path) is None
     assert device.latency_warning("/dev/ttyACM9", None) == ""
 
 
-def test_the_stable_name_is_found_from_the_moving_one(adapter: tuple[Path, Path, Path]) -> None:
+def test_the_stable_name_is_found_from_the_device_name(adapter: tuple[Path, Path, Path]) -> None:
     name, _, _ = adapter
     assert device.stable_name(str(name.resolve()), name.parent) == name
     assert device.stable_name("/dev/null", name.parent) is None
@@ -106,7 +106,7 @@ def test_counters_of_a_uart_are_read_from_their_places(monkeypatch: pytest.Monke
     assert device.line_errors(3) == device.LineErrors(framing=106, overrun=107 + 110)
 
 
-def test_a_name_that_leads_elsewhere_is_noticed(tmp_path: Path) -> None:
+def test_a_name_that_leads_to_another_device_is_noticed(tmp_path: Path) -> None:
     link = tmp_path / "board"
     with open_pty() as (first, first_name), open_pty() as (_, second_name):
         link.symlink_to(first_name)
@@ -117,7 +117,7 @@ def test_a_name_that_leads_elsewhere_is_noticed(tmp_path: Path) -> None:
         assert not device.same_device(first, str(link))
 
 
-def test_a_port_is_free_until_a_daemon_has_it(tmp_path: Path) -> None:
+def test_a_port_is_free_until_a_daemon_locks_it(tmp_path: Path) -> None:
     assert not device.is_free(str(tmp_path / "none"))
     with open_pty() as (slave, name):
         assert device.is_free(name)
@@ -126,7 +126,7 @@ def test_a_port_is_free_until_a_daemon_has_it(tmp_path: Path) -> None:
         assert not device.is_free(name)
 
 
-def test_who_has_the_port_is_named() -> None:
+def test_the_process_that_holds_the_port_is_named() -> None:
     with open_pty() as (slave, name), subprocess.Popen(["sleep", "60"], stdin=slave) as other:
         try:
             assert device.holders(name) == [f"sleep ({other.pid})"]

@@ -66,7 +66,7 @@ def run(scenario: Callable[[], Awaitable[None]]) -> None:
     assert descriptors() == before
 
 
-def test_bytes_both_ways_on_a_pty_and_the_unplug_told_once() -> None:
+def test_bytes_pass_both_ways_on_a_pty_and_the_unplug_is_reported_once() -> None:
     async def scenario() -> None:
         with raw_pty() as (master, name):
             port = await open_port_in_thread(name, 115200)
@@ -86,7 +86,7 @@ def test_bytes_both_ways_on_a_pty_and_the_unplug_told_once() -> None:
     run(scenario)
 
 
-def test_bytes_both_ways_on_a_socket_and_the_close_noticed() -> None:
+def test_bytes_pass_both_ways_on_a_socket_and_its_end_is_noticed() -> None:
     async def scenario() -> None:
         with socket.create_server(("127.0.0.1", 0)) as server:
             url = f"socket://127.0.0.1:{server.getsockname()[1]}"
@@ -170,7 +170,7 @@ def test_a_port_that_opens_too_late_is_closed_again(monkeypatch: pytest.MonkeyPa
     run(scenario)
 
 
-def test_a_second_opener_is_told_that_the_port_is_busy() -> None:
+def test_a_second_open_fails_with_busy() -> None:
     with raw_pty() as (_, name):
         first = open_port(name, 115200)
         # Who has it is not told here: it is this very process, and pty numbers are shared with the machine's.
@@ -180,12 +180,12 @@ def test_a_second_opener_is_told_that_the_port_is_busy() -> None:
         open_port(name, 115200).close()
 
 
-def test_a_missing_port_names_those_that_are_there(tmp_path: Path) -> None:
+def test_the_error_for_a_missing_port_lists_present_ports(tmp_path: Path) -> None:
     with pytest.raises(PortError, match=r"no such port; (there are: /dev/|no serial port is plugged in)"):
         open_port(str(tmp_path / "ttyUSB7"), 115200)
 
 
-def test_a_link_to_a_device_that_left_is_no_such_port(tmp_path: Path) -> None:
+def test_a_dangling_link_is_no_such_port(tmp_path: Path) -> None:
     (tmp_path / "tactiled-TS0001").symlink_to(tmp_path / "gone")
     with pytest.raises(PortError, match="no such port"):
         open_port(str(tmp_path / "tactiled-TS0001"), 115200)
@@ -221,7 +221,7 @@ def test_a_refused_connection_is_explained() -> None:
 @pytest.mark.parametrize(
     ("url", "words"), [("usb://x", "protocol 'usb' not known"), ("/tmp", "is a directory")]
 )
-def test_what_can_never_be_a_port_is_a_config_error(url: str, words: str) -> None:
+def test_an_impossible_port_is_a_config_error(url: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         check_url(url)
 
@@ -229,5 +229,5 @@ def test_what_can_never_be_a_port_is_a_config_error(url: str, words: str) -> Non
 @pytest.mark.parametrize(
     "url", ["/dev/serial/by-id/none", "socket://robot:7000", "rfc2217://robot:2217", "loop://"]
 )
-def test_what_may_become_a_port_is_not_refused(url: str) -> None:
+def test_a_port_that_may_appear_later_is_accepted(url: str) -> None:
     check_url(url)

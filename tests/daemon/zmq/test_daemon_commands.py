@@ -99,7 +99,7 @@ def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> No
     assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]
 
 
-def test_every_command_is_on_record_with_who_and_what_came_of_it(tmp_path: Path) -> None:
+def test_every_command_is_recorded_with_requester_and_result(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
     async def story(daemon: AsyncCommander) -> None:
@@ -121,7 +121,7 @@ def test_every_command_is_on_record_with_who_and_what_came_of_it(tmp_path: Path)
     play(setup, story)
 
 
-def test_settings_hold_through_a_replug_and_state_tells_them(tmp_path: Path) -> None:
+def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
     async def story(daemon: AsyncCommander) -> None:
@@ -149,7 +149,7 @@ def test_settings_hold_through_a_replug_and_state_tells_them(tmp_path: Path) -> 
     play(setup, story)
 
 
-def test_a_tare_holds_for_the_board_it_was_made_on(tmp_path: Path) -> None:
+def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
     async def tared(daemon: AsyncCommander) -> bool:
@@ -232,7 +232,7 @@ def test_a_commanded_rate_holds_where_a_configuration_that_is_read_again_names_n
     play(setup, story)
 
 
-def test_a_rate_that_was_refused_does_not_answer_for_the_next(tmp_path: Path) -> None:
+def test_a_refused_rate_is_not_the_answer_to_the_next_one(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
     async def story(daemon: AsyncCommander) -> None:
@@ -267,7 +267,7 @@ def test_a_rate_without_a_board_is_kept_for_when_one_comes(tmp_path: Path) -> No
     play(setup, story)
 
 
-def test_a_restart_is_told_and_nothing_of_either_run_is_lost(tmp_path: Path) -> None:
+def test_a_restart_is_reported_and_no_message_of_either_run_is_lost(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
     async def main() -> None:

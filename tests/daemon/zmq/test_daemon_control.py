@@ -142,7 +142,7 @@ def test_a_command_is_done_once_for_an_id() -> None:
     assert len(desk.done) == 3
 
 
-def test_a_client_that_restarts_and_counts_from_one_again_is_obeyed() -> None:
+def test_a_client_that_restarts_its_numbers_is_served() -> None:
     """With a session or without: what an earlier process asked under the same id does not answer for it."""
     desk = Desk()
     for start in range(3):
@@ -179,7 +179,7 @@ def test_a_refusal_is_repeated_too() -> None:
     assert desk.ask(request("tare", "r2"))[0]["ok"]
 
 
-def test_whoever_repeats_a_command_in_progress_is_answered_when_it_is_done() -> None:
+def test_a_repeated_command_in_progress_is_answered_when_done() -> None:
     desk = Desk()
     desk.later = []
     replies: list[bytes] = []
@@ -192,7 +192,7 @@ def test_whoever_repeats_a_command_in_progress_is_answered_when_it_is_done() -> 
     assert {msgpack.unpackb(reply)["reason"] for reply in replies} == {"the board refused"}
 
 
-def test_ids_do_not_fill_the_memory() -> None:
+def test_request_ids_use_bounded_memory() -> None:
     desk = Desk()
     for number in range(3000):
         desk.ask(request("mark", f"id-{number}", text="x"))
@@ -234,7 +234,7 @@ def test_ids_do_not_fill_the_memory() -> None:
         (request("rate", rate_hz=0.0), "rate_hz: "),
     ],
 )
-def test_what_is_no_request_is_refused_and_the_field_named(payload: bytes, says: str) -> None:
+def test_an_invalid_request_is_refused_with_its_field(payload: bytes, says: str) -> None:
     desk = Desk()
     (reply,) = desk.ask(payload)
     assert not reply["ok"]
@@ -367,7 +367,7 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.005)
 
 
-def test_a_client_that_was_deaf_misses_nothing(tmp_path: Path) -> None:
+def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
     server = Server(tmp_path)
     items: list[Item] = []
 
@@ -473,7 +473,7 @@ def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, .
     serve(server, story)
 
 
-def test_hostile_clients_cost_nobody_else_anything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
     monkeypatch.setattr(network_module, "REQUESTS_PER_S", 5000.0)
     server = Server(tmp_path)
@@ -521,7 +521,7 @@ def test_hostile_clients_cost_nobody_else_anything(tmp_path: Path, monkeypatch: 
     serve(server, story)
 
 
-def test_raw_bytes_on_the_port_are_no_harm(tmp_path: Path) -> None:
+def test_raw_bytes_on_the_port_are_ignored(tmp_path: Path) -> None:
     server = Server(tmp_path)
 
     async def story() -> None:
@@ -536,9 +536,7 @@ def test_raw_bytes_on_the_port_are_no_harm(tmp_path: Path) -> None:
     serve(server, story)
 
 
-def test_an_error_of_ours_costs_a_request_and_no_more(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_internal_error_fails_only_its_request(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     server = Server(tmp_path)
 
     def broken(*_: Any) -> None:
@@ -556,5 +554,5 @@ def test_an_error_of_ours_costs_a_request_and_no_more(
     serve(server, story)
 
 
-def test_bad_is_what_it_says() -> None:
+def test_the_count_of_bad_requests_is_exact() -> None:
     assert parse(b"\xc0") == Bad("not a map with string keys")

@@ -15,7 +15,7 @@ from tactiled.events.types import ContactEvent
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
 
 
-def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
+def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> None:
     page = resources.shipped("protocols", "control.md").read_text()
     code, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     endpoint = f"ipc://{tmp_path}/events.ipc"
@@ -58,7 +58,7 @@ def test_the_printed_subscriber_misses_nothing(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
-def test_the_printed_command_is_done_whenever_it_is_started_and_once_though_it_is_sent_again(
+def test_the_command_in_the_documentation_is_done_exactly_once(
     tmp_path: Path,
 ) -> None:
     page = resources.shipped("protocols", "control.md").read_text()

@@ -51,7 +51,7 @@ def start(
     return subprocess.Popen([sys.executable, "-c", code, endpoint], text=True, stdin=stdin, stdout=stdout)
 
 
-def test_a_subscriber_that_sleeps_outlives_its_publisher(tmp_path: Path) -> None:
+def test_a_suspended_subscriber_survives_its_publisher(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     pipe = subprocess.PIPE
     with (
@@ -74,7 +74,7 @@ def test_a_subscriber_that_sleeps_outlives_its_publisher(tmp_path: Path) -> None
             subscriber.kill()
 
 
-def test_a_server_outlives_those_who_flood_it_and_leave(tmp_path: Path) -> None:
+def test_a_server_survives_clients_that_flood_it_and_leave(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     with start(SLOW_SERVER, endpoint, stdout=subprocess.PIPE) as server:
         try:

@@ -55,7 +55,7 @@ def free_ports() -> int:
         return port
 
 
-def test_a_command_over_ipc_tells_the_user(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_command_over_ipc_carries_the_user(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     endpoint = f"ipc://{tmp_path}/events.ipc"
     server = Server(endpoints=(endpoint,))
@@ -81,7 +81,7 @@ def test_both_sockets_of_ipc_are_for_user_and_group_only(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("allowed", [False, True])
-def test_commands_over_tcp_are_refused_unless_allowed_and_questions_are_answered(
+def test_commands_over_tcp_are_refused_unless_allowed_but_queries_are_answered(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, allowed: bool
 ) -> None:
     """One ROUTER serves both ways: it knows from whom each request came."""
@@ -108,7 +108,7 @@ def test_commands_over_tcp_are_refused_unless_allowed_and_questions_are_answered
     server.run(story)
 
 
-def test_an_endpoint_for_a_network_of_ones_own_takes_commands() -> None:
+def test_an_endpoint_on_a_private_network_accepts_commands() -> None:
     port = free_ports()
     endpoint = f"tcp://0.0.0.0:{port}"
     server = Server(endpoints=(endpoint,), allow_plaintext_on_network=True)
@@ -138,5 +138,5 @@ def test_an_endpoint_for_a_network_of_ones_own_takes_commands() -> None:
         ("localhost:\u0661:0:1", -1),
     ],
 )
-def test_a_user_is_read_strictly(peer: str, uid: int) -> None:
+def test_the_user_id_is_parsed_strictly(peer: str, uid: int) -> None:
     assert uid_of(peer) == uid

@@ -89,7 +89,7 @@ def test_a_message_is_two_frames_numbered_by_board_and_topic(ipc: tuple[Publishe
     assert msgpack.unpackb(got[0][1])["timestamp"] == 1010.0
 
 
-def test_a_subscriber_that_sleeps_never_holds_up_the_publisher_or_the_others(
+def test_a_suspended_subscriber_never_blocks_the_publisher_or_others(
     ipc: tuple[Publisher, str],
 ) -> None:
     publisher, endpoint = ipc
@@ -120,7 +120,7 @@ def test_queued_events_leave_before_the_socket_closes(tmp_path: Path) -> None:
         assert [msgpack.unpackb(sub.recv_multipart()[1])["index"] for _ in range(500)] == list(range(500))
 
 
-def test_a_dead_subscriber_does_not_delay_the_end(tmp_path: Path) -> None:
+def test_a_dead_subscriber_does_not_delay_shutdown(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/e.ipc"
     publisher = Publisher(PublishParams(endpoints=(endpoint,)))
     with subscriber(endpoint) as sleeper:
@@ -135,14 +135,14 @@ def test_a_dead_subscriber_does_not_delay_the_end(tmp_path: Path) -> None:
     ["tcp://0.0.0.0:9872", "tcp://*:9872", "tcp://[::]:9872", "tcp://192.168.1.5:9872", "tcp://robot:9872",
      "tcp://eth0:9872"],
 )  # fmt: skip
-def test_what_others_can_reach_is_refused_unless_meant(endpoint: str) -> None:
+def test_endpoints_reachable_from_other_hosts_are_refused_by_default(endpoint: str) -> None:
     with pytest.raises(ConfigError, match=r"can be reached from other hosts.*allow_plaintext_on_network"):
         tomlfile.parse({"endpoints": [endpoint]}, PublishParams, "t.toml")
     tomlfile.parse({"endpoints": [endpoint], "allow_plaintext_on_network": True}, PublishParams, "t.toml")
 
 
 @pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:1", "tcp://localhost:1", "tcp://[::1]:1", "ipc:///x"])
-def test_what_only_this_host_can_reach_is_allowed(endpoint: str) -> None:
+def test_local_endpoints_are_allowed(endpoint: str) -> None:
     assert PublishParams(endpoints=(endpoint,)).endpoints == (endpoint,)
 
 
@@ -173,7 +173,7 @@ def test_what_only_this_host_can_reach_is_allowed(endpoint: str) -> None:
     ],
 )
 @pytest.mark.parametrize("key", ["endpoints", "control_endpoints"])
-def test_what_is_no_endpoint_is_refused_with_its_key(endpoint: str, says: str, key: str) -> None:
+def test_an_invalid_endpoint_is_refused_with_its_key(endpoint: str, says: str, key: str) -> None:
     with pytest.raises(ConfigError) as caught:
         tomlfile.parse({"publish": {key: [endpoint]}}, _File, "t.toml")
     (fault,) = caught.value.faults
@@ -182,7 +182,7 @@ def test_what_is_no_endpoint_is_refused_with_its_key(endpoint: str, says: str, k
     assert "not an endpoint" in fault
 
 
-def test_the_port_after_the_last_is_none() -> None:
+def test_the_last_port_has_no_next_port() -> None:
     with pytest.raises(ConfigError, match=r"control_endpoints \(left out.*65536.*no port from 1 to 65535"):
         tomlfile.parse({"endpoints": ["tcp://127.0.0.1:65535"]}, PublishParams, "t.toml")
 
@@ -211,7 +211,7 @@ def test_a_socket_is_for_its_user_and_group_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may enter everywhere")
-def test_a_path_that_may_not_be_entered_is_said_so(tmp_path: Path) -> None:
+def test_a_path_without_permission_is_explained(tmp_path: Path) -> None:
     (tmp_path / "closed").mkdir(mode=0)
     with pytest.raises(OperatorError, match="cannot be bound: Permission denied"):
         Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/closed/e.ipc",)))
@@ -238,14 +238,14 @@ def test_two_daemons_on_one_ipc_path_get_a_clear_line_and_a_stale_file_is_taken(
     Publisher(params).close()
 
 
-def test_what_cannot_be_bound_is_explained(tmp_path: Path) -> None:
+def test_an_endpoint_that_cannot_be_bound_is_explained(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match="cannot be bound"):
         Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/no/such/folder/e.ipc",)))
     with pytest.raises(ConfigError, match="107 bytes"):  # the placeholder is short
         Publisher(PublishParams(endpoints=("ipc://{runtime}/e.ipc",)), {"RUNTIME_DIRECTORY": f"/{'x' * 120}"})
 
 
-def test_the_runtime_directory_is_that_of_systemd_of_the_session_or_our_own(tmp_path: Path) -> None:
+def test_the_runtime_directory_is_that_of_systemd_or_the_session_or_a_private_one(tmp_path: Path) -> None:
     assert runtime_directory({"RUNTIME_DIRECTORY": "/run/tactiled/a:/run/b"}) == Path("/run/tactiled/a")
     ours = runtime_directory({"XDG_RUNTIME_DIR": str(tmp_path)})
     assert ours == tmp_path / "tactiled"

@@ -64,12 +64,12 @@ def test_the_pair_may_come_from_the_service_manager(folder: KeyFolder, tmp_path:
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "../x", ".hidden", "daemon", "a b", "x" * 64, "é"])
-def test_what_is_no_name_is_refused(folder: KeyFolder, tmp_path: Path, name: str) -> None:
+def test_an_invalid_client_name_is_refused(folder: KeyFolder, tmp_path: Path, name: str) -> None:
     with pytest.raises(OperatorError, match="letters, digits"):
         folder.make(name, tmp_path / "out.toml")
 
 
-def test_nothing_is_overwritten_and_nothing_half_made(folder: KeyFolder, tmp_path: Path) -> None:
+def test_no_key_is_overwritten_or_half_written(folder: KeyFolder, tmp_path: Path) -> None:
     before = (tmp_path / "left.toml").read_text()
     with pytest.raises(OperatorError, match=r"left\.toml: exists"):
         folder.make("left", tmp_path / "left.toml")
@@ -100,7 +100,7 @@ def test_a_daemon_without_a_good_pair_does_not_start(folder: KeyFolder, tmp_path
         folder.pair()
 
 
-def test_a_client_file_that_is_none_shuts_out_itself_only(
+def test_an_invalid_client_file_excludes_only_that_client(
     folder: KeyFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
     (folder.path / "clients" / "bad.toml").write_text("public_key = 7\n")
@@ -110,7 +110,7 @@ def test_a_client_file_that_is_none_shuts_out_itself_only(
     assert "worse.toml" in caplog.text
 
 
-def test_whoever_is_removed_is_shut_out_without_a_restart(folder: KeyFolder) -> None:
+def test_a_removed_client_is_excluded_without_a_restart(folder: KeyFolder) -> None:
     assert folder.clients()
     (folder.path / "clients" / "left.toml").unlink()
     assert folder.clients() == {}
@@ -126,7 +126,7 @@ def authenticator(folder: KeyFolder) -> Iterator[CurveAuthenticator]:
 
 @given(request=st.lists(st.binary(max_size=40), max_size=9))
 @settings(deadline=None)
-def test_whatever_asks_is_answered_and_not_let_in(
+def test_invalid_authentication_requests_are_denied(
     tmp_path_factory: pytest.TempPathFactory, request: list[bytes]
 ) -> None:
     path = tmp_path_factory.mktemp("keys")
@@ -139,7 +139,7 @@ def test_whatever_asks_is_answered_and_not_let_in(
         assert opened.denied.count == 1
 
 
-def test_another_domain_or_mechanism_is_not_let_in_even_with_the_key(folder: KeyFolder) -> None:
+def test_another_domain_or_mechanism_is_denied_even_with_the_key(folder: KeyFolder) -> None:
     (key,) = folder.clients()
     raw = zmq.utils.z85.decode(key)
     with authenticator(folder) as opened:
@@ -216,7 +216,7 @@ def server(tmp_path: Path, folder: KeyFolder, monkeypatch: pytest.MonkeyPatch) -
     return Server(tmp_path, port, folder)
 
 
-def test_a_client_of_the_folder_hears_and_commands_under_its_name(server: Server, tmp_path: Path) -> None:
+def test_a_client_with_a_key_receives_and_commands_under_its_name(server: Server, tmp_path: Path) -> None:
     async def story() -> None:
         keys = tmp_path / "left.toml"
         assert await server.hears(server.wide, keys, 10.0)
@@ -227,7 +227,7 @@ def test_a_client_of_the_folder_hears_and_commands_under_its_name(server: Server
     server.run(story)
 
 
-def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
+def test_a_client_without_a_valid_key_receives_nothing_and_is_logged(
     server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     stranger = KeyFolder(tmp_path / "elsewhere")
@@ -254,7 +254,7 @@ def test_who_has_no_key_or_another_one_hears_nothing_and_is_logged(
     server.run(story)
 
 
-def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
+def test_a_client_without_any_key_is_logged_despite_the_rate_limit(
     server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Library libzmq never asks about those, and what is rate-limited is reported all the same."""
@@ -285,7 +285,7 @@ def test_who_has_no_key_at_all_is_logged_though_another_was_just_now(
     server.run(story)
 
 
-def test_what_only_this_host_can_reach_needs_no_key(server: Server) -> None:
+def test_local_endpoints_need_no_key(server: Server) -> None:
     async def story() -> None:
         assert await server.hears(server.local, None, 10.0)
         async with AsyncCommander(server.local) as daemon:
@@ -295,7 +295,7 @@ def test_what_only_this_host_can_reach_needs_no_key(server: Server) -> None:
     server.run(story)
 
 
-def test_a_forged_daemon_is_not_believed(server: Server, tmp_path: Path) -> None:
+def test_a_forged_daemon_is_rejected(server: Server, tmp_path: Path) -> None:
     """A forged daemon at the same address with other keys: the client accepts nothing from it."""
     keys = tmp_path / "left.toml"
     text = keys.read_text()
@@ -310,7 +310,7 @@ def test_a_forged_daemon_is_not_believed(server: Server, tmp_path: Path) -> None
     server.run(story)
 
 
-def test_wide_endpoints_want_keys_or_an_explicit_word(tmp_path: Path) -> None:
+def test_network_endpoints_need_keys_or_an_explicit_option(tmp_path: Path) -> None:
     def parse(**extra: Any) -> PublishParams:
         return tomlfile.parse({"endpoints": ["tcp://0.0.0.0:9872"], **extra}, PublishParams, "t.toml")
 
@@ -334,7 +334,7 @@ def test_wide_endpoints_want_keys_or_an_explicit_word(tmp_path: Path) -> None:
         ('public_key = "é"\nsecret_key = "b"\ndaemon_key = "c"', "no file of"),
     ],
 )
-def test_a_client_with_a_bad_file_is_told_so(tmp_path: Path, text: str, says: str) -> None:
+def test_a_bad_client_file_is_a_clear_error(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "k.toml"
     path.write_text(text)
     path.chmod(0o600)
@@ -344,7 +344,7 @@ def test_a_client_with_a_bad_file_is_told_so(tmp_path: Path, text: str, says: st
         asyncio.run(_enter(tmp_path / "none.toml"))
 
 
-def test_a_client_whose_secret_key_others_can_read_is_told_so(folder: KeyFolder, tmp_path: Path) -> None:
+def test_a_secret_key_that_others_can_read_is_an_error(folder: KeyFolder, tmp_path: Path) -> None:
     path = tmp_path / "right.toml"
     folder.make("right", path)
     asyncio.run(_enter(path))

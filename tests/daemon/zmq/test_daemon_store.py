@@ -37,7 +37,7 @@ def ask_all(store: Store, first_seq: int, end_seq: int, max_bytes: int) -> tuple
     n=st.integers(1, 60), first=st.integers(0, 70), length=st.integers(0, 70), kept=st.integers(84, 3000),
     max_bytes=st.integers(0, 500),
 )  # fmt: skip
-def test_what_is_kept_of_any_span_comes_in_order_and_each_once(
+def test_stored_messages_come_in_order_and_once(
     n: int, first: int, length: int, kept: int, max_bytes: int
 ) -> None:
     store = filled(n, kept)
@@ -47,14 +47,16 @@ def test_what_is_kept_of_any_span_comes_in_order_and_each_once(
 
 
 @given(n=st.integers(1, 40), first=st.integers(0, 50), end=st.integers(0, 50), max_bytes=st.integers(0, 500))
-def test_all_before_next_seq_is_settled(n: int, first: int, end: int, max_bytes: int) -> None:
+def test_a_span_holds_every_stored_message_before_next_seq(
+    n: int, first: int, end: int, max_bytes: int
+) -> None:
     span = filled(n).span("b", "scan", first, end, max_bytes)
     assert span.next_seq >= first
     assert span.more == (span.next_seq < min(end, n))
     assert [int(p) for p in span.payloads] == list(range(first, first + len(span.payloads)))
 
 
-def test_memory_is_what_it_says() -> None:
+def test_the_stored_size_is_the_stated_one() -> None:
     store = Store(50_000)
     for seq in range(5000):
         store.add("b", "scan", seq, payload(seq, 600))
@@ -63,7 +65,7 @@ def test_memory_is_what_it_says() -> None:
     assert real <= store.n_bytes <= 50_000
 
 
-def test_scans_never_push_a_slip_out() -> None:
+def test_scans_never_evict_a_slip() -> None:
     store = Store(10_000)
     store.add("b", "slip", 0, payload(0))
     for seq in range(1000):
@@ -71,14 +73,14 @@ def test_scans_never_push_a_slip_out() -> None:
     assert store.span("b", "slip", 0, 1, 1000).payloads == [payload(0)]
 
 
-def test_a_message_larger_than_all_room_is_kept_alone() -> None:
+def test_a_message_larger_than_the_store_is_kept_alone() -> None:
     store = Store(100)
     store.add("b", "info", 0, payload(0, 500))
     store.add("b", "info", 1, payload(1, 500))
     assert store.span("b", "info", 0, 2, 10).payloads == [payload(1, 500)]
 
 
-def test_boards_are_bounded_and_the_oldest_goes() -> None:
+def test_the_number_of_boards_is_bounded_and_the_oldest_is_evicted() -> None:
     store = Store(1000)
     for number in range(KEPT_BOARDS + 1):
         store.add(f"b{number}", "info", 0, payload(number))
