@@ -192,7 +192,7 @@ class StatusEvent(Event):
     valid: bool
     reason: str
     warning: str
-    """What should be mended although it works: a noisy line, a board clock that is off, a slow adapter."""
+    """Fault that does not stop the board: a noisy line, a board clock that deviates, a slow adapter."""
     age_s: float
     """Seconds since the newest scan began: the age of the newest data on the other topics."""
     clock_sd_s: float

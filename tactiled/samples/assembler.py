@@ -25,11 +25,11 @@ class SampleParams(Params):
     late_after_s: float = Field(
         default=0.1,
         gt=0,
-        description="a scan handled this long after it was taken is late: recorded, never acted on",
+        description="a scan handled later than this after it was taken is late: no slip is valid on it",
     )
     transfer: Literal["line", "none"] = Field(
         default="line",
-        description="line: a frame takes its bytes' time at the baud rate; none: USB hands over whole frames",
+        description="line: a frame takes the time of its bytes at the baud rate; none: whole frames by USB",
     )
     clock: ClockParams = ClockParams()
 

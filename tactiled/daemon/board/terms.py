@@ -24,16 +24,16 @@ class SessionParams(Params):
     board_serial: str | None = Field(
         default=None,
         min_length=1,
-        description="Serial number of the one board to accept, as its hello says it (see `tactiled listen "
-        "--topic info`). Leave it out where only one board can be plugged in; give it where two hands share "
-        "a host, because a left board on the right hand's port is a wrong answer, not a missing one.",
+        description="Serial number of the only board to accept (`tactiled listen -t info` shows it). Omit it "
+        "where only one board can be plugged in; give it where a host has two hands, because data of the "
+        "left hand on the right hand's port would be accepted and wrong.",
     )
     rate_hz: float | None = Field(
         default=None,
         gt=0,
         le=10_000,
-        description="Scan rate to set, restored after every replug and reboot. Leave it out to take the "
-        "board's own. Slip is found from 100 Hz; texture needs twice speed / groove period.",
+        description="Scan rate to set, in Hz; it is restored after every replug and reset. Omit it to keep "
+        "the board's own rate. Grooves need more than twice (sliding speed / groove period).",
     )
 
 
@@ -105,7 +105,7 @@ class Terms:
         if pinned is not None and hello.board_serial != pinned:
             return (
                 f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them, "
-                "or mend session.board_serial"
+                "or correct session.board_serial"
             )
         return self._check(hello)
 

@@ -35,16 +35,16 @@ class PortParams(Params):
 
     url: str = Field(
         min_length=1,
-        description="Port of the board. Prefer a name that follows the board, /dev/serial/by-id/... or the "
-        "udev link /dev/tactiled-SERIAL: ttyUSB numbers move when things are plugged. Any pyserial URL "
-        "does: socket://host:port, rfc2217://host:port.",
+        description="Serial port of the board. Use a name that follows the board, /dev/serial/by-id/... or "
+        "the udev link /dev/tactiled-SERIAL: ttyUSB numbers change. Any pyserial URL works: "
+        "socket://host:port, rfc2217://host:port.",
     )
     baud: int = Field(
         default=0,
         ge=0,
         le=12_000_000,
-        description="Bits per second; 0 takes what the protocol file says. Set it only when the firmware "
-        "was built for another rate than its protocol file. USB-CDC boards and sockets ignore it.",
+        description="Baud rate; 0 takes the one in the protocol file. Set it only for firmware that was "
+        "built for another rate. USB-CDC boards and sockets ignore it.",
     )
 
 

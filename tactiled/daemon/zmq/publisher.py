@@ -35,38 +35,38 @@ class PublishParams(Params):
 
     endpoints: tuple[str, ...] = Field(
         default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
-        description="ZeroMQ endpoints to bind; none publishes nowhere. 9872 is where PlotJuggler looks by "
-        "itself; a second daemon on the host needs another port. {runtime} is /run/tactiled/NAME under "
+        description="ZeroMQ endpoints to bind; an empty list publishes nothing. PlotJuggler uses port 9872 "
+        "by default; a second daemon on the host needs another port. {runtime} is /run/tactiled/NAME under "
         "systemd, else $XDG_RUNTIME_DIR/tactiled.",
     )
     control_endpoints: tuple[str, ...] | None = Field(
         default=None,
-        description="Where requests and commands are taken. Left out: beside each of the endpoints, at the "
-        "next TCP port, or at control.ipc in the same folder. Clients look there by themselves.",
+        description="Endpoints for requests and commands. If omitted, there is one beside each of "
+        "`endpoints`: the next TCP port, or control.ipc in the same folder. Clients look there by default.",
     )
     keys: str | None = Field(
         default=None,
         min_length=1,
         description="Folder of CURVE keys (`tactiled keys make`). Endpoints that other hosts can reach are "
-        "encrypted with them, and let in only clients of that folder.",
+        "encrypted and admit only clients of this folder.",
     )
     allow_plaintext_on_network: bool = Field(
         default=False,
-        description="Allow endpoints that other hosts can reach without keys. Anyone there can read the "
-        "events then, command the daemon, and forge either: only for a network that is yours alone.",
+        description="Allow endpoints that other hosts can reach without keys. Anyone on that network can "
+        "then read the events, forge them, and command the daemon: set it only on a private network.",
     )
     history_mb: float = Field(
         default=4.0,
         ge=0.01,
         le=1000,
-        description="Kept of each topic for subscribers that were away, 10^6 bytes: 4 is a minute of 100 Hz "
-        "scans, and hours of all else.",
+        description="Memory for each topic, for subscribers that were away (10^6 bytes). 4 holds a minute of "
+        "scans of 36 channels at 100 Hz, and hours of every other topic.",
     )
     allow_commands_over_tcp: bool = Field(
         default=False,
-        description="Take commands at loopback TCP endpoints too, where any user of this host may connect. "
-        "Without it commands come over ipc, from the daemon's user and group, or from clients with keys; "
-        "loopback TCP answers questions only (state and events).",
+        description="Accept commands over loopback TCP too, where any user of this host may connect. If "
+        "false, commands are accepted over ipc, from the daemon's user and group, and from clients with "
+        "keys; loopback TCP answers requests for state and events only.",
     )
 
     @model_validator(mode="after")
