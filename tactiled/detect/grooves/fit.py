@@ -306,7 +306,7 @@ def estimate_slope(best: RefinedWave, window: DetrendedWindow, motion: WaveMotio
     slope[1, :2] = -k[1] / size**2, k[0] / size**2
     along = float(k @ motion.heading)
     if motion.has_direction and not motion.has_speed:
-        speed_mm_s = phase_rate / window.half_travel / along
+        speed_mm_s = 2 * np.pi * window.frequency_hz(phase_rate) / along
         slope[2, :2] = -speed_mm_s * motion.heading / along
         slope[2, 2] = speed_mm_s / phase_rate
     return slope
@@ -324,7 +324,7 @@ def with_wave(fit: WaveFit, best: RefinedWave, window: DetrendedWindow, motion: 
         covariance[2, 2] = motion.speed_sd_mm_s**2
     elif motion.has_direction:
         along = float(k @ motion.heading)
-        speed_mm_s = phase_rate / window.half_travel / along
+        speed_mm_s = 2 * np.pi * window.frequency_hz(phase_rate) / along
         turned = float(k[1] * motion.heading[0] - k[0] * motion.heading[1]) / along
         covariance[2, 2] += (speed_mm_s * turned * np.radians(motion.direction_sd_deg)) ** 2
     return replace(

@@ -37,6 +37,15 @@ def test_finds_period_angle_and_speed(motion_of: MotionOf, direction_deg: float,
     assert found.speed_mm_s == pytest.approx(3.0, abs=5 * found.speed_sd_mm_s + 1e-9)
 
 
+def test_a_told_speed_that_the_phases_contradict_is_replaced_by_the_estimated_one() -> None:
+    slide = Slide((Grating(),), speed_mm_s=2.0)
+    found = fit(slide, dataclasses.replace(known(slide), speed_mm_s=4.0))
+    assert_right(found, Grating())
+    assert not found.uses_given_speed
+    assert found.speed_mm_s == pytest.approx(2.0, abs=5 * found.speed_sd_mm_s)
+    assert found.speed_sd_mm_s < 0.02
+
+
 @motions
 def test_intervals_of_95_percent_hold_and_errors_are_those_of_the_fisher_information(
     motion_of: MotionOf,
