@@ -1,5 +1,6 @@
-"""README and the pages under docs/ and protocols/: links lead somewhere, commands exist."""
+"""Pages for readers, README and docs: links lead somewhere, commands exist. Class names are unique."""
 
+import ast
 import re
 import shlex
 from pathlib import Path
@@ -61,3 +62,12 @@ def test_commands_and_their_options_exist(page: Path) -> None:
 
 def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text().splitlines()) <= 200
+
+
+def test_a_class_name_occurs_once_in_the_package() -> None:
+    places: dict[str, list[str]] = {}
+    for path in sorted((ROOT / "tactiled").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

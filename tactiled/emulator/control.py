@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from tactiled.emulator.line.links import HostLink, TcpLink, make_link
-from tactiled.emulator.scene.contact import ContactModel
+from tactiled.emulator.scene.contact import SceneContact
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
 
 _LONGEST_LINE = 4096  # bytes; longer lines are no command and are dropped, which bounds memory
 
 
-def move_grip(contact: ContactModel, force_n: float) -> None:
+def move_grip(contact: SceneContact, force_n: float) -> None:
     """Set the grip on a held object.
 
     Raises
@@ -43,10 +43,10 @@ class ControlLines:
 
     Parameters
     ----------
-    contact : ContactModel
+    contact : SceneContact
     """
 
-    def __init__(self, contact: ContactModel) -> None:
+    def __init__(self, contact: SceneContact) -> None:
         self._contact = contact
         self._pending = b""
 
@@ -77,7 +77,7 @@ class ControlLines:
         return {"ok": True, "scene_s": scene_s} | contact_report(self._contact, scene_s)
 
 
-def contact_report(contact: ContactModel, scene_s: float) -> dict[str, Any]:
+def contact_report(contact: SceneContact, scene_s: float) -> dict[str, Any]:
     """Truth about the contact at one instant as plain data."""
     state = contact.state(np.array([max(scene_s, 0.0)]))
     return {

@@ -40,7 +40,7 @@ class EmulatedPort:
     board : Board
     array : Array
         The array of the board.
-    contact : ContactModel
+    contact : SceneContact
         Source of the truth; takes a controller's grip.
     counts : FaultCounts
     plugged : bool

@@ -20,7 +20,7 @@ _MEDIAN_OF_NORMAL = 0.6745
 _LEAST_STEPS = 64.0
 
 
-class NoiseFloor:
+class GroupedNoiseFloor:
     """Standard deviation that white noise with a level's details would have: (levels, columns).
 
     Parameters

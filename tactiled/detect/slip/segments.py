@@ -25,7 +25,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import READING_BITS, HeldReadings, Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.detect.slip.filters import LEVELS, RampFilters
-from tactiled.detect.slip.noise_floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.noise_floor import GROUP_SCANS, GroupedNoiseFloor
 from tactiled.detect.slip.response import AXES, PRESSURE, ResponseModel, motion, responses
 
 Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
@@ -105,7 +105,7 @@ class ResponseSegmenter:
         self.filters = RampFilters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
-        self._floor = NoiseFloor(len(LEVELS), _RESPONSES + array.n_channels, rate_hz)
+        self._floor = GroupedNoiseFloor(len(LEVELS), _RESPONSES + array.n_channels, rate_hz)
         self._steps = np.zeros((0, array.n_channels))
         self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _RESPONSES, len(LEVELS)))
         self._newest_bad = np.full(array.n_taxels, -self.filters.window - 1)

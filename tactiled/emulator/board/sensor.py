@@ -25,7 +25,7 @@ class Sensor:
 
     Attributes
     ----------
-    contact : ContactModel
+    contact : SceneContact
 
     Raises
     ------

@@ -24,7 +24,7 @@ from tactiled.emulator.scene.taxels import model_surface
 from tactiled.errors import ConfigError
 
 
-class ContactModel(Protocol):
+class SceneContact(Protocol):
     """Contact of the skin with the surface, as a function of scene time."""
 
     def forces(self, time_s: FloatArray) -> FloatArray:
@@ -92,7 +92,7 @@ TAXEL_MODELS: dict[str, TaxelModelEntry] = {
 """Physical contact models, cheapest first. ``signal`` is not among them: its forces are prescribed."""
 
 
-def make_contact(motion: SceneMotion, array: Array) -> ContactModel:
+def make_contact(motion: SceneMotion, array: Array) -> SceneContact:
     """Contact model of a scene.
 
     Raises

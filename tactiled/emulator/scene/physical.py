@@ -59,7 +59,7 @@ class ContactState:
 
 
 class PhysicalContact:
-    """A `ContactModel` that steps a model of single taxels.
+    """A `SceneContact` that steps a model of single taxels.
 
     Parameters
     ----------
@@ -123,15 +123,15 @@ class PhysicalContact:
             self._stepper.at(np.array([self.played_s + _BLOCK_S]), slice(0, 1))
 
     def forces(self, time_s: FloatArray) -> FloatArray:
-        """See `ContactModel.forces`."""
+        """See `SceneContact.forces`."""
         return self._stepper.at(time_s, self._channels)
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """See `ContactModel.relaxed_load_n`."""
+        """See `SceneContact.relaxed_load_n`."""
         return self._column(_RELAXED, time_s)
 
     def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `ContactModel.load_and_peak_n`."""
+        """See `SceneContact.load_and_peak_n`."""
         return self._column(_LOAD, time_s), self._column(_PEAK, time_s)
 
     def _column(self, number: int, time_s: FloatArray) -> FloatArray:
@@ -139,7 +139,7 @@ class PhysicalContact:
         return self._stepper.at(time_s, np.full(time_s.shape[1], place))
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """See `ContactModel.state`."""
+        """See `SceneContact.state`."""
         rows = self._stepper.at(time_s, slice(self._n_channels, None))
         normal, tx, ty, slipping, whole = np.split(rows, np.arange(1, 5) * self._n_taxels, axis=1)
         return ContactState(

@@ -60,7 +60,7 @@ class SignalContact:
         self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
 
     def forces(self, time_s: FloatArray) -> FloatArray:
-        """See `ContactModel.forces`."""
+        """See `SceneContact.forces`."""
         state = self._motion.at(time_s)
         friction, ripple = self._friction_and_ripple(
             time_s, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm
@@ -72,16 +72,16 @@ class SignalContact:
         return np.where(self._tangential, shear, tilted)
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """See `ContactModel.relaxed_load_n`."""
+        """See `SceneContact.relaxed_load_n`."""
         return self._loads.at(time_s, np.ones(time_s.shape[1], dtype=np.int64))
 
     def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `ContactModel.load_and_peak_n`."""
+        """See `SceneContact.load_and_peak_n`."""
         load, peak = (np.full(time_s.shape[1], column) for column in (0, 2))
         return self._loads.at(time_s, load), self._loads.at(time_s, peak)
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """See `ContactModel.state`; slip is prescribed, of the whole contact at once."""
+        """See `SceneContact.state`; slip is prescribed, of the whole contact at once."""
         state = self._motion.at(time_s)
         angle = np.deg2rad(state.direction_deg)
         friction, ripple = self._friction_and_ripple(

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
-from tactiled.emulator.scene.contact import ContactModel, make_contact
+from tactiled.emulator.scene.contact import SceneContact, make_contact
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
@@ -68,7 +68,7 @@ class Truth:
     t0_s : float
         Instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
         ``start`` command, which the emulator reports.
-    contact : ContactModel or None
+    contact : SceneContact or None
         The one that played the scene, with any grip of a controller; None plays the scene again.
     array : Array or None
         Array of the board; None is the scene's own.
@@ -78,7 +78,7 @@ class Truth:
         self,
         scene: Scene,
         t0_s: float = 0.0,
-        contact: ContactModel | None = None,
+        contact: SceneContact | None = None,
         array: Array | None = None,
     ) -> None:
         self.scene = scene
@@ -93,7 +93,7 @@ class Truth:
         return self._given_array or load_array(self.scene.array)
 
     @cached_property
-    def contact(self) -> ContactModel:
+    def contact(self) -> SceneContact:
         """Contact model of the scene; if none was given, one that has played the scene to its end."""
         if self._given_contact is not None:
             return self._given_contact

@@ -11,7 +11,7 @@ from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.filters import LEVELS, N_BASELINE, RampFilters
 from tactiled.detect.slip.friction_limit import FrictionLimitTest
 from tactiled.detect.slip.kink import KinkEstimate
-from tactiled.detect.slip.noise_floor import GROUP_SCANS, NoiseFloor
+from tactiled.detect.slip.noise_floor import GROUP_SCANS, GroupedNoiseFloor
 from tactiled.detect.slip.phases import SlipPhaseTracker
 from tactiled.detect.slip.plateau import PlateauTracker
 from tactiled.detect.slip.response import AXES, FALLING, PRESSURE, ResponseModel, motion, moved, responses
@@ -103,7 +103,7 @@ def test_the_noise_of_every_ramp_follows_from_its_octaves(smooth: float) -> None
 
 def floor_of(sd: FloatArray, seed: int, **disturbed: bool) -> FloatArray:
     """The floor after details of white noise with these standard deviations, scan by scan."""
-    floor = NoiseFloor(len(LEVELS), 1, 100.0)
+    floor = GroupedNoiseFloor(len(LEVELS), 1, 100.0)
     rng = np.random.default_rng(seed)
     for row in sd[:, np.newaxis, np.newaxis] * rng.normal(size=(len(sd), 1, len(LEVELS))):
         floor.take(row, **({"disturbed": False} | disturbed))
@@ -124,7 +124,7 @@ def test_a_floor_that_changes_a_hundredfold_is_followed(factor: float) -> None:
 def test_the_floor_is_frozen_while_something_happens_but_not_for_ever() -> None:
     before = floor_of(np.full(2000, 500.0), 5)
     for scans, is_frozen in ((GROUP_SCANS * 6, True), (3000, False)):
-        floor = NoiseFloor(len(LEVELS), 1, 100.0)
+        floor = GroupedNoiseFloor(len(LEVELS), 1, 100.0)
         rng = np.random.default_rng(5)
         for row in 500.0 * rng.normal(size=(2000, 1, len(LEVELS))):
             floor.take(row, disturbed=False)
