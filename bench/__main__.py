@@ -21,9 +21,10 @@ BENCHES = {
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
     "texture": "bench.texture.bench",
+    "sensors": "bench.sensors.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "texture")
-WITH_JSON = ("slip", "texture")
+WITH_JSON = ("slip", "texture", "sensors")
 
 
 @click.command()
@@ -39,7 +40,8 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     program. soak: days of board time, every frame accounted for. faults: faults of line and board, done to a
     daemon on a pty. slip: detection latency and false alarms. grip: margins and forecasts of the
     contact model over worlds drawn at random. texture: errors of groove estimates over the Cramer-Rao bound,
-    and windows that break the model.
+    and windows that break the model. sensors: slides of six kinds of sensor in their own units, beside the
+    strongest line of a spectrum.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

@@ -3,16 +3,19 @@
 import json
 import logging
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled import log_summary, tomlfile
 from tactiled.array import Array, load_array
-from tactiled.detect.suite import DetectParams
+from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
@@ -20,7 +23,7 @@ from tactiled.events.types import Event, GripEvent, ScanEvent
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.reader import Reached, read_header, read_items
-from tactiled.recording.table import read_table, to_blocks
+from tactiled.recording.table import TimeUnit, read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -32,6 +35,72 @@ PICTURES = (".png", ".pdf", ".svg")
 _PART_SCANS = 1000  # ten seconds of the published board
 # Of the range, beyond its ends: saturated readings are nearer, readings in another unit are farther.
 _NO_READING_PART = 0.5
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user says of a log and asks of it.
+
+    Attributes
+    ----------
+    speed_mm_s, direction_deg : float, optional
+        Motion of the skin, for texture.
+    period_mm : tuple of float, optional
+        Shortest and longest groove period.
+    max_tilt_deg : float, optional
+        Largest angle from groove normal to motion.
+    setting : str, optional
+    config : Path, optional
+        File whose table `detect` holds parameters; the options above replace its values.
+    tare_s : float, optional
+        Time at the beginning of the log whose readings are the zero, in place of the array's own.
+    sliding : KnownSliding, optional
+    topics : tuple of str
+        Topics that are computed and printed.
+    grip_hz : float
+        Grip events a second that are printed, besides changes of state; 0 for none.
+    columns, time_unit
+        See `read_table`.
+    """
+
+    speed_mm_s: float | None = None
+    direction_deg: float | None = None
+    period_mm: tuple[float, float] | None = None
+    max_tilt_deg: float | None = None
+    setting: str | None = None
+    config: Path | None = None
+    tare_s: float | None = None
+    sliding: KnownSliding | None = None
+    topics: tuple[str, ...] = DETECTED_TOPICS
+    grip_hz: float = 0.0
+    columns: tuple[str, ...] = ()
+    time_unit: TimeUnit | None = None
+
+    def params(self) -> DetectParams:
+        """Check all parameters: those of the file, replaced by those of the command line."""
+        table = {} if self.config is None else dict(tomlfile.read(self.config).get("detect", {}))
+        motion = {"speed_mm_s": self.speed_mm_s, "direction_deg": self.direction_deg}
+        low, high = self.period_mm or (None, None)
+        limits = {"min_period_mm": low, "max_period_mm": high, "max_tilt_deg": self.max_tilt_deg}
+        published = {**motion, "min_period_mm": low, "max_angle_deg": self.max_tilt_deg}
+        texture = _given(motion | limits)
+        table["texture"] = {**table.get("texture", {}), **texture}
+        wang2019 = dict(table.get("wang2019", {}))
+        table["wang2019"] = {**wang2019, "texture": {**wang2019.get("texture", {}), **_given(published)}}
+        table["grip"] = {**table.get("grip", {}), "enabled": self.grip_hz > 0}
+        source = "command line" if self.config is None else f"{self.config} and command line"
+        return parse({**table, **_given({"setting": self.setting})}, DetectParams, source)
+
+    def suite(self, array: Array, params: DetectParams) -> TunedSuite:
+        """Make the detectors that are asked for."""
+        build = partial(build_suite, sliding=self.sliding, topics=self.topics)
+        return TunedSuite(array, params, build)
+
+    def array_of(self, array: Array) -> Array:
+        """Return the array with the zero that the user asks for."""
+        if self.tare_s is None:
+            return array
+        return replace(array, zero=np.zeros(array.n_channels), zero_first_s=self.tare_s)
 
 
 @dataclass
@@ -48,48 +117,62 @@ class Log:
     time_s: list[float] = field(default_factory=list)
     volts: list[FloatArray] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    n_printed: int = 0
+
+    def summary(self, choices: Choices) -> Iterator[str]:
+        """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
+        return log_summary.summary(
+            self.array,
+            np.array(self.time_s),
+            np.array(self.volts),
+            self.events,
+            choices.topics,
+            choices.params().texture.speed_mm_s,
+            sliding_is_given=choices.sliding is not None,
+        )
 
 
 def detect_file(
     path: Path,
     array: str | None = None,
     rate_hz: float | None = None,
-    speed_mm_s: float | None = None,
-    setting: str | None = None,
+    choices: Choices | None = None,
     plot: Path | None = None,
     reached: Reached | None = None,
-    grip_hz: float = 0.0,
-) -> int:
-    """Print every event of a file as a JSON line and return their number.
+) -> Log:
+    """Print the events of a file as JSON lines, and return the log with them.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
-    `grip_hz` a second are printed, and those at which the state changes.
+    `choices.grip_hz` a second are printed, and those at which the state changes.
 
     Raises
     ------
     DataError, ConfigError
         The file, the array or a parameter is invalid.
     """
-    params = _params(speed_mm_s, setting, with_grip=grip_hz > 0)
+    choices = choices or Choices()
+    params = choices.params()
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if path.suffix == ".mcap":
-        if array is not None or rate_hz is not None:
-            fault = "--array and --rate are for tables; a recording knows its own"
+        if array is not None or rate_hz is not None or choices.columns or choices.time_unit:
+            fault = "--array, --rate, --columns and --time-unit are for tables; a recording knows its own"
             raise ConfigError("command line", [fault])
-        log = Log(read_header(path).source.array)
-        found = _run_recording(path, log, params, reached)
+        log = Log(choices.array_of(read_header(path).source.array))
+        found = _run_recording(path, log, params, choices, reached)
     elif path.suffix in (".csv", ".npz"):
-        log = Log(load_array(array or "wang2019-3x3"))
-        found = _run_table(path, log, rate_hz, params, reached)
+        log = Log(choices.array_of(load_array(array or _array_of_config(choices.config))))
+        found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
         raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
     seqs: dict[str, int] = {}
-    for event in _thinned(found, grip_hz):
+    for event in _thinned(found, choices.grip_hz):
+        log.events.append(event)
+        if event.topic not in choices.topics:
+            continue
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
         message = to_map(event, seq=seq, board=path.stem, unix_offset_s=0.0)
         click.echo(json.dumps({"topic": event.topic, **message}, allow_nan=False))
-        log.events.append(event)
     if plot is not None:
         from tactiled.plots.log import draw_log
 
@@ -99,14 +182,23 @@ def detect_file(
             )
         except OSError as error:
             raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
-    return len(log.events)
+    log.n_printed = sum(seqs.values()) + len(seqs)
+    return log
 
 
-def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached | None) -> Iterator[Event]:
+def _array_of_config(config: Path | None) -> str:
+    board = {} if config is None else tomlfile.read(config).get("board", {})
+    return str(board.get("array", "wang2019-3x3"))
+
+
+def _run_recording(
+    path: Path, log: Log, params: DetectParams, choices: Choices, reached: Reached | None
+) -> Iterator[Event]:
     """Run recorded bytes through the pipeline, without its limit on lateness."""
     header = read_header(path)
     layout = header.source.layout
     pipeline = Pipeline(layout, log.array, header.pipeline.model_copy(update={"detect": params}), live=False)
+    pipeline.tuning = choices.suite(log.array, params)
     foreign = ""
     pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
     for item in read_items(path, reached=reached):
@@ -135,18 +227,24 @@ def _run_recording(path: Path, log: Log, params: DetectParams, reached: Reached 
 
 
 def _run_table(
-    path: Path, log: Log, rate_hz: float | None, params: DetectParams, reached: Reached | None
+    path: Path,
+    log: Log,
+    rate_hz: float | None,
+    params: DetectParams,
+    choices: Choices,
+    reached: Reached | None,
 ) -> Iterator[Event]:
     """Run the rows of a log through the detectors."""
-    time_s, volts = read_table(path, rate_hz)
+    time_s, volts = read_table(path, rate_hz, choices.columns, choices.time_unit)
     if volts.shape[1] != log.array.n_channels:
         raise DataError(
             f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
-            f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml"
+            f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml, or "
+            "which columns with --columns"
         )
     _check_range(path, volts, log.array)
     log.time_s, log.volts = time_s.tolist(), list(volts)
-    suite = TunedSuite(log.array, params)
+    suite = choices.suite(log.array, params)
     n_scans = 0
     for item in to_blocks(time_s, volts, rate_hz, log.array.in_range(volts)):
         for part in _parts(item):
@@ -194,12 +292,5 @@ def _thinned(events: Iterator[Event], grip_hz: float) -> Iterator[Event]:
         yield event
 
 
-def _params(speed_mm_s: float | None, setting: str | None, *, with_grip: bool) -> DetectParams:
-    texture = {} if speed_mm_s is None else {"speed_mm_s": speed_mm_s}
-    named = {} if setting is None else {"setting": setting}
-    grip = {"enabled": with_grip}
-    return parse(
-        {"texture": texture, "wang2019": {"texture": texture}, "grip": grip, **named},
-        DetectParams,
-        "command line",
-    )
+def _given(values: Mapping[str, float | str | None]) -> dict[str, float | str]:
+    return {name: value for name, value in values.items() if value is not None}

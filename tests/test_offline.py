@@ -4,18 +4,20 @@ import csv
 import itertools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import Array, load_array
+from tactiled.detect.signal.known_sliding import KnownSliding
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent
-from tactiled.offline import detect_file
+from tactiled.offline import Choices, detect_file
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.export import export_csv
@@ -79,9 +81,9 @@ def test_a_log_of_any_array_gives_its_slip(
     time_s, volts = press_and_slide(load_array(name), rate_hz, direction_deg=130.0)
     write_csv(tmp_path / "log.csv", time_s, volts)
     picture = tmp_path / "log.png"
-    found = detect_file(tmp_path / "log.csv", array=name, setting=setting, plot=picture)
+    found = detect_file(tmp_path / "log.csv", array=name, choices=Choices(setting=setting), plot=picture)
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(events) == found
+    assert len(events) == found.n_printed
     onsets = [e for e in events if e["topic"] == "slip" and e["state"] == "onset"]
     assert len(onsets) == len({e["kind"] for e in onsets})  # incipient, and gross once it is
     assert onsets[0]["onset"] == pytest.approx(100.0 + ONSET_S, abs=max(3 * onsets[0]["onset_sd_s"], 0.05))
@@ -208,7 +210,7 @@ def test_a_recording_continues_after_a_wrong_board(
         for arrival_s, data in right:
             writer.read(Read(arrival_s + moved_s, 0.0, data))
     capsys.readouterr()
-    assert detect_file(tmp_path / "both.mcap") > 0
+    assert detect_file(tmp_path / "both.mcap").n_printed > 0
     assert '"topic": "slip"' in capsys.readouterr().out
     assert "normal-3x3" in caplog.text
     assert "its scans are left out" in caplog.text
@@ -231,19 +233,106 @@ def test_events_contain_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (("log.txt",), DataError, "what is it"),
         (("log.csv", "normal-4x4"), DataError, "36 channels, but array normal-4x4 has 16"),
         (("log.csv", "no-such-array"), ConfigError, "no-such-array"),
-        (("log.csv", None, None, None, "fastest"), ConfigError, "setting"),
+        (("log.csv", None, None, Choices(setting="fastest")), ConfigError, "setting"),
         (("none.mcap",), DataError, "No such file"),
         (("log.mcap", "normal-4x4"), ConfigError, "a recording knows its own"),
     ],
 )
 def test_unusable_input_gives_a_reason(
-    call: tuple[str, ...], error: type[Exception], says: str, tmp_path: Path
+    call: tuple[Any, ...], error: type[Exception], says: str, tmp_path: Path
 ) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
     write_csv(tmp_path / "log.csv", time_s[:100], volts[:100])
     (tmp_path / "log.txt").write_text("")
     with pytest.raises(error, match=says):
-        detect_file(tmp_path / call[0], *call[1:])  # type: ignore[arg-type]
+        detect_file(tmp_path / call[0], *call[1:])
+
+
+PAD = """
+name = "pad"
+unit = "count"
+range = [0, 4095]
+zero = "first 0.3 s"
+taxel_count = 16
+[[taxel_channels]]
+name = "N"
+kind = "normal"
+"""
+
+
+def ridges_under_a_pad(path: Path) -> None:
+    """A log of counts with times in ms, which jitter: pressed at 0.5 s, then 2.5 mm ridges at 10 mm/s."""
+    rng = np.random.default_rng(1)
+    rows = 300
+    t = np.arange(rows) / 35.6
+    load = np.clip((t - 0.5) / 0.5, 0, 1)[:, np.newaxis]
+    wave = np.cos(2 * np.pi * 4.0 * t[:, np.newaxis] + rng.uniform(0, 6, 16))
+    counts = 2000 + 400 * load * (1 + 0.05 * wave) + rng.normal(0, 8, (rows, 16))
+    stamps_ms = 1000 * (t + rng.normal(0, 0.002, rows))
+    header = ["timestamp", *[f"tax{k}" for k in range(16)], "note"]
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(header)
+        for stamp, row in zip(stamps_ms, np.rint(counts).astype(int).tolist(), strict=True):
+            writer.writerow([f"{stamp:.2f}", *row, "x"])
+
+
+def test_a_log_in_counts_and_milliseconds_gives_its_period(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ridges_under_a_pad(tmp_path / "log.csv")
+    (tmp_path / "pad.toml").write_text(PAD)
+    choices = Choices(
+        speed_mm_s=10.0, max_tilt_deg=30.0, sliding=KnownSliding(1.2), columns=("tax*",), time_unit="ms"
+    )
+    log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    answers = [e for e in events if e["topic"] == "texture"]
+    assert {e["status"] for e in answers} == {"period-only"}
+    assert answers[-1]["period_mm"] == pytest.approx(2.5, rel=0.005)
+    assert answers[-1]["timestamp"] == pytest.approx(8.3, abs=0.2)
+    contact = [e for e in events if e["topic"] == "contact"]
+    assert (contact[0]["state"], contact[0]["timestamp"]) == ("loading", pytest.approx(0.55, abs=0.1))
+    lines = list(log.summary(choices))
+    assert lines[0].startswith("300 scans in 8.397 s: 35.61 Hz, spacing varies by 8.1 %")
+    assert lines[1].endswith("% of the range")
+    assert lines[2].startswith("in contact 7.8 s")
+    assert lines[-1] == f"texture: period-only {len(answers)}"
+
+
+def test_what_is_not_asked_for_is_neither_computed_nor_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ridges_under_a_pad(tmp_path / "log.csv")
+    (tmp_path / "pad.toml").write_text(PAD.replace("zero =", "# zero ="))
+    choices = Choices(time_unit="ms", columns=("tax*",), tare_s=0.3, topics=("contact",))
+    log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+    assert {json.loads(line)["topic"] for line in capsys.readouterr().out.splitlines()} == {"contact"}
+    assert not any(event.topic == "texture" for event in log.events)
+
+
+def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) -> None:
+    config = tmp_path / "hand.toml"
+    config.write_text(
+        '[detect]\nsetting = "quiet"\n[detect.slip]\nleast_shear = 0.2\n[detect.texture]\nspeed_mm_s = 3.0\n'
+    )
+    params = Choices(config=config, period_mm=(0.5, 3.0)).params()
+    assert (params.setting, params.slip.least_shear) == ("quiet", 0.2)
+    assert (params.texture.speed_mm_s, params.texture.max_period_mm) == (3.0, 3.0)
+    assert Choices(config=config, speed_mm_s=4.0, setting="fast").params().texture.speed_mm_s == 4.0
+    with pytest.raises(ConfigError, match=r"hand\.toml and command line:\s+texture\.max_tilt_deg"):
+        Choices(config=config, max_tilt_deg=95.0).params()
+
+
+def test_the_summary_says_why_nothing_came(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ridges_under_a_pad(tmp_path / "log.csv")
+    (tmp_path / "pad.toml").write_text(PAD.replace('"first 0.3 s"', "2600"))
+    choices = Choices(time_unit="ms", columns=("tax*",))
+    log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+    assert capsys.readouterr().out == ""
+    said = " ".join(log.summary(choices))
+    assert "no contact: is the zero right? --tare-s" in said
+    assert "no texture: nothing slides; --sliding" in said
 
 
 def test_a_log_in_counts_names_the_key_to_set(tmp_path: Path) -> None:
@@ -270,9 +359,9 @@ def test_readings_beyond_the_range_are_refused(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"speed_mm_s": -5.0}, "speed_mm_s: input should be greater than or equal to 0"),
-        ({"speed_mm_s": 1e308}, "speed_mm_s: input should be less than or equal to 1000"),
-        ({"speed_mm_s": float("nan")}, "speed_mm_s: input should be a finite number"),
+        ({"choices": Choices(speed_mm_s=-5.0)}, "speed_mm_s: input should be greater than or equal to 0"),
+        ({"choices": Choices(speed_mm_s=1e308)}, "speed_mm_s: input should be less than or equal to 1000"),
+        ({"choices": Choices(speed_mm_s=float("nan"))}, "speed_mm_s: input should be a finite number"),
         ({"rate_hz": 1e30}, "rows are 0.01 s apart"),
         ({"rate_hz": float("inf")}, "rows are 0.01 s apart"),
         ({"rate_hz": float("nan")}, "rows are 0.01 s apart"),
@@ -313,7 +402,7 @@ def test_grip_lines_come_at_their_rate_and_at_changes_of_state(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_csv(tmp_path / "log.csv", *press_and_slide(load_array("wang2019-3x3"), 100.0, 30.0))
-    detect_file(tmp_path / "log.csv", grip_hz=5.0)
+    detect_file(tmp_path / "log.csv", choices=Choices(grip_hz=5.0))
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     grips = [line for line in lines if line["topic"] == "grip"]
     assert [line["seq"] for line in grips] == list(range(len(grips)))
@@ -322,6 +411,6 @@ def test_grip_lines_come_at_their_rate_and_at_changes_of_state(
         assert step_s == pytest.approx(0.2, abs=1e-6) or (step_s < 0.2 and after["state"] != before["state"])
     # The log is in contact from 100.5 s or a little later to its end at 110 s.
     assert 45 <= len(grips) < 100
-    detect_file(tmp_path / "log.csv", grip_hz=0.0)
+    detect_file(tmp_path / "log.csv", choices=Choices(grip_hz=0.0))
     others = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert others == [line for line in lines if line["topic"] != "grip"]

@@ -1,20 +1,97 @@
 """Commands on the user's own data: detect events in a file, and tune slip parameters."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable
+from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
 from tactiled.progress import ProgressBar
+
+_TOPICS = ("slip", "contact", "grip", "texture")
+
+
+class Interval(click.ParamType[tuple[float, float]]):
+    """Two numbers with a colon between, as in 0.5:3; either may be left out where `open_ends` says so."""
+
+    name = "FROM:TO"
+
+    def __init__(self, *, open_ends: bool) -> None:
+        self._open_ends = open_ends
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Return both numbers; an end that is left out is infinite."""
+        if isinstance(value, tuple):
+            return value
+        ends = str(value).split(":")
+        if len(ends) != 2 or not (self._open_ends or all(ends)):
+            self.fail(f"{value!r} is not two numbers with a colon between, as in 0.5:3", param, ctx)
+        try:
+            low, high = float(ends[0] or "-inf"), float(ends[1] or "inf")
+        except ValueError:
+            self.fail(f"{value!r} is not two numbers with a colon between, as in 0.5:3", param, ctx)
+        if not low < high:
+            self.fail(f"{value!r}: the second number must be larger than the first", param, ctx)
+        return low, high
+
+
+class Topics(click.ParamType[tuple[str, ...]]):
+    """Topics of the detectors, with commas between."""
+
+    name = "TOPICS"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the topics; fail on an unknown one."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in str(value).split(","))
+        for name in names:
+            if name not in _TOPICS:
+                self.fail(f"no topic {name!r}; there are: {', '.join(_TOPICS)}", param, ctx)
+        return names
 
 
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording contains its array.")
 @click.option(
-    "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), help="Scans per second; required below 10."
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    help="Scans per second; required below 10, and where the log has no times.",
 )
 @click.option("--speed", "speed_mm_s", type=SPEED, help="Sliding speed (mm/s), for texture.")
+@click.option(
+    "--direction",
+    "direction_deg",
+    type=click.FloatRange(-180, 180),
+    help="Direction of the skin's motion (degrees from +x towards +y), for texture.",
+)
+@click.option(
+    "--sliding",
+    is_flag=False,
+    flag_value=":",
+    type=Interval(open_ends=True),
+    metavar="[FROM:TO]",
+    help="The log, or this part of it (seconds), is known to slide: texture needs no slip event.",
+)
+@click.option(
+    "--period",
+    "period_mm",
+    type=Interval(open_ends=False),
+    metavar="MIN:MAX",
+    help="Groove periods to consider (mm).",
+)
+@click.option(
+    "--max-tilt",
+    "max_tilt_deg",
+    type=click.FloatRange(0, 90, min_open=True, max_open=True),
+    help="Largest angle from groove normal to motion (degrees).",
+)
 @click.option("--setting", help="Named set of detectors; wang2019: the published methods.")
 @click.option(
     "--grip-hz",
@@ -23,33 +100,60 @@ from tactiled.progress import ProgressBar
     type=click.FloatRange(0, 1000),
     help="Grip lines a second of contact, besides changes of state; 0 for none.",
 )
+@click.option("-c", "--config", type=FILE, help="File whose [detect] tables hold parameters, as of a daemon.")
+@click.option(
+    "--tare-s", type=click.FloatRange(0, 60, min_open=True), help="Take the first seconds of the log as zero."
+)
+@click.option(
+    "--only",
+    "topics",
+    type=Topics(),
+    metavar="TOPICS",
+    help="slip, contact, grip, texture: the topics to compute and print, with commas between.",
+)
+@click.option(
+    "--columns",
+    metavar="NAMES",
+    help="Columns of a CSV in channel order: names with commas between, or 'tax*'.",
+)
+@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
 def detect(
     file: Path,
     array: str | None,
     rate_hz: float | None,
-    speed_mm_s: float | None,
-    setting: str | None,
-    grip_hz: float,
+    columns: str | None,
+    sliding: tuple[float, float] | None,
+    topics: tuple[str, ...] | None,
     plot: Path | None,
+    **choices: Any,
 ) -> None:
     """Find slip, contact, grip and texture in a recording, a CSV or an npz file.
 
-    CSV: a header with `time_s` in seconds, then one column of volts per channel in channel order. Every event
-    is one JSON line on stdout, with times in the file's own clock. Late scans of a recording are used like
-    others; `tactiled replay` reproduces the live events.
+    CSV: a header with `time_s` in seconds, then one column per channel in channel order, in the unit that the
+    array file states. Every event is one JSON line on stdout, with times in the file's own clock. Late scans
+    of a recording are used like others; `tactiled replay` reproduces the live events.
 
-    Example: tactiled detect log.csv --array xyz-two-pads-4x4 --speed 5 --plot log.png
+    Example: tactiled detect log.csv --array mine.toml --tare-s 0.3 --sliding 2:9 --speed 5
     """
     need_readable(file)
     need_named(array, "config/arrays")
+    need_toml(choices["config"])
     if plot is not None:
         need_extra("matplotlib", "plot", "detect --plot")
-    from tactiled.offline import detect_file
+    from tactiled.detect.signal.known_sliding import KnownSliding
+    from tactiled.offline import Choices, detect_file
 
+    asked = Choices(
+        sliding=None if sliding is None else KnownSliding(*sliding),
+        topics=topics or _TOPICS,
+        columns=tuple(name.strip() for name in columns.split(",")) if columns else (),
+        **choices,
+    )
     with ProgressBar(f"detect {file}", writes_lines=True) as bar:
-        found = detect_file(file, array, rate_hz, speed_mm_s, setting, plot, bar.reach, grip_hz)
-    click.echo(f"{file}: {found} events", err=True)
+        log = detect_file(file, array, rate_hz, asked, plot, bar.reach)
+    for line in (*log.summary(asked), f"{log.n_printed} events"):
+        click.echo(f"{file}: {line}", err=True)
 
 
 @click.command()

@@ -4,7 +4,7 @@ To add a detector, write its module beside the others and enter it in `REGISTRY`
 (`tests/detect/test_detect_contract.py`) then holds it to the promises of `tactiled.detect.base`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field, model_validator
@@ -12,8 +12,11 @@ from pydantic import Field, model_validator
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grooves.estimator import JointParams, JointTexture
+from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
+from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
@@ -22,6 +25,7 @@ from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
+DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
 Setting = Literal["fast", "balanced", "quiet", "wang2019"]
 
 
@@ -112,33 +116,34 @@ class DetectorPair:
 
     Parameters
     ----------
-    slip : SlipDetector
-    texture : TextureEstimator
+    slip : SlipDetector or None
+    texture : TextureEstimator or None
     grip : Detector, optional
         Runs beside the two.
     """
 
-    def __init__(self, slip: SlipDetector, texture: TextureEstimator, grip: Detector | None = None) -> None:
+    def __init__(
+        self, slip: SlipDetector | None, texture: TextureEstimator | None, grip: Detector | None = None
+    ) -> None:
         self._slip = slip
         self.texture = texture
         self._grip = grip
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
-        self._slip.reset()
-        self.texture.reset()
-        if self._grip is not None:
-            self._grip.reset()
+        for part in (self._slip, self.texture, self._grip):
+            if part is not None:
+                part.reset()
 
     @property
     def contact_state(self) -> ContactState:
-        """State of the contact after the last scan."""
-        return self._slip.contact_state
+        """State of the contact after the last scan; "none" where no slip detector runs."""
+        return "none" if self._slip is None else self._slip.contact_state
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes, in order of their evidence for any chunking."""
-        events = self._slip.process(item)
-        texture = self.texture.process(item, events)
+        events = [] if self._slip is None else self._slip.process(item)
+        texture = [] if self.texture is None else self.texture.process(item, events)
         grip = [] if self._grip is None else self._grip.process(item)
         # The sort is stable: slip before texture, and texture before grip.
         return sorted([*events, *texture, *grip], key=lambda event: event.evidence_s)
@@ -168,20 +173,40 @@ class DetectorFactories(NamedTuple):
     ----------
     slip, texture : callable
         Make the detector for an array from the parameters of all detectors. The texture estimator may hand
-        long computations to the worker.
+        long computations to the worker; the last argument says that sliding is known from outside.
     """
 
     slip: Callable[[Array, DetectParams], SlipDetector]
-    texture: Callable[[Array, DetectParams, Worker], TextureEstimator]
+    texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
+
+
+def _joint_texture(array: Array, params: DetectParams, worker: Worker, is_given: bool) -> JointTexture:
+    """Make the joint estimator, with the fit for what is known of places and direction.
+
+    Arrays without shear channels never know the direction. Where sliding is given and the direction is not,
+    arrays with shear channels could know it: a joint fit over all directions then takes longer than the hop.
+    """
+    fit: WindowFit = fit_wave
+    if not array.has_places or (is_given and array.has_shear and params.texture.direction_deg is None):
+        fit = fit_line
+    elif is_given or not array.has_shear:
+        fit = fit_wave_or_line
+    texture = params.texture
+    if is_given:  # from a file: no onset to stay clear of, and no worker to wait for
+        texture = texture.model_copy(update={"settle_s": 0.0, "answer_after_s": 0.0})
+    return JointTexture(array, texture, worker, fit)
+
+
+def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given: bool) -> PaperTexture:
+    texture = params.wang2019.texture
+    return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
 
 
 _COHERENT = DetectorFactories(
-    slip=lambda array, params: CoherentSlip(array, params.slip),
-    texture=lambda array, params, worker: JointTexture(array, params.texture, worker),
+    slip=lambda array, params: CoherentSlip(array, params.slip), texture=_joint_texture
 )
 _WANG2019 = DetectorFactories(
-    slip=lambda array, params: WaveletSlip(array, params.wang2019.slip),
-    texture=lambda array, params, _: PaperTexture(array, params.wang2019.texture),
+    slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
 )
 REGISTRY: Mapping[Setting, DetectorFactories] = {
     "fast": _COHERENT,
@@ -192,12 +217,24 @@ REGISTRY: Mapping[Setting, DetectorFactories] = {
 """Detectors of each setting; settings that share detectors differ in their parameters."""
 
 
-def build_suite(array: Array, params: DetectParams, worker: Worker | None = None) -> Suite:
-    """Make the detectors of a setting, with short gaps interpolated."""
-    return BridgedSuite(build_methods(array, params, worker))
+def build_suite(
+    array: Array,
+    params: DetectParams,
+    worker: Worker | None = None,
+    sliding: KnownSliding | None = None,
+    topics: Collection[str] = DETECTED_TOPICS,
+) -> Suite:
+    """Make the detectors of a setting, with short gaps interpolated; parameters as in `build_methods`."""
+    return BridgedSuite(build_methods(array, params, worker, sliding, topics))
 
 
-def build_methods(array: Array, params: DetectParams, worker: Worker | None = None) -> DetectorPair:
+def build_methods(
+    array: Array,
+    params: DetectParams,
+    worker: Worker | None = None,
+    sliding: KnownSliding | None = None,
+    topics: Collection[str] = DETECTED_TOPICS,
+) -> DetectorPair:
     """Make the detectors of a setting without interpolation: every gap reaches them.
 
     Parameters
@@ -206,8 +243,16 @@ def build_methods(array: Array, params: DetectParams, worker: Worker | None = No
     params : DetectParams
     worker : Worker, optional
         Takes long computations; without one they are computed in place.
+    sliding : KnownSliding, optional
+        Interval in which the skin is known to slide; the texture estimator then ignores slip events.
+    topics : collection of str
+        Topics that are asked for; detectors that none of them needs are left out.
     """
     factories = REGISTRY[params.setting]
-    texture = factories.texture(array, params, worker or InPlace())
-    grip = GripDetector(array, params.grip) if params.grip.enabled else None
-    return DetectorPair(factories.slip(array, params), texture, grip)
+    texture: TextureEstimator | None = None
+    if "texture" in topics:
+        texture = factories.texture(array, params, worker or InPlace(), sliding is not None)
+        texture = texture if sliding is None else KnownSlidingTexture(texture, sliding)
+    needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
+    grip = GripDetector(array, params.grip) if params.grip.enabled and "grip" in topics else None
+    return DetectorPair(factories.slip(array, params) if needs_slip else None, texture, grip)

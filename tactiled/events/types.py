@@ -109,7 +109,7 @@ class GripEvent(Event):
 
 
 TextureStatus = Literal[
-    "ok", "no-slip", "too-few-periods", "aliased", "ambiguous", "low-snr", "saturated", "stale"
+    "ok", "period-only", "no-slip", "too-few-periods", "aliased", "ambiguous", "low-snr", "saturated", "stale"
 ]
 
 
@@ -126,7 +126,8 @@ class Candidate:
 class TextureEvent(Event):
     """Estimate of a grooved surface, or the reason why there is none.
 
-    Where `status` is not "ok", estimates and their sigmas are 0.0: read `status` first.
+    Where `status` is neither "ok" nor "period-only", estimates and their sigmas mean nothing: read `status`
+    first. With "period-only" the angle is not known (`angle_sd_deg` 180).
     """
 
     topic: ClassVar[str] = "texture"
@@ -139,6 +140,10 @@ class TextureEvent(Event):
     angle_sd_deg: float = 0.0
     speed_mm_s: float = 0.0
     speed_sd_mm_s: float = 0.0
+    period_min_mm: float = 0.0
+    """Shortest period for the permitted tilts of the grooves, with "period-only"; else 0.0."""
+    period_max_mm: float = 0.0
+    """Longest period: that of motion across the grooves."""
     speed_source: Literal["given", "estimated", "none"] = "none"
     frequency_hz: float = 0.0
     window_s: float = 0.0

@@ -1,37 +1,52 @@
 """Logs from other sources: CSV with a header, or npz."""
 
 import csv
+import fnmatch
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.errors import DataError
+from tactiled.errors import ConfigError, DataError
 from tactiled.pipeline import RATES_HZ
 from tactiled.samples.block import Gap, ScanBlock
 
 FloatArray = NDArray[np.float64]
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+_SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
 
 
-def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:
+def read_table(
+    path: Path,
+    rate_hz: float | None = None,
+    columns: Sequence[str] = (),
+    time_unit: TimeUnit | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Read the times and readings of a log.
 
     Parameters
     ----------
     path : Path
         ``.csv``: a header, a column ``time_s``, then one column per channel in channel order; an empty
-        cell or ``nan`` is a missing reading. ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
+        cell or ``nan`` is a missing reading. Without a column of times, `rate_hz` spaces the rows.
+        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
         optional ``valid`` of the shape of ``volts`` is True for valid readings.
     rate_hz : float, optional
         Rate that the user gives. Without it, a log slower than 10 Hz is refused: its times may not be in
         seconds.
+    columns : sequence of str
+        Names of the columns of a CSV in channel order, ``*`` for several; all but the time if left out.
+    time_unit : str, optional
+        Unit of the times: s, ms, us or ns; the column may then be called ``time``, ``t`` or ``timestamp``.
 
     Returns
     -------
@@ -43,7 +58,13 @@ def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, Fl
     DataError
         The file is not a valid log; the message names the line or the array.
     """
-    time_s, volts = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
+    if path.suffix == ".npz":
+        if columns:
+            raise ConfigError("command line", ["--columns is for CSV; an npz file has the array volts"])
+        time_s, volts = _read_npz(path)
+    else:
+        time_s, volts = _read_csv(path, rate_hz, columns, time_unit)
+    time_s = time_s * _SECONDS[time_unit or "s"]
     if len(time_s) < 2:
         raise DataError(f"{path}: {len(time_s)} scans; at least two are needed to compute the rate")
     if not np.all(np.isfinite(time_s)):
@@ -52,22 +73,23 @@ def read_table(path: Path, rate_hz: float | None = None) -> tuple[FloatArray, Fl
     if backwards.size:
         row = int(backwards[0]) + 2
         raise DataError(f"{path}: time_s does not grow at row {row} ({time_s[row - 2]} to {time_s[row - 1]})")
-    if fault := _rate_fault(float(np.median(np.diff(time_s))), rate_hz):
+    is_known = rate_hz is not None or time_unit is not None
+    if fault := _rate_fault(float(np.median(np.diff(time_s))), is_known=is_known):
         raise DataError(f"{path}: {fault}")
     return time_s, np.where(np.isfinite(volts), volts, np.nan)
 
 
-def _rate_fault(spacing_s: float, stated_hz: float | None) -> str:
+def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
     """Describe an implausible time spacing and its remedy; empty where the times are probably seconds."""
     slowest, fastest = RATES_HZ
     rate_hz = 1 / spacing_s
     rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
     if rate_hz > fastest:
-        return f"{rows}, and no board is faster than {fastest:g} Hz; give time_s in seconds"
-    if rate_hz < (_SLOWEST_LIKELY_HZ if stated_hz is None else slowest):
+        return f"{rows}, and no board is faster than {fastest:g} Hz; give it in seconds or say --time-unit"
+    if rate_hz < (slowest if is_known else _SLOWEST_LIKELY_HZ):
         slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
         return (
-            f"{rows}; time_s is in seconds: if these are milliseconds divide by 1000, if they count rows "
+            f"{rows}; time_s is in seconds: if these are milliseconds say --time-unit ms, if they count rows "
             f"divide by the rate{slow}"
         )
     return ""
@@ -154,15 +176,17 @@ def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]
     return time_s, volts
 
 
-def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
+def _read_csv(
+    path: Path, rate_hz: float | None, columns: Sequence[str], time_unit: TimeUnit | None
+) -> tuple[FloatArray, FloatArray]:
     rows: list[list[float]] = []
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
             header = [name.strip() for name in next(reader, [])]
-            if "time_s" not in header:
-                found = ", ".join(header[:6]) or "nothing"
-                raise DataError(f"{path}: the header lacks the column time_s (found: {found})")
+            time_column = _time_column(path, header, rate_hz, time_unit)
+            chosen = _chosen(path, header, columns, time_column)
+            needed = chosen if time_column is None else [time_column, *chosen]
             for cells in reader:
                 if not cells:
                     continue
@@ -170,12 +194,46 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
                     raise DataError(
                         f"{path}: line {reader.line_num} has {len(cells)} cells, the header has {len(header)}"
                     )
-                rows.append([_number(cell, path, reader.line_num) for cell in cells])
+                rows.append([_number(cells[column], path, reader.line_num) for column in needed])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
-    column = header.index("time_s")
-    return np.ascontiguousarray(table[:, column]), np.delete(table, column, axis=1)
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(needed))
+    if time_column is not None:
+        return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
+    assert rate_hz is not None
+    return np.arange(len(rows)) / rate_hz / _SECONDS[time_unit or "s"], table
+
+
+def _time_column(
+    path: Path, header: list[str], rate_hz: float | None, time_unit: TimeUnit | None
+) -> int | None:
+    """Return the number of the column of times; None where the rate stands for it."""
+    names = ["time_s"] if time_unit is None else ["time_s", f"time_{time_unit}", "time", "t", "timestamp"]
+    for name in names:
+        if name in header:
+            return header.index(name)
+    if rate_hz is not None:
+        return None
+    found = ", ".join(header[:6]) or "nothing"
+    raise DataError(
+        f"{path}: the header lacks the column time_s (found: {found}); "
+        "a column time, t or timestamp needs --time-unit, and a log without times needs --rate"
+    )
+
+
+def _chosen(path: Path, header: list[str], columns: Sequence[str], time_column: int | None) -> list[int]:
+    """Return the numbers of the columns of the channels, in channel order."""
+    if not columns:
+        return [number for number in range(len(header)) if number != time_column]
+    chosen: list[int] = []
+    for pattern in columns:
+        matching = [
+            k for k, name in enumerate(header) if fnmatch.fnmatchcase(name, pattern) and k != time_column
+        ]
+        if not matching:
+            raise DataError(f"{path}: no column {pattern!r} of --columns; the header has {', '.join(header)}")
+        chosen += matching
+    return chosen
 
 
 def _number(cell: str, path: Path, line: int) -> float:

@@ -68,7 +68,7 @@ def table(path: Path, spacing_s: float) -> Path:
             1e-12,
             r"1e-12 s apart by time_s, 1e\+12 Hz, and no board is faster than 20000 Hz; .* in seconds",
         ),
-        (28.0, "0.0357143 Hz; time_s is in seconds: if these are milliseconds divide by 1000"),  # 35.7 Hz
+        (28.0, "0.0357143 Hz; time_s is in seconds: if these are milliseconds say --time-unit ms"),  # 35.7 Hz
         (10.0, "0.1 Hz; .* milliseconds"),  # 100 Hz
         (1.0, "1 Hz; .* if they count rows divide by the rate; if scans are so slow, give --rate 1"),
         (1e4, "0.0001 Hz; .* milliseconds"),  # microseconds
@@ -103,3 +103,23 @@ def test_missing_readings_are_invalid_numbers_not_zeros(tmp_path: Path) -> None:
     (block,) = to_blocks(time_s, volts, None, np.isfinite(volts))
     assert isinstance(block, ScanBlock)
     assert block.valid.tolist() == [[True, False], [False, True]]
+
+
+def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("note,t,b2,b1,a\nx,0,1,2,3\ny,10,4,5,6\nz,20,7,8,9\n")
+    time_s, volts = read_table(path, columns=("a", "b*"), time_unit="ms")
+    assert time_s == pytest.approx([0.0, 0.01, 0.02])
+    assert volts.tolist() == [[3.0, 1.0, 2.0], [6.0, 4.0, 5.0], [9.0, 7.0, 8.0]]
+    with pytest.raises(DataError, match=r"no column 'c' of --columns; the header has note, t, b2, b1, a"):
+        read_table(path, columns=("c",), time_unit="ms")
+    with pytest.raises(DataError, match=r"a column time, t or timestamp needs --time-unit"):
+        read_table(path, columns=("a",))
+
+
+def test_a_log_without_times_has_those_of_its_rate(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("a,b\n1,2\n3,4\n5,6\n")
+    time_s, volts = read_table(path, rate_hz=50.0)
+    assert time_s == pytest.approx([0.0, 0.02, 0.04])
+    assert volts.shape == (3, 2)

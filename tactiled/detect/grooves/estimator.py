@@ -16,12 +16,14 @@
   a varying speed does not smear the line. Without one (0) the speed is estimated. A new window begins where
   the speed changes sign, becomes known or becomes unknown.
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
+* Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
+  every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
 * With two gratings in view the event describes the stronger one, and `candidates` of an "ok" event lists
   both, weighted by their shares of the ripple's power.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
@@ -42,6 +44,10 @@ from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "joint"
+ANSWERS = ("ok", "period-only")
+# Of the period. Two gratings that differ by less could not be told apart at two standard deviations.
+_LARGEST_SD_PART = 0.25
+WindowFit = Callable[..., WaveFit]
 Preset = Literal["quick", "balanced", "fine"]
 
 
@@ -170,6 +176,8 @@ class JointTexture:
     params : JointParams
     worker : Worker, optional
         Computes the fits; by default they are computed in place.
+    fit : callable
+        Fits one window: `fit_wave`, or another with its parameters and result.
 
     Examples
     --------
@@ -197,7 +205,14 @@ class JointTexture:
     1.89 s: 1.200 mm, 20.0 degrees
     """
 
-    def __init__(self, array: Array, params: JointParams | None = None, worker: Worker | None = None) -> None:
+    def __init__(
+        self,
+        array: Array,
+        params: JointParams | None = None,
+        worker: Worker | None = None,
+        fit: WindowFit = fit_wave,
+    ) -> None:
+        self._fit = fit
         self._layout = channel_layout(array)
         self._n_channels = array.n_channels
         self._full_scale_volts = Quantiser(array).full_scale_volts
@@ -300,6 +315,7 @@ class JointTexture:
             window.n_next_fit = window.n_scans + len(scans)
         work = partial(
             _track_or_fit,
+            self._fit,
             last,
             scans.volts.copy(),
             scans.time_s.copy(),
@@ -337,8 +353,10 @@ class JointTexture:
                 self._told_late.discard(pending.due_index)
                 self._late.append(pending.due_index)
                 fit = WaveFit("stale")
+            if fit.status == "ok" and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
+                fit = WaveFit("too-few-periods")
             if self._is_reported(pending, fit):
-                window.has_answer = fit.status == "ok"
+                window.has_answer = fit.status in ANSWERS
                 events.append(_event(pending.span, fit, answered_s, self._params))
             window.last = fit
             if fit.is_new_pattern:
@@ -349,6 +367,8 @@ class JointTexture:
 
     def _is_reported(self, pending: _PendingFit, fit: WaveFit) -> bool:
         """Return True for an answer that is good enough, and for a refusal that is due."""
+        if fit.status == "period-only":
+            return True
         if fit.status != "ok":
             return pending.window.has_answer or pending.is_refusal_due
         criteria = self._params.criteria
@@ -382,6 +402,7 @@ class JointTexture:
 
 
 def _track_or_fit(
+    fit: WindowFit,
     last: WaveFit | None,
     volts: FloatArray,
     time_s: FloatArray,
@@ -395,7 +416,7 @@ def _track_or_fit(
     """Track the wave of an answer; fit the window where there is none or where it is lost."""
     window = volts, time_s, channel_offset_s, layout, motion, params, good, speeds_mm_s
     tracked = None if last is None else track_wave(last, *window)
-    return fit_wave(*window) if tracked is None else tracked
+    return fit(*window) if tracked is None else tracked
 
 
 def _stale() -> WaveFit:
@@ -411,6 +432,8 @@ def _event(span: _Span, fit: WaveFit, answered_s: float, params: JointParams) ->
         status=fit.status,
         period_mm=fit.period_mm,
         period_sd_mm=fit.period_sd_mm,
+        period_min_mm=fit.period_range_mm[0],
+        period_max_mm=fit.period_range_mm[1],
         angle_deg=fit.angle_deg,
         angle_sd_deg=fit.angle_sd_deg,
         speed_mm_s=speed_mm_s,

@@ -187,10 +187,12 @@ class TrackedWave:
 
 @dataclass(frozen=True, eq=False)
 class WaveFit:
-    """Result for one window; estimates are zero where `status` is not "ok".
+    """Result for one window; estimates are zero where `status` is neither "ok" nor "period-only".
 
     Attributes
     ----------
+    period_range_mm : tuple of float
+        Shortest and longest period, where `status` is "period-only".
     covariance : (3, 3) float64
         Of period (mm), angle (radians) and speed (mm/s).
     uses_given_speed : bool
@@ -211,6 +213,7 @@ class WaveFit:
     frequency_hz: float = 0.0
     snr_db: float = 0.0
     period_mm: float = 0.0
+    period_range_mm: tuple[float, float] = (0.0, 0.0)
     angle_deg: float = 0.0
     speed_mm_s: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))

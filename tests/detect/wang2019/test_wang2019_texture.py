@@ -104,6 +104,7 @@ def test_a_speed_set_later_starts_a_window_at_its_scan() -> None:
     block = SLIDE.block(WANG)
     for step in (len(block), 1, 700):
         detector = published(WANG)
+        assert detector.texture is not None
         detector.texture.set_speed(1.0, from_index=int(block.index[2000]))
         found = textures(run(detector, pieces(block, range(step, len(block), step))))
         assert [event.time_s for event in found if event.speed_source == "given"] == pytest.approx(

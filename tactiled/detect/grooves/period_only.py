@@ -1,0 +1,166 @@
+"""Period of grooves whose angle cannot be told.
+
+Without shear channels, with unknown places, or where all channels feel a ripple at once, the phases of a
+window give no wave vector. Its lines (`lines`) still give the frequency f of the ripple, and a known speed v
+bounds the period: grooves whose normal is tilted from the motion by t have the period v cos(t) / f. So the
+period is within ``[v cos(max_tilt_deg) / f, v / f]``; stated is its upper end, which is that of motion across
+the grooves. Without a speed the answer is "ambiguous", with the frequency alone.
+
+Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import FloatArray
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.lines import SpectralLine, spectral_lines
+from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
+from tactiled.events.types import UNKNOWN_SD_DEG, Candidate
+
+# Part of a channel's readings. A channel with more bad ones is left out.
+_MOST_BAD_PART = 0.05
+# Probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s: about
+# ten are independent, so that 1 slide in 1000 over a flat surface has an answer.
+_FALSE_ALARMS = 1e-4
+# Power of a fundamental over that of the strongest harmonic. Ridges that every second one is a little higher
+# than the other have less.
+_LEAST_FUNDAMENTAL = 0.1
+_MOST_MULTIPLE = 3  # a higher harmonic is never the strongest line of a ridge
+_SAME_LINE_PERIODS = 1.5  # in the window: lines of a Hann window that are nearer are one
+# A joint answer may exceed the period of motion across the grooves by this: the given speed has an error.
+_SPEED_ERROR = 1.1
+_INTERVAL_SDS = 2.0  # standard deviations that widen the interval of the period at both ends
+
+
+def fit_wave_or_line(
+    volts: FloatArray,
+    time_s: FloatArray,
+    channel_offset_s: FloatArray,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+    usable: NDArray[np.bool_],
+    speeds_mm_s: FloatArray,
+) -> WaveFit:
+    """Fit one window jointly, and where that has no answer, by its lines.
+
+    Parameters and result are those of `fit_wave`; the status of an answer from lines is "period-only".
+    """
+    window = (volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s)
+    fit = fit_wave(*window) if len(layout.places_mm) > 1 else WaveFit("ambiguous")
+    if fit.status == "ok" and _agrees(fit, motion, params):
+        return fit
+    line = fit_line(*window)
+    has_line = line.status == "period-only" or line.frequency_hz > 0
+    return line if has_line or fit.status == "ok" else fit
+
+
+def fit_line(
+    volts: FloatArray,
+    time_s: FloatArray,
+    _channel_offset_s: FloatArray,
+    _layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+    usable: NDArray[np.bool_],
+    _speeds_mm_s: FloatArray,
+) -> WaveFit:
+    """Fit one window by its lines alone; parameters and result are those of `fit_wave`."""
+    chosen = usable.mean(axis=0) >= 1 - _MOST_BAD_PART
+    if not chosen.any():
+        return WaveFit("saturated")
+    duration_s = float(time_s[-1] - time_s[0])
+    band_hz = _band_hz(motion, params, (len(time_s) - 1) / duration_s if duration_s > 0 else 0.0)
+    lines = spectral_lines(_filled(volts[:, chosen], usable[:, chosen]), time_s, _FALSE_ALARMS, band_hz)
+    if not lines:
+        return WaveFit("low-snr")
+    gratings = _fundamentals(lines, _SAME_LINE_PERIODS / duration_s)
+    answer = _of_line(gratings[0], motion, params.max_tilt_deg)
+    return replace(answer, candidates=_candidates(gratings, motion))
+
+
+def period_range(frequency_hz: float, speed_mm_s: float, max_tilt_deg: float) -> tuple[float, float]:
+    """Shortest and longest period (mm) of a frequency, for all tilts up to a bound."""
+    longest = speed_mm_s / frequency_hz
+    return longest * float(np.cos(np.radians(max_tilt_deg))), longest
+
+
+def _agrees(fit: WaveFit, motion: WaveMotion, params: WaveParams) -> bool:
+    """Return True where a joint answer is possible with the given speed."""
+    if motion.speed_mm_s == 0:
+        return True
+    shortest, longest = period_range(fit.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
+    return shortest / _SPEED_ERROR <= fit.period_mm <= longest * _SPEED_ERROR
+
+
+def _band_hz(motion: WaveMotion, params: WaveParams, rate_hz: float) -> tuple[float, float]:
+    """Frequencies at which grooves within the limits can pass."""
+    fastest = ALIASED * rate_hz
+    if motion.speed_mm_s == 0:
+        return 0.0, fastest
+    slowest = motion.speed_mm_s * float(np.cos(np.radians(params.max_tilt_deg))) / params.max_period_mm
+    return slowest / _SPEED_ERROR, min(fastest, _SPEED_ERROR * motion.speed_mm_s / params.min_period_mm)
+
+
+def _fundamentals(lines: list[SpectralLine], apart_hz: float) -> list[SpectralLine]:
+    """Lines without the harmonics of others, the grating with the strongest line first."""
+    left, found = list(lines), []
+    while left:
+        strongest = left[0]
+        below = [
+            line
+            for line in left[1:]
+            for multiple in range(2, _MOST_MULTIPLE + 1)
+            if abs(multiple * line.frequency_hz - strongest.frequency_hz) < apart_hz
+            and line.power >= _LEAST_FUNDAMENTAL * strongest.power
+        ]
+        fundamental = min(below, key=lambda line: line.frequency_hz, default=strongest)
+        found.append(fundamental)
+        left = [line for line in left if not _is_multiple(line, fundamental, apart_hz)]
+    return found
+
+
+def _is_multiple(line: SpectralLine, fundamental: SpectralLine, apart_hz: float) -> bool:
+    multiple = max(1, round(line.frequency_hz / fundamental.frequency_hz))
+    return abs(line.frequency_hz - multiple * fundamental.frequency_hz) < apart_hz
+
+
+def _of_line(line: SpectralLine, motion: WaveMotion, max_tilt_deg: float) -> WaveFit:
+    period_mm = motion.speed_mm_s / line.frequency_hz
+    snr_db = float(10 * np.log10(line.power))
+    if motion.speed_mm_s == 0:
+        return WaveFit("ambiguous", frequency_hz=line.frequency_hz, snr_db=snr_db)
+    relative = line.frequency_sd_hz / line.frequency_hz
+    sd_mm = float(np.hypot(period_mm * relative, motion.speed_sd_mm_s / line.frequency_hz))
+    shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, max_tilt_deg)
+    return WaveFit(
+        "period-only",
+        frequency_hz=line.frequency_hz,
+        snr_db=snr_db,
+        period_mm=period_mm,
+        period_range_mm=(max(0.0, shortest - _INTERVAL_SDS * sd_mm), longest + _INTERVAL_SDS * sd_mm),
+        covariance=np.diag([sd_mm**2, np.radians(UNKNOWN_SD_DEG) ** 2, motion.speed_sd_mm_s**2]),
+    )
+
+
+def _candidates(gratings: list[SpectralLine], motion: WaveMotion) -> tuple[Candidate, ...]:
+    """All gratings in view, where there are several, weighted by their shares of the power."""
+    if len(gratings) < 2 or motion.speed_mm_s == 0:
+        return ()
+    total = sum(line.power for line in gratings)
+    return tuple(
+        Candidate(period_mm=motion.speed_mm_s / line.frequency_hz, angle_deg=0.0, weight=line.power / total)
+        for line in gratings
+    )
+
+
+def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Readings with the bad ones interpolated."""
+    filled, scans = np.array(volts), np.arange(len(volts))
+    for channel in np.flatnonzero(~usable.all(axis=0)):
+        good = usable[:, channel]
+        filled[~good, channel] = np.interp(scans[~good], scans[good], volts[good, channel])
+    return filled

@@ -1,0 +1,184 @@
+"""Period without an angle: lines of known frequency, noise of any colour, intervals that hold."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactiled.array import Array, FloatArray, build, load_array
+from tactiled.detect.grooves.lines import spectral_lines
+from tactiled.detect.grooves.period_only import period_range
+from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.events.types import TextureEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.tomlfile import parse
+
+RATE_HZ = 35.6
+NOWHERE = load_array("normal-4x4")
+
+
+def unknown_places(n: int) -> Array:
+    from tactiled.array import ArrayFile
+
+    channel = {"name": "N", "kind": "normal"}
+    document = {"name": "pad", "unit": "count", "range": [0, 4095], "zero": 2000, "taxel_count": n}
+    return build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
+
+
+def coloured(rng: np.random.Generator, n: int, channels: int, slope: float) -> FloatArray:
+    frequency = np.maximum(np.fft.rfftfreq(n), 1 / n)[:, np.newaxis]
+    spectrum = np.fft.rfft(rng.standard_normal((n, channels)), axis=0) * frequency ** (-slope / 2)
+    noise = np.fft.irfft(spectrum, n, axis=0)
+    return np.asarray(noise / noise.std(axis=0))
+
+
+def ridges(
+    seed: int, lines: dict[float, float], seconds: float = 8.0, channels: int = 16, slope: float = 1.0
+) -> ScanBlock:
+    """Readings with ripples of some frequencies (Hz) and amplitudes in standard deviations of the noise."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds * RATE_HZ)
+    time_s = np.arange(n) / RATE_HZ
+    readings = coloured(rng, n, channels, slope)
+    for frequency_hz, amplitude in lines.items():
+        phase = 2 * np.pi * frequency_hz * time_s[:, np.newaxis] + rng.uniform(0, 6.3, channels)
+        readings += amplitude * rng.uniform(0.5, 1.5, channels) * np.cos(phase)
+    return regular_block(2000 + 20 * readings, RATE_HZ)
+
+
+def answers(array: Array, items: list[ScanBlock | Gap], **texture: object) -> list[TextureEvent]:
+    suite = build_suite(array, DetectParams.model_validate({"texture": texture}), sliding=KnownSliding())
+    events = [event for item in items for event in suite.process(item)]
+    return [event for event in events if isinstance(event, TextureEvent)]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_line_is_found_at_its_frequency_within_its_sigma(seed: int) -> None:
+    true_hz = float(np.random.default_rng(100 + seed).uniform(1.5, 14))
+    block = ridges(seed, {true_hz: 1.0})
+    line = spectral_lines(block.volts, block.time_s, 1e-4, (0.0, 16.0))[0]
+    assert abs(line.frequency_hz - true_hz) < 4 * line.frequency_sd_hz
+    assert line.frequency_sd_hz < 0.01
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("channels", [1, 16])
+def test_noise_of_any_even_colour_has_no_line(slope: float, channels: int) -> None:
+    found = 0
+    for seed in range(40):
+        block = ridges(1000 + seed, {}, channels=channels, slope=slope)
+        found += bool(spectral_lines(block.volts, block.time_s, 1e-4, (0.0, 16.0)))
+    assert found == 0
+
+
+def test_degenerate_windows_have_no_line_and_no_warning() -> None:
+    time_s = np.arange(200) / 100
+    flat = np.full((200, 4), 7.0)
+    assert spectral_lines(flat, time_s, 1e-4, (0.0, 45.0)) == []
+    straight = flat + 100 * time_s[:, np.newaxis]
+    assert spectral_lines(straight, time_s, 1e-4, (0.0, 45.0)) == []
+    assert spectral_lines(flat[:20], time_s[:20], 1e-4, (0.0, 45.0)) == []
+    one_bit = flat + np.where(np.arange(200) % 50 == 0, 1.0, 0.0)[:, np.newaxis]
+    for line in spectral_lines(one_bit, time_s, 1e-4, (0.0, 45.0)):
+        assert np.isfinite(line).all()
+
+
+def test_a_known_speed_gives_the_period_as_an_interval() -> None:
+    found = answers(unknown_places(16), [ridges(1, {4.0: 1.0})], speed_mm_s=10.0, max_tilt_deg=30.0)
+    assert found
+    assert {event.status for event in found} == {"period-only"}
+    last = found[-1]
+    assert last.period_mm == pytest.approx(2.5, abs=4 * last.period_sd_mm)
+    assert last.period_sd_mm < 0.01
+    assert (last.angle_sd_deg, last.speed_source) == (180.0, "given")
+    shortest, longest = period_range(last.frequency_hz, 10.0, 30.0)
+    assert last.period_min_mm == pytest.approx(shortest - 2 * last.period_sd_mm)
+    assert last.period_max_mm == pytest.approx(longest + 2 * last.period_sd_mm)
+    assert shortest == pytest.approx(2.5 * np.cos(np.radians(30)), rel=0.01)
+
+
+def test_known_places_without_shear_answer_too() -> None:
+    block = ridges(2, {4.0: 1.0})
+    readings = 1.0 + (block.volts - 2000) / 1000
+    found = answers(NOWHERE, [regular_block(readings, RATE_HZ)], speed_mm_s=10.0)
+    assert found[-1].status == "period-only"
+    assert found[-1].period_mm == pytest.approx(2.5, rel=0.005)
+
+
+def test_without_a_speed_the_frequency_alone_is_stated() -> None:
+    found = answers(unknown_places(16), [ridges(3, {4.0: 1.0}, seconds=9.0)])
+    assert {(event.status, event.period_mm) for event in found} == {("ambiguous", 0.0)}
+    assert found[-1].frequency_hz == pytest.approx(4.0, abs=0.02)
+
+
+def test_several_gratings_are_all_reported_and_harmonics_are_none() -> None:
+    lines = {3.0: 1.2, 6.0: 0.6, 4.6: 0.8}  # the second one is a harmonic of the first
+    last = answers(unknown_places(16), [ridges(4, lines)], speed_mm_s=6.0)[-1]
+    assert [c.period_mm for c in last.candidates] == pytest.approx([2.0, 6.0 / 4.6], rel=0.01)
+    assert last.candidates[0].weight > last.candidates[1].weight
+    harmonic = answers(unknown_places(16), [ridges(5, {3.0: 0.7, 6.0: 1.0})], speed_mm_s=6.0)[-1]
+    assert harmonic.frequency_hz == pytest.approx(3.0, rel=0.01)
+
+
+def test_lines_outside_the_permitted_periods_are_no_grooves() -> None:
+    found = answers(
+        unknown_places(16), [ridges(6, {9.0: 1.0})], speed_mm_s=6.0, min_period_mm=1.0, max_period_mm=4.0
+    )
+    assert "period-only" not in {event.status for event in found}
+
+
+def test_nothing_is_answered_over_a_flat_surface() -> None:
+    statuses = set()
+    for seed in range(10):
+        statuses |= {e.status for e in answers(unknown_places(16), [ridges(2000 + seed, {})], speed_mm_s=6.0)}
+    assert "period-only" not in statuses
+    assert "ok" not in statuses
+
+
+def chunks(block: ScanBlock, size: int) -> Iterator[ScanBlock]:
+    return (block[start : start + size] for start in range(0, len(block), size))
+
+
+@pytest.mark.parametrize("size", [1, 13, 100])
+def test_answers_do_not_depend_on_chunks(size: int) -> None:
+    block = ridges(7, {4.0: 0.6}, seconds=4.0)
+    array = unknown_places(16)
+    whole = answers(array, [block], speed_mm_s=10.0)
+    assert whole
+    assert answers(array, list(chunks(block, size)), speed_mm_s=10.0) == whole
+
+
+def test_sliding_goes_on_after_a_gap_and_is_cut_to_its_interval() -> None:
+    block = ridges(8, {4.0: 1.0}, seconds=9.0)
+    array = unknown_places(16)
+    params = DetectParams.model_validate({"texture": {"speed_mm_s": 10.0}})
+    suite = build_suite(array, params, sliding=KnownSliding(1.0, 5.0), topics=("texture",))
+    inside = [e.time_s for e in suite.process(block)]
+    assert inside
+    assert 2.5 < inside[0] < 3.5
+    assert inside[-1] < 5.0
+    gap = Gap(40, "missing", 160)
+    suite = build_suite(array, params, sliding=KnownSliding(), topics=("texture",))
+    times = [e.time_s for item in (block[:120], gap, block[160:]) for e in suite.process(item)]
+    assert any(time_s < 3.4 for time_s in times)
+    assert not any(3.4 < time_s < 160 / RATE_HZ + 1.3 for time_s in times)
+    assert times[-1] > 8.5
+
+
+def test_dead_channels_are_left_out() -> None:
+    block = ridges(9, {4.0: 1.0})
+    readings = block.volts.copy()
+    readings[:, 3] = np.nan
+    readings[::30, 5] = np.nan
+    readings[:, 7] = 2000.0
+    found = answers(unknown_places(16), [regular_block(readings, RATE_HZ)], speed_mm_s=10.0)
+    assert found[-1].period_mm == pytest.approx(2.5, rel=0.005)
+
+
+def test_detectors_that_are_not_asked_for_do_not_run() -> None:
+    block = ridges(10, {4.0: 1.0})
+    params = DetectParams.model_validate({"texture": {"speed_mm_s": 10.0}})
+    suite = build_suite(unknown_places(16), params, sliding=KnownSliding(), topics=("texture",))
+    assert {event.topic for event in suite.process(block)} == {"texture"}
+    assert build_suite(unknown_places(16), params, topics=("slip", "contact")).texture is None
