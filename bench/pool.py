@@ -1,4 +1,4 @@
-"""Worker processes of the benches that take long; what they find does not depend on how many there are."""
+"""Worker processes of the long benches; results do not depend on their number."""
 
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context

@@ -60,7 +60,7 @@ class BenchOptions:
     quick : bool
         Fewer seeds and cases.
     plot, json : Path, optional
-        Files to write. A bench may measure more when they are asked for.
+        Files to write. A bench may measure more for them.
     """
 
     quick: bool = False

@@ -63,7 +63,7 @@ def bench_contact(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             "its force at rest. friction force: largest error at any instant, relative to its limit. gross "
             "slip: error of the travel at which nine tenths slip, relative to that travel. slipping share: "
             "mean error over the knee.",
-            "The same over grooves, the way into sliding included.",
+            "The same over grooves, the onset of sliding included.",
             table(
                 {"contact model": name, "plate": _in_words(plate)} | _errors(scores[name].grooved[plate])
                 for name in GROOVED

@@ -24,11 +24,9 @@ MODELS = ("lumped", "periodic", "compliance")
 GROOVED = ("periodic", "compliance")  # those that can play grooves
 LOAD_N = 15.0 / 9  # of a taxel: that of the published slides, 15 N on nine taxels
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4: `readout.SIDES`
-AREA: Literal["half"] = (
-    "half"  # under the edge areas the right force is zero while sliding: nothing to compare there
-)
+AREA: Literal["half"] = "half"  # under the edge areas the right force is zero while sliding
 GROOVES = ("groove-0.9-0", "groove-1.2-0", "groove-1.5-0", "groove-1.2-30", "groove-1.2-60")
-NEEDS = {  # of scenes (`scene.Need`), in words
+NEEDS = {  # of scenes (`description.Need`), in words
     "absolute-force": "load curve",
     "left-right": "left, right",
     "tangential-force": "friction force at the knee",
@@ -36,9 +34,9 @@ NEEDS = {  # of scenes (`scene.Need`), in words
     "incipient-slip": "slipping share",
 }
 _FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
-# Loads of a taxel at which the load curve is compared: from what a dead zone hides to 27 N on the array.
+# Loads of a taxel at which the load curve is compared: from the dead zone to 27 N on the array.
 _SMALLEST_N, _LARGEST_N = 0.1, 3.0
-_KNEE_MM = 0.42  # travel after which everything slips
+_KNEE_MM = 0.42  # travel after which the whole contact slips
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ class ModelScore:
     flat : dict
         Need (`scene.Need`) to the largest error on flat plates, as a part of the quantity's own size.
     grooved : dict
-        Groove plate to errors by need, the way into sliding included.
+        Groove plate to errors by need, the onset of sliding included.
     ripples : dict
         Groove plate to `Ripple`.
     """
@@ -145,7 +143,7 @@ def flat_errors(name: str) -> dict[str, float]:
 
 
 def sliding_errors(name: str, runs: Sequence[str]) -> dict[str, float]:
-    """Largest errors by need over some runs of sliding, the way into sliding included."""
+    """Largest errors by need over some runs of sliding, the onset of sliding included."""
     errors: dict[str, float] = {}
     of_runs = (_slide_errors(name, load_reference("coarse", run)) for run in runs)
     for need, error in chain.from_iterable(one.items() for one in of_runs):

@@ -1,4 +1,4 @@
-"""Accounting of every scan: what a daemon published against what the emulated board really did."""
+"""Accounting of every scan: those that a daemon published against those that the emulated board took."""
 
 import math
 from collections import deque
@@ -10,7 +10,7 @@ from tactiled.events.types import Event, ScanEvent, StatusEvent
 
 @dataclass
 class ScanCounts:
-    """Counts of scans by what became of them, and errors of their instants.
+    """Counts of scans by their fate, and errors of their instants.
 
     Attributes
     ----------
@@ -26,11 +26,11 @@ class ScanCounts:
     repeated : int
         Published twice, or out of order.
     mistimed : int
-        Further than half a period from any true instant, although the clock fit had time to settle.
+        Further than half a period from any true instant, after the clock fit had time to settle.
     largest_error_s : float
         Of the instants of settled scans.
     false_fresh : int
-        Statuses that were valid while the newest delivered scan was older than that allows.
+        Statuses that were valid while the newest delivered scan was too old.
     """
 
     taken: int = 0
@@ -46,7 +46,7 @@ class ScanCounts:
 
 @dataclass
 class _BoardRun:
-    """Indices of the scans delivered since a boot, and when the first of them was taken."""
+    """Indices of the scans delivered since a boot, and the instant of the first of them."""
 
     boot: int
     first: int
@@ -55,10 +55,10 @@ class _BoardRun:
 
 
 class ScanAccounting:
-    """Match published scans with the scans that the board took; memory is bounded by those under way.
+    """Match published scans with the scans that the board took; memory is bounded by the scans in transit.
 
-    Runs of the board are told apart by time: late scans have late instants at worst, until the clock fit of
-    a new run has settled, and a board that boots is silent for longer than the clock errs.
+    Runs of the board are separated by time: the instants of late scans are at worst late until the clock fit
+    of a new run has settled, and a board is silent while it boots for longer than the error of the clock.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class ScanAccounting:
     oldest_valid_s : float
         Largest age of the newest scan at which a status may be valid.
     settled_s : float
-        Time that the clock fit is given after each new run before its errors count.
+        Time after the begin of a run from which errors of the clock fit count.
 
     Attributes
     ----------
@@ -87,13 +87,13 @@ class ScanAccounting:
         self.errors_s: list[float] = []
 
     def taken(self, scan: ScanTruth) -> None:
-        """Take in a scan instant that the board reached."""
+        """Count a scan instant of the board."""
         self.counts.taken += 1
         self._taken[scan.boot] = self._taken.get(scan.boot, 0) + 1
         self._truth.append(scan)
 
     def published(self, event: Event) -> None:
-        """Take in an event of the daemon."""
+        """Match an event of the daemon."""
         if isinstance(event, ScanEvent):
             self._scan(event)
         elif isinstance(event, StatusEvent) and event.valid:
@@ -101,7 +101,7 @@ class ScanAccounting:
             self.counts.false_fresh += age_s > self._oldest_valid_s
 
     def close(self) -> None:
-        """Count what the last run lost at its ends: no scans follow."""
+        """Count the scans that the last run lost at its ends."""
         self._close_runs_before(math.inf)
 
     def _scan(self, event: ScanEvent) -> None:

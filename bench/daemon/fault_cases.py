@@ -1,4 +1,4 @@
-"""Faults of cables and boards, each as something that can be done to a `DaemonOnPty`."""
+"""Faults of cables and boards that can be caused in a `DaemonOnPty`."""
 
 import asyncio
 import time
@@ -16,15 +16,15 @@ from tactiled.wire.frames import Corrupt, Hello, Scan
 
 CALM_S = 0.3
 _SETTLED_S = 1.2  # a port that was open for 1 s is tried again quickly
-_LASTING_S = 1.2  # of noise and of a wrong baud rate: a cause is named after 1 s
-_MISSED_SCANS = 30  # a third of a second: far beyond what is called a stall
-_SEQUENCE_JUMP = 20_000  # of 65536: nearest neither to 0 nor to a whole turn
+_LASTING_S = 1.2  # of noise and of a wrong baud rate: the daemon reports a cause after 1 s
+_MISSED_SCANS = 30  # a third of a second, much longer than a stall
+_SEQUENCE_JUMP = 20_000  # of 65536: far from 0 and from a whole turn
 _TICK_JUMP = 1 << 31  # of 2^32 microseconds: half an hour
 
 
 @dataclass(frozen=True)
 class FaultSpan:
-    """Instants between which a fault was there, on the host's monotonic clock."""
+    """First and last instant of a fault, on the host's monotonic clock."""
 
     begin_s: float
     end_s: float
@@ -35,22 +35,21 @@ FaultPlay = Callable[[DaemonOnPty], Awaitable[FaultSpan]]
 
 @dataclass(frozen=True)
 class FaultCase:
-    """A fault, and what it may cost by itself.
+    """A fault, and the scans that it may cost.
 
     Attributes
     ----------
     scans_hit : int or None
-        Scans that it destroys; None: all that were taken while it lasted, or were on their way.
+        Scans that it destroys; None: all that were taken during it, or were in transit.
     restarts : int
-        How often the board counts anew by it.
+        Number of times that the board counts from 0 again.
     overruns : int
         Scans that the board misses itself and flags; the daemon must count exactly these as such.
     is_countable : bool
-        Whether the daemon can know how many scans were lost: not over a boot, nor where another board came
-        between.
+        Whether the daemon can count the lost scans: not over a boot, nor where another board came between.
     times : int
     calm_s : float
-        All must have been well for so long before it is done.
+        Time without fault before it.
     """
 
     name: str
@@ -75,7 +74,7 @@ def _brief(kind: FaultKind, lasts_s: float = 0.0) -> FaultPlay:
 
 
 async def _miss_scans(daemon: DaemonOnPty) -> FaultSpan:
-    """Let the board, or the host that emulates it, be too slow for a while."""
+    """Let the board miss scans, as firmware or a host that is too slow."""
     now_s = time.monotonic()
     for _ in range(_MISSED_SCANS):
         daemon.board.emulator.inflict("overrun")
@@ -100,7 +99,7 @@ async def _unplug_stalled(daemon: DaemonOnPty) -> FaultSpan:
 
 
 async def _unplug_syncing(daemon: DaemonOnPty) -> FaultSpan:
-    """Come back mute, and be pulled again while the daemon still asks which board it is."""
+    """Come back without sending, and be unplugged again while the daemon waits for the identity."""
     begin_s, daemon.board.link.damage = time.monotonic(), lambda _: b""
     await _unplug(daemon)
     await daemon.until_status("syncing")
@@ -111,7 +110,7 @@ async def _unplug_syncing(daemon: DaemonOnPty) -> FaultSpan:
 
 
 async def _unplug_at_once(daemon: DaemonOnPty) -> FaultSpan:
-    """Unplug again in the moment that the board is back, as a loose plug does."""
+    """Unplug again at the instant that the board is back, as a loose plug does."""
     begin_s = (await _unplug(daemon)).begin_s
     return FaultSpan(begin_s, (await _unplug(daemon)).end_s)
 
@@ -152,7 +151,7 @@ def _noise() -> Damage:
 
 
 class _CounterJump:
-    """Frames whose counters jump once, as those of firmware that sets one back and does not boot."""
+    """Frames whose counters jump once, as of firmware that resets a counter without a boot."""
 
     def __init__(self, sequence: int = 0, ticks: int = 0) -> None:
         self._sequence, self._ticks = sequence, ticks
@@ -177,7 +176,7 @@ class _CounterJump:
 
 def _counters_jump(sequence: int = 0, ticks: int = 0) -> FaultPlay:
     async def play(daemon: DaemonOnPty) -> FaultSpan:
-        """Each second time, back to the old counters: a jump as well."""
+        """Jump to the new counters, or back to the old ones, in turn."""
         link, now_s = daemon.board.link, time.monotonic()
         link.damage = _CounterJump(sequence, ticks) if link.damage is None else None
         return FaultSpan(now_s, now_s)

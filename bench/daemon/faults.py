@@ -1,8 +1,8 @@
-"""``./run bench faults``: all that happens to a cable and a board, done many times over to a running daemon.
+"""``./run bench faults``: faults of cable and board, caused many times in a running daemon.
 
-The whole daemon reads an emulated board on a real pty (`pty`), at a rate that is not the board's own, so that
-a recovery must set it again. Each fault is done while all is well, or in the state that its name says. What
-is measured: the time to the first fresh scan that was taken after it, and the scans that are missing.
+The whole daemon reads an emulated board on a real pty (`pty`), at a rate that is not the board's default, so
+that a recovery must set it again. Each fault comes while the link runs, or in the state in its name. Measured
+are the time to the first fresh scan after it, and the missing scans.
 """
 
 import asyncio
@@ -23,15 +23,17 @@ from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_tab
 from tactiled.daemon.board.session import SILENT_PERIODS
 from tactiled.progress import ProgressBar
 
-_IN_FLIGHT_S = 0.03  # a scan is sampled and sent in 15 ms, the rest is the host's
-_OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01  # as the status has it, by instants that err a little
-_SURELY = 0.75  # of a period: nearer than that, the count is right and the instant is not
-_BEHIND = 40  # scans: fewer than come before the next fault, and a new clock fit needs some ten of them
+_IN_FLIGHT_S = 0.03  # a scan is sampled and sent in 15 ms; the host needs the rest
+_OLDEST_VALID_S = (
+    2 * SILENT_PERIODS / RATE_HZ + 0.01
+)  # rule of the status, with a margin for errors of instants
+_SURELY = 0.75  # of a period: up to this distance the count is right and the instant is in error
+_BEHIND = 40  # scans: fewer than before the next fault; a new clock fit needs some ten
 
 
 @dataclass(frozen=True)
 class FaultRecovery:
-    """One fault that was done, and the recovery from it.
+    """One fault and the recovery from it.
 
     Attributes
     ----------
@@ -49,15 +51,15 @@ class FaultRecovery:
 
     @property
     def recovery_s(self) -> float:
-        """Time from the end of the fault until the subscriber had that scan; 16 ms are the scan's own way."""
+        """Time from the end of the fault until the subscriber had that scan; a scan itself takes 16 ms."""
         return self.fresh.received_s - self.span.end_s
 
     def counted(self, name: str) -> int:
-        """Return by how much a counter of the status grew."""
+        """Growth of a counter of the status."""
         return int(self.after.data[name] - self.before.data[name])
 
     def lost(self, case: FaultCase, lost_s: list[float]) -> tuple[int, int, int]:
-        """Count scans that the fault took, that went by until the recovery, and that were lost besides."""
+        """Count scans lost to the fault, lost until the recovery, and lost otherwise."""
         from_s, until_s = self.before.time_s - _IN_FLIGHT_S, self.after.time_s - _IN_FLIGHT_S
         all_s = [at_s for at_s in lost_s if from_s <= at_s < until_s]
         begin_s, end_s = self.span.begin_s, self.span.end_s
@@ -72,7 +74,7 @@ class FaultRecovery:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """A fault case with all times that it was done; counts are sums over them.
+    """A fault case with all its recoveries; counts are sums over them.
 
     Attributes
     ----------
@@ -92,7 +94,7 @@ class FaultResult:
 
 @dataclass(frozen=True)
 class FaultsFound:
-    """Results of all cases, statuses that called old scans fresh, and scan instants that this host missed."""
+    """Results of all cases, valid statuses with old scans, and scan instants missed by this host."""
 
     results: list[FaultResult]
     false_fresh: int
@@ -124,8 +126,8 @@ AIMS: tuple[Aim[FaultsFound], ...] = (
 
 
 def bench_faults(progress: ProgressBar, options: BenchOptions) -> BenchReport:
-    """Table of what faults cost and how long they last."""
-    logging.getLogger("tactiled.daemon").setLevel(logging.ERROR)  # it reports each fault, as it should
+    """Tables of lost scans and recovery times by fault."""
+    logging.getLogger("tactiled.daemon").setLevel(logging.ERROR)  # it reports each fault
     with tempfile.TemporaryDirectory(prefix="tactiled-") as folder:
         found, daemon = asyncio.run(_play(progress, Path(folder), 2 if options.quick else 10))
     lost_s = lost_scans(daemon.board.taken_s, daemon.scans)
@@ -154,7 +156,7 @@ async def _play(
 
 
 async def once(case: FaultCase, daemon: DaemonOnPty) -> FaultRecovery:
-    """Do a fault when all is well, and wait until all is well again."""
+    """Cause a fault in a calm daemon, and wait until it is calm again."""
     before = await _calm(daemon, case.calm_s)
     span = await case.play(daemon)
     fresh = await daemon.until_fresh_scan(span.end_s)
@@ -162,7 +164,7 @@ async def once(case: FaultCase, daemon: DaemonOnPty) -> FaultRecovery:
 
 
 async def _calm(daemon: DaemonOnPty, calm_s: float) -> ReceivedMessage:
-    """Wait until all has been well for so long, and return the status then."""
+    """Wait until statuses have been valid for `calm_s`, and return the last one."""
 
     def is_calm() -> bool:
         recent = [status for status in daemon.statuses[-20:] if status.time_s >= from_s]
@@ -170,16 +172,16 @@ async def _calm(daemon: DaemonOnPty, calm_s: float) -> ReceivedMessage:
         return bool(recent) and recent[-1].time_s >= since_s + calm_s
 
     from_s = time.monotonic()
-    await daemon.until(is_calm, "all is well")
+    await daemon.until(is_calm, "calm")
     return daemon.statuses[-1]
 
 
 def lost_scans(taken_s: Sequence[float], scans: Sequence[ReceivedMessage]) -> list[float]:
-    """Instants of the scans that were due and the subscriber never got.
+    """Instants of the board's scans that the subscriber did not get.
 
-    Instants alone may err by a period while a new clock fit settles on a busy machine, so scans go by the
-    daemon's count. Where an instant is far from what the count says, the count is tied to the board's anew,
-    as most of the scans behind it have it.
+    Instants may be in error by a period while a new clock fit settles on a busy machine, so scans are
+    matched by the daemon's count. Where an instant is far from that of the count, the offset of the counts
+    is determined again, from most of the scans that follow.
     """
     board_s = np.array(taken_s)
     came_s = np.array([scan.time_s for scan in scans])
@@ -198,7 +200,7 @@ def lost_scans(taken_s: Sequence[float], scans: Sequence[ReceivedMessage]) -> li
 
 
 def false_fresh(daemon: DaemonOnPty) -> int:
-    """Count statuses that were valid although the newest scan that had come was too old."""
+    """Count statuses that were valid although the newest scan was too old."""
     received_s = [scan.received_s for scan in daemon.scans]
     n = 0
     for status in daemon.statuses:

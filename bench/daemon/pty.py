@@ -1,8 +1,7 @@
-"""The whole daemon against emulated boards on a real pty, in real time, with a subscriber that keeps all.
+"""The whole daemon with emulated boards on a real pty, in real time, and a subscriber.
 
-`DaemonOnPty` is the service, its port, its socket and a client of it in one event loop; boards run in
-threads. `TamperedLink` changes the bytes of a board on their way where the emulator's own faults do not
-reach.
+`DaemonOnPty` is the service, its port, its socket and a client in one event loop; boards run in threads.
+`TamperedLink` changes the bytes of a board in transit, for faults that the emulator does not have.
 """
 
 import asyncio
@@ -30,8 +29,8 @@ from tactiled.pipeline import Pipeline
 from tactiled.wire.layout import load_layout
 
 SERIAL = "TS0001"
-RATE_HZ = 90.0  # not the board's own 100: it has to be set again after each reboot
-STALL_S = 0.5  # as users of CDC adapters saw them
+RATE_HZ = 90.0  # not the board's default of 100: it must be set again after each reboot
+STALL_S = 0.5  # as users of CDC adapters report
 UNPLUG_S = 0.8  # long enough for another board in between, also where ports are tried each 0.5 s only
 _PATIENCE_S = 10.0
 LAYOUT = load_layout("board-v1")
@@ -45,7 +44,7 @@ class TamperedLink(PtyLink):
     damage: Damage | None = None
 
     def write(self, data: bytes) -> int:
-        """Send what `damage` makes of the bytes; returns how many bytes the caller gave."""
+        """Send the bytes as changed by `damage`, and return the number of given bytes."""
         if self.damage is None:
             return super().write(data)
         super().write(self.damage(data))
@@ -53,7 +52,7 @@ class TamperedLink(PtyLink):
 
 
 class BoardInThread:
-    """Emulated board that touches nothing, on a pty under `path`.
+    """Emulated board without contact, on a pty under `path`.
 
     Attributes
     ----------
@@ -62,7 +61,7 @@ class BoardInThread:
     plugged_s : list of float
         Instants at which the board was plugged in.
     overruns_of_host : int
-        Scan instants missed because this host was too slow, and not because a fault was done.
+        Scan instants missed because this host was too slow, not because of a fault.
     """
 
     def __init__(self, path: Path, serial: str) -> None:
@@ -105,7 +104,7 @@ class BoardInThread:
 
 @dataclass(frozen=True)
 class ReceivedMessage:
-    """Scan or status as the subscriber got it: its instant, when it came, and its fields."""
+    """Scan or status at the subscriber: its instant, the time of reception, and its fields."""
 
     time_s: float
     received_s: float

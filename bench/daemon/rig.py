@@ -1,4 +1,4 @@
-"""Link of the daemon on an emulated port, in simulated time: days in minutes."""
+"""Link of the daemon on an emulated port in simulated time, for days of board time."""
 
 from collections.abc import Callable
 
@@ -23,8 +23,7 @@ REOPEN_S = 0.05  # the connection's quick tries
 class SimulatedLink:
     """Link, session, pipeline and emulated port on one clock that jumps from deadline to deadline.
 
-    It does what the service does around a link: it opens and reopens the port, hands over bytes, writes
-    commands, ticks.
+    As the service does, it opens and reopens the port, passes bytes and commands, and ticks.
 
     Parameters
     ----------
@@ -40,16 +39,16 @@ class SimulatedLink:
     origin_s : float
         Time of the clock at the beginning.
     tick_s : float
-        Period of the status and of looking at the line; the service's is the default.
+        Period of the status and of the check of the line; the service's is the default.
 
     Attributes
     ----------
     now_s : float
     port, pipeline, session, link
     connects : int
-        How often the port was opened.
+        Number of times that the port was opened.
     bytes_read, bytes_unread : int
-        Bytes that arrived while the port was open, and while it was not.
+        Bytes that arrived while the port was open, and while it was closed.
     """
 
     def __init__(
@@ -84,18 +83,18 @@ class SimulatedLink:
         self._open_s = self._tick_s = origin_s
 
     def run_until(self, end_s: float) -> None:
-        """Let time pass until then."""
+        """Run until an instant."""
         while (due_s := self._next_s()) <= end_s:
             self._step(max(due_s, self.now_s))
         self._step(end_s)
 
     def inflict(self, kind: FaultKind) -> None:
-        """Do a fault to the line or the board now."""
+        """Cause a fault of line or board now."""
         self.port.inflict(kind, self.now_s)
-        self._look_at_plug()
+        self._check_plug()
 
     def status(self) -> StatusEvent:
-        """Make the status of this moment."""
+        """Status at present."""
         return self.link.status(self.now_s, started_s=self._began_s, connects=self.connects)
 
     def _next_s(self) -> float:
@@ -110,7 +109,7 @@ class SimulatedLink:
                 self._send(self.link.received(arrival.data, now_s, self._publish))
             else:
                 self.bytes_unread += len(arrival.data)
-        self._look_at_plug()
+        self._check_plug()
         if not self._is_open and now_s >= self._open_s:
             self._open()
         if self._is_open and now_s >= self.session.deadline_s:
@@ -131,7 +130,7 @@ class SimulatedLink:
         else:
             self.link.lost("no such port")
 
-    def _look_at_plug(self) -> None:
+    def _check_plug(self) -> None:
         if self._is_open and not self.port.plugged:
             self._lose("unplugged")
 

@@ -1,8 +1,8 @@
 """``./run bench soak``: days of board time, with faults, as fast as this machine goes.
 
 An emulated board and the daemon's own link, session and pipeline run on a clock that jumps (`rig`). The
-bench looks for everything that a service may get wrong over months: memory that grows, frames that are not
-accounted for, a clock that drifts, statuses that call old data fresh, false slips.
+bench measures the errors that a service may make over months: growth of memory, frames that are not accounted
+for, drift of the clock, valid statuses with old data, false slips.
 """
 
 import gc
@@ -29,14 +29,14 @@ from tactiled.progress import ProgressBar
 from tactiled.wire.layout import load_layout
 
 _HOUR_S = 3600.0
-_TENTHS = 10  # looks at memory and clock
+_TENTHS = 10  # measurements of memory and clock in a run
 _LATE_S = 0.1  # samples.late_after_s: evidence older than this must not make a valid slip
 _STALE_FACTOR = 2.0  # a status is valid up to twice the silence that is a stall ...
 _CLOCK_MARGIN_S = 0.005  # ... by estimated instants, which may err by this
 _NEAR_S = 2.0  # an onset this near to a true slide belongs to it
 
-# A cable that is twitched each ten minutes, a board that resets each quarter of an hour, a flip each minute:
-# a day of it is worse than years of a good line.
+# A cable unplugged each ten minutes, a board that resets each quarter of an hour, a flip each minute: more
+# faults in a day than in years of a good line.
 FAULTS = FaultParams(
     flip_per_byte=1e-5, drop_per_byte=1e-5, cut_per_frame=1e-3, duplicate_per_frame=1e-3, burst_per_s=1e-2,
     stall_per_s=1e-2, stall_s=2.0, overrun_per_s=1e-2, reboot_per_s=1 / 900, unplug_per_s=1 / 600,
@@ -63,9 +63,9 @@ class ValidOnset(NamedTuple):
     ----------
     at_s : float
     is_contact_known : bool
-        The contact that slipped was seen from its beginning.
+        The contact was measured from its beginning.
     is_stale : bool
-        Its evidence was handled too late.
+        Its evidence was processed too late.
     """
 
     at_s: float
@@ -80,15 +80,15 @@ class SoakResult:
     Attributes
     ----------
     bytes_read, took_s
-        Bytes that the link got, and the time that all took.
+        Bytes that the link got, and the duration of the run.
     rms_s, rss_mb, objects
         Error of instants, memory and the number of objects that Python holds, tenth by tenth.
     true_slips, slips_found : int
     false_slips, unsure_slips : int
-        Onsets away from any true slide, in a contact that was seen from its beginning and in one that was
-        not: there the end of a slide may look like an onset.
+        Onsets away from any true slide, in a contact that was measured from its beginning, and in one
+        that was not, where the end of a slide may look like an onset.
     stale_slips : int
-        Onsets whose evidence was handled too late.
+        Onsets whose evidence was processed too late.
     """
 
     conditions: SoakConditions
@@ -108,14 +108,14 @@ class SoakResult:
 
     @property
     def unaccounted(self) -> int:
-        """Scans that are not accounted for, and losses that were not counted as they were."""
+        """Scans that are not accounted for, and losses that were miscounted."""
         scans = self.scans
         known = scans.delivered + scans.lost_in_runs + scans.lost_at_restarts
         return abs(scans.taken - known) + abs(scans.lost_in_runs - self.health.scans_missing)
 
     @property
     def bytes_astray(self) -> int:
-        """Bytes that are neither framed, nor discarded, nor pending, and bytes that were not taken in."""
+        """Bytes that are neither framed, nor discarded, nor pending, and bytes that were not counted."""
         health = self.health
         decided = health.bytes_framed + health.bytes_discarded + health.bytes_pending
         return abs(health.bytes_in - decided) + abs(health.bytes_in - self.bytes_read)

@@ -20,7 +20,7 @@ from tactiled.events.types import TextureEvent
 from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
-# Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); what is not given or not legible is "-".
+# Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); "-" where not given or not legible.
 PUBLISHED: dict[tuple[float, float], dict[str, tuple[str, str, str]]] = {
     (0.9, 0): {"simulation": ("1.11", "0.90", NONE), "experiment": ("1.06", "0.95", NONE)},
     (1.2, 0): {"simulation": ("0.78", "1.12 1.14", "0.00"), "experiment": ("0.83", "1.20 1.25", "0.48")},
@@ -68,7 +68,7 @@ def _slip_row(name: str, plays: list[ScenePlay]) -> dict[str, str]:
     peaks = np.array([_peaks_mv(one) for one in plays])
     change = np.array([_relative_change(one) for one in plays])
     onsets = [(event, one.truth.slips[0]) for one in plays for event in one.slips("onset")]
-    # The rule sees the kink: with a contact model shear grows before a tenth of the contact slips.
+    # The rule detects the kink: with a contact model shear grows before a tenth of the contact slips.
     kink_s = [event.onset_s - (true.shear_s or true.onset_s) for event, true in onsets]
     turn_deg = [e.direction_deg - t.direction_deg for e, t in onsets if t.direction_deg is not None]
     return {
@@ -117,7 +117,7 @@ def _peaks_mv(one: ScenePlay) -> tuple[float, float]:
     level = level_at(100.0, DetectParams().wang2019.slip)
     bank = SwtBank(load_array("wang2019-3x3"), BankParams(levels=(level,)))
     size = np.abs(bank.process(regular_block(one.volts, 100.0)).volts[:, 0]).max(axis=1)
-    span_s = border_scans(level) / 100.0  # a kink is in the filter for so long
+    span_s = border_scans(level) / 100.0  # time that a kink is in the filter
     hold_s = next(phase.start_s for phase in one.truth.phases if phase.kind == "hold")
     peaks = []
     for kink_s in (hold_s, one.truth.slips[0].onset_s):

@@ -1,4 +1,4 @@
-"""The published slip rule where the paper did not try it: other speeds, any direction, turns, more noise."""
+"""The published slip rule beyond the paper's protocol: other speeds, any direction, turns, more noise."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _RIGHT_S = 0.3  # an event within this of a true slip counts as right: three tim
 
 @dataclass(frozen=True)
 class SlideConditions:
-    """Speed and noise of a slide, and whether it turns on its way."""
+    """Speed and noise of a slide, and whether its direction changes."""
 
     speed_mm_s: float
     noise_v: float = 0.3e-3

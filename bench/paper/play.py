@@ -34,7 +34,7 @@ class ScenePlay:
 
 
 def play(scene: Scene, seed: int) -> ScenePlay:
-    """Play a scene with noise and taxels of its own (seed + 1), its plate put down anywhere along x."""
+    """Play a scene with noise and taxels of seed + 1, and a random offset of its plate along x."""
     if isinstance(scene.surface, GroovedPlate):
         offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
         scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})

@@ -35,7 +35,7 @@ from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
 _LONGEST_SLEEP_S = 1.0  # after a suspended machine wakes, the loop looks at its deadlines within this time
-_LONG_PREPARATION_S = 2.0  # a longer preparation is reported, so that nobody takes the board for dead
+_LONG_PREPARATION_S = 2.0  # a longer preparation is reported, or the board would seem dead
 
 
 class Emulator:

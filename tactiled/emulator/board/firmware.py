@@ -161,7 +161,7 @@ class Board:
                     self._acknowledge(item, result, now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Reset: ticks, sequence, rate and state begin anew; unsent frames are lost."""
+        """Reset: ticks, sequence, rate and state are reset; unsent frames are lost."""
         self.advance(now_s)
         self._boot_count = (self._boot_count + 1) % (1 << self._boot_bits)
         self._power_up(now_s, start_ticks=0, start_sequence=0)

@@ -78,7 +78,7 @@ def solve_sliding(case: PeriodConditions, level: int, direction_deg: int) -> Flo
     value = np.array([level_value(case.held, level)])
     model = _compliance(case)
     if surface.depth_mm == 0 or abs(across) * _PHASES < 1:
-        # The phase does not change while sliding: each phase is a slide of its own.
+        # The phase does not change while sliding: each phase is solved by a separate slide.
         return np.array([_slide(model, case, value, place, course, 0.1, 8)[-1] for place in _places(surface)])
     step_mm = surface.period_mm / _PHASES / abs(across)
     run_in = int(np.ceil(_RUN_IN_MM / step_mm))

@@ -1,6 +1,6 @@
 """Contact models as scenes choose them: from load and travel to the force on every channel's read-out area.
 
-A contact model is asked for forces at each channel's own sampling instants, in any chunking and possibly
+A contact model computes forces at each channel's own sampling instants, in any chunking and possibly
 twice, and must return the same values each time. To add a physical one, write a class in `mechanics`, and
 enter it in `TAXEL_MODELS` and in `description.Contact`.
 """

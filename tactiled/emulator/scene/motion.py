@@ -67,9 +67,7 @@ class Segment:
 
     @property
     def direction(self) -> tuple[float, float]:
-        # cos(90 deg) is 6e-17 in floating point; motion along y has no x at all.
-        angle = math.radians(self.direction_deg)
-        return round(math.cos(angle), 15), round(math.sin(angle), 15)
+        return unit_vector(self.direction_deg)
 
     @property
     def shear_goal(self) -> tuple[float, float]:
@@ -232,9 +230,8 @@ class SceneMotion:
             pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
             if isinstance(phase, LoadPhase):
                 goal = now.load if phase.force_n is None else phase.force_n
-                angle = math.radians(phase.direction_deg)
-                pull_x = phase.tangential_n * round(math.cos(angle), 15)
-                pull_y = phase.tangential_n * round(math.sin(angle), 15)
+                x, y = unit_vector(phase.direction_deg)
+                pull_x, pull_y = phase.tangential_n * x, phase.tangential_n * y
             elif isinstance(phase, RotatePhase):
                 turn_rate = phase.angle_deg / phase.duration_s
             now = replace(
@@ -269,6 +266,12 @@ class SceneMotion:
         if surface not in self.surfaces:
             self.surfaces.append(surface)
         return self.surfaces.index(surface)
+
+
+def unit_vector(direction_deg: float) -> tuple[float, float]:
+    """Cosine and sine of a direction, rounded to be exact along the axes: cos(90 deg) is else 6e-17."""
+    angle = math.radians(direction_deg)
+    return round(math.cos(angle), 15), round(math.sin(angle), 15)
 
 
 def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
