@@ -37,7 +37,7 @@ class Wang2019Params(Params):
 
 
 class DetectParams(Params):
-    """Which detectors run, and their parameters."""
+    """Selection of the detectors that run, and their parameters."""
 
     setting: Setting = Field(
         default="balanced",

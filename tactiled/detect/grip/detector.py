@@ -34,7 +34,7 @@ _PARTIAL = 0.1  # part of the area that slips in incipient slip
 
 
 class GripParams(Params):
-    """Whether grip messages are made, and the prior of the contact model."""
+    """Switch of the grip messages, and prior of the contact model."""
 
     enabled: bool = Field(
         default=False, description="a grip message for each scan in contact; costs about 0.4 ms of a core"
@@ -49,7 +49,7 @@ class GripParams(Params):
 
 
 class GripDetector:
-    """How close a contact is to slipping, for each scan.
+    """Compute how close a contact is to slipping, for each scan.
 
     An array without shear or without load channels cannot tell, and gets no events.
 
@@ -64,7 +64,7 @@ class GripDetector:
         self._params = params or GripParams()
         self._responses = Responses(array)
         self.can_tell = self._responses.senses_load and self._responses.senses_shear
-        """Whether the array has load and shear channels."""
+        """True where the array has load and shear channels."""
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0

@@ -160,7 +160,7 @@ def channel_layout(array: Array) -> ChannelLayout:
 
 @dataclass(frozen=True, eq=False)
 class TrackedWave:
-    """What `track` needs of a fitted wave to find the same wave in a later window.
+    """Parameters of a fitted wave with which `track` finds the same wave in a later window.
 
     Nothing here depends on where the window begins or ends.
 

@@ -1,4 +1,4 @@
-"""From force to counts: rubber, voltage divider, multiplexer, ADC; one function for each, in SI units.
+"""Conversion of force to counts: rubber, voltage divider, multiplexer, ADC; one function for each, in SI.
 
 With the default constants a hold of 20 N on the 3x3 array (0.56 N on each read-out area) reads about 1.2 V,
 within the 1.0 to 1.5 V of the paper's plots and above the 0.5 V that it calls clear enough.

@@ -1,4 +1,4 @@
-"""From a scene to the counts that the board's ADC reads, through array and electronics."""
+"""Conversion of a scene to the counts that the board's ADC reads, through array and electronics."""
 
 import numpy as np
 from numpy.typing import NDArray

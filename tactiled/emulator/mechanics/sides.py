@@ -1,4 +1,4 @@
-"""From the forces on the bump to the forces on its read-out areas, by linear elasticity.
+"""Conversion of forces on the bump to forces on its read-out areas, by linear elasticity.
 
 A force at (x, y) of the bump acts on the area at azimuth e with a weight; finite elements give the weights
 at the points of the bump's surface (`fem.compliance`, coarse mesh). They are smooth, so polynomials are

@@ -1,4 +1,4 @@
-"""From a scene's load and plates to single taxels, and from forces on taxels to channels."""
+"""Conversion of a scene's load and plates to single taxels, and of forces on taxels to channels."""
 
 import numpy as np
 
