@@ -40,7 +40,7 @@ from tactiled.detect.grip.detector import GripParams
 from tactiled.progress import ProgressBar
 
 TUNED_FROM = 10_000  # seeds on which constants were set; those reported are far below
-N_WORLDS, N_QUICK = 300, 48
+N_WORLDS, N_QUICK = 120, 48
 _BATCH = 12  # worlds that are simulated at once, and by one process
 _TIME_IN_ALARM = 0.015
 _LEAST_SLIPS = 10  # below, a share of slips decides nothing
@@ -59,7 +59,7 @@ class GripFound:
 def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Margins, forecasts, alarms and gross slips over random worlds.
 
-    Quick: 48 worlds instead of 300.
+    Quick: 48 worlds instead of 120.
     """
     n = N_QUICK if options.quick else N_WORLDS
     progress.begin(n)

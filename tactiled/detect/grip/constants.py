@@ -5,13 +5,7 @@ the code that uses it. The worlds that `./run bench grip` reports are others.
 """
 
 TEMPER = 0.25  # weight of a look at the shares: successive looks repeat the same misfit
-
-
-class Nuisance:
-    """Spreads of what the model leaves out."""
-
-    GAIN_SD = 0.15  # gains and stiffness of taxels
-    MISFIT = 0.05  # of shares, before the contact's own residuals are known
+MISFIT = 0.05  # of a taxel's shear over the mean one, before the contact's own residuals are known
 
 
 class Ripple:
@@ -24,7 +18,6 @@ class Ripple:
 
 WALK_PART = 0.25  # of the prior's spread, by which log friction may change in a second: wetting, a new spot
 EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its friction
-KINETIC_LEAST = 0.75  # of the static limit, that a sliding contact bears at least
 FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore
 SLIDE_S = 0.4  # mean duration of gross slip: then it is caught, or the object is lost
 SOFT = 0.2  # log ratios over which a limit is met: friction differs between taxels and with speed

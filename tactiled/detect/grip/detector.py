@@ -1,6 +1,7 @@
 """Grip events from scans: contact gate, zero, contact model, one event for each scan in contact."""
 
 import math
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -63,6 +64,7 @@ class GripDetector:
         self._array = array
         self._params = params or GripParams()
         self._responses = Responses(array)
+        self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
         self.can_tell = self._responses.senses_load and self._responses.senses_shear
         """True where the array has load and shear channels."""
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
@@ -82,18 +84,17 @@ class GripDetector:
         self._rate_hz = 0.0
         self._history = np.zeros((1, 3, self._array.n_taxels))
         self._touch: _Touch | None = None
+        self._last_s = 0.0
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
         if isinstance(item, Gap):
-            lost = self._touch is not None
-            last_s = self._last_s
-            self.reset()
-            return [_no_contact(last_s, valid=False)] if lost else []
+            return self._lose()
         if not self.can_tell:
             return []
+        events: list[Event] = []
         if item.rate_hz != self._rate_hz:
-            self.reset()
+            events += self._lose()
             self._rate_hz = item.rate_hz
             self._history = np.zeros((history_scans(item.rate_hz), 3, self._array.n_taxels))
         held = self._quantiser.process(item)
@@ -101,7 +102,6 @@ class GripDetector:
         usable = np.all(details.usable.reshape(len(item), -1), axis=1)
         trusted = np.all(held.ok, axis=1)
         late: list[bool] = item.late.tolist()
-        events: list[Event] = []
         for scan, volts in enumerate(held.steps * self._quantiser.volts_per_step):
             rows = details.volts[scan] if usable[scan] else None
             event = self._step(
@@ -109,6 +109,12 @@ class GripDetector:
             )
             if event is not None:
                 events.append(event)
+        return events
+
+    def _lose(self) -> list[Event]:
+        """Forget everything seen; return the end of a contact that is cut off."""
+        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
+        self.reset()
         return events
 
     def _step(
@@ -143,7 +149,7 @@ class GripDetector:
                 response[0].clip(0.0),
             )
             self._touch.model.take_ripple(ripple)
-        return self._touch.event(time_s, self._radius_mm, is_trusted, is_late)
+        return self._touch.event(time_s, self._radius_mm, self._unit, is_trusted, is_late)
 
     def _follow_baseline(self, volts: FloatArray) -> None:
         self._n_baseline += 1
@@ -201,7 +207,9 @@ class _Touch:
             return True
         return False
 
-    def event(self, time_s: float, radius_mm: float, is_trusted: bool, is_late: bool) -> GripEvent:
+    def event(
+        self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
+    ) -> GripEvent:
         """Return the event of the scan that was taken."""
         grip = self.model.grip()
         self._is_gross = grip.p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
@@ -234,7 +242,7 @@ class _Touch:
             shear_x=float(self._total[0]),
             shear_y=float(self._total[1]),
             torsion=float(self._total[2]) * radius_mm,
-            unit="relative",
+            unit=unit,
             needed_load=size / (NEEDED_UTILISATION * friction[0]),
             state=state,
             valid=is_trusted and self._n > self._n_zero,

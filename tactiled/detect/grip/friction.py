@@ -7,10 +7,11 @@ grid value stands for a cell: a borne ratio within a cell has refuted part of it
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.grip.constants import EXCESS_SD, FALL_RATE, KINETIC_LEAST, SLIDE_S, SOFT, WALK_PART
+from tactiled.detect.grip.constants import EXCESS_SD, FALL_RATE, SLIDE_S, SOFT, WALK_PART
 
 N_FRICTION = 32
 _REACH = 1.7  # of the grid about the prior's median, in log: 2.8 of its widest standard deviations
+_KINETIC_LEAST = 0.75  # of the static limit: kinetic friction of rubber is seldom less, a prior
 _CARRIED = 0.7  # probability that the next contact is of the same hand and object: a prior
 _CARRIED_SD = 0.15  # by which log friction differs between contacts of the same two, at most
 _NODES = np.array([-2.334414, -0.741964, 0.741964, 2.334414])  # Gauss-Hermite of order 4, for unit variance
@@ -77,7 +78,7 @@ class FrictionPosterior:
         above = np.log(max(ratio, 1e-9)) - self._log
         met = np.clip(above / SOFT + 0.5, 0.0, 1.0)
         was_met = self._met > 0.5
-        holds_on = above > np.log(KINETIC_LEAST)
+        holds_on = above > np.log(_KINETIC_LEAST)
         new = np.maximum(met - self._met, 0.0) / np.maximum(1.0 - self._met, 1e-6)
         self._met = np.maximum(met, np.where(holds_on, self._met, 0.0))
         self.sliding = np.where(holds_on | ~was_met, self.sliding + new * (1 - self.sliding), 0.0)

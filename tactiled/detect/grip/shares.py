@@ -11,8 +11,9 @@ moved, not as time passes, and its logarithm counts with a weight below one (tem
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.grip.constants import TEMPER, Nuisance
+from tactiled.detect.grip.constants import MISFIT, TEMPER
 
+_GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
 _LOOK = 0.05  # relative change of the shear that makes a new look at the shares
 _NOISES = 4.0  # standard deviations of the total that it must have moved besides, or noise makes looks
 _DEGREES = 4.0  # of freedom of Student's t: tails of a few taxels in a hundred looks
@@ -30,9 +31,9 @@ class ShareEvidence:
 
     def __init__(self, n_hypotheses: int, n_taxels: int) -> None:
         self._gain = np.zeros((n_hypotheses, n_taxels))
-        self._gain_var = np.full((n_hypotheses, n_taxels), Nuisance.GAIN_SD**2)
+        self._gain_var = np.full((n_hypotheses, n_taxels), _GAIN_SD**2)
         self._looks = _MISFIT_LOOKS
-        self._misfit_sum = _MISFIT_LOOKS * Nuisance.MISFIT**2
+        self._misfit_sum = _MISFIT_LOOKS * MISFIT**2
         self._looked_at = np.zeros(3)
 
     @property

@@ -12,6 +12,7 @@ from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, bui
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.observe import approximation_taps, level_for, noise_gain
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
+from tactiled.detect.grip.ripple import sliding_log_odds
 from tactiled.detect.signal.wavelet import delay_scans
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -194,3 +195,30 @@ def test_noise_asks_for_a_coarser_approximation_within_the_delay() -> None:
     assert [level_for(noise, 400.0) for noise in (0.001, 0.012, 0.1)] == [0, 1, 3]
     assert level_for(0.1, 100.0) == 1
     assert level_for(0.1, 20.0) == 0
+
+
+def test_another_rate_ends_the_contact() -> None:
+    readings, _ = pull(0.5)
+    detector = GripDetector(xyz())
+    detector.process(regular_block(readings, RATE_HZ))
+    first = grips(detector.process(regular_block(readings, 2 * RATE_HZ)))[0]
+    assert (first.state, first.valid) == ("none", False)
+
+
+def test_newtons_are_called_newtons() -> None:
+    array = dataclasses.replace(xyz(), unit="N")
+    events = grips(GripDetector(array).process(regular_block(pull(0.5)[0], RATE_HZ)))
+    assert {event.unit for event in events} == {"N"}
+
+
+def test_ripple_that_no_hand_makes_speaks_for_sliding() -> None:
+    rng = np.random.default_rng(4)
+    noise = np.full((2, 9), 1e-3)
+    still = rng.normal(0, 1e-3, (2, 2, 9))
+    # A hum moves each taxel by its stiffness, whose unevenness the model knows up to a fifth.
+    hum = 0.1 * np.cbrt(PART) * (1 + 0.1 * rng.normal(size=9)) + still
+    rough = 5e-3 * rng.normal(size=(2, 2, 9)) + still
+    assert sliding_log_odds(still, noise, PART) <= 0
+    assert sliding_log_odds(hum, noise, PART) < 0.5
+    assert sliding_log_odds(rough, noise, PART) > 0.7
+    assert sliding_log_odds(rough[:, :, :3], noise[:, :3], PART[:3]) == 0.0
