@@ -59,6 +59,7 @@ class FrictionPosterior:
         self.sliding = np.zeros(N_FRICTION)
         self._penalty = np.zeros(N_FRICTION)
         self._met = np.zeros(N_FRICTION)
+        self._ended_at = 0.0
 
     def take(self, log_likelihood: FloatArray) -> None:
         """Multiply the weights by likelihoods given as logarithms (N_FRICTION,)."""
@@ -90,8 +91,9 @@ class FrictionPosterior:
     def trend_ended(self, ratio: float, growth: float, end_rate: float) -> None:
         """Take the end of a growth of the ratio.
 
-        What slides explains it; what sticks needs a hand that stopped in just this time. The time is the one
-        that the ratio took to cross `EXCESS_SD`, the band in which sliding values are not yet refuted.
+        An end at a ratio that was reached before says nothing new. What slides explains a new one; what
+        sticks needs a hand that stopped in just this time: the time that the ratio took to cross
+        `EXCESS_SD`, the band in which sliding values are not yet refuted.
 
         Parameters
         ----------
@@ -100,6 +102,9 @@ class FrictionPosterior:
         end_rate : float
             Rate (1/s) at which trends end by themselves.
         """
+        if ratio < self._ended_at * np.exp(EXCESS_SD):
+            return
+        self._ended_at = ratio
         crossing_s = EXCESS_SD * ratio / max(growth, 1e-9)
         sticks = (1 - self.sliding) * (1.0 - np.exp(-end_rate * crossing_s))
         left = self.sliding + sticks

@@ -88,3 +88,14 @@ def test_trend_follows_a_ramp_and_tells_its_end() -> None:
             ends.append(t)
     assert any(2.0 < t < 2.3 for t in ends)
     assert trend.size == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_hum_at_one_ratio_ends_its_growth_but_once() -> None:
+    posterior = FrictionPosterior(0.6, 0.3)
+    posterior.bear(0.5)
+    posterior.trend_ended(0.5, growth=2.0, end_rate=3.0)
+    weights, sliding = posterior.weights.copy(), posterior.sliding.copy()
+    for ratio in (0.48, 0.5, 0.52):
+        posterior.trend_ended(ratio, growth=2.0, end_rate=3.0)
+    np.testing.assert_array_equal(posterior.weights, weights)
+    np.testing.assert_array_equal(posterior.sliding, sliding)
