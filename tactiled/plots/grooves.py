@@ -18,13 +18,14 @@ _MARGIN_MM = 2.5  # around the taxels
 _BINS = 40  # of the phase of a groove
 _SDS_95 = 1.96  # half a 95 % interval, in standard deviations
 _REASONS: Mapping[str, str] = {
-    "no-slip": "the skin does not slide",
-    "too-few-periods": "too few ripple periods in the window",
-    "aliased": "ripples are too fast for the scan rate",
-    "ambiguous": "several gratings fit the phases",
-    "low-snr": "no ripple above the noise",
-    "saturated": "readings are saturated",
-    "stale": "too many scans are late",
+    "no-slip": "no answer, the skin does not slide",
+    "too-few-periods": "no answer, too few ripple periods in the window",
+    "aliased": "no answer, ripples are too fast for the scan rate",
+    "ambiguous": "no answer, several gratings fit the phases",
+    "period-only": "period without angle",
+    "low-snr": "no answer, no ripple above the noise",
+    "saturated": "no answer, readings are saturated",
+    "stale": "no answer, too many scans are late",
 }
 
 
@@ -66,6 +67,11 @@ def draw_answers(
 def answer_in_words(events: Sequence[TextureEvent], onsets: Sequence[SlipEvent]) -> str:
     """Describe the last estimate and the time to the first one, or the reasons of the refusals."""
     ok = [e for e in events if e.status == "ok"]
+    if not ok and events and events[-1].status == "period-only" and events[-1].period_mm > 0:
+        last = events[-1]
+        return (
+            f"grooves of {in_words(last.period_mm, last.period_sd_mm)} mm, angle unknown ({last.estimator})"
+        )
     if not ok:
         return f"grooves: no answer ({refusals_in_words(events)})" if events else ""
     last = ok[-1]
@@ -90,7 +96,7 @@ def refusals_in_words(events: Sequence[TextureEvent]) -> str:
 
 
 def refusal_reason(event: TextureEvent) -> str:
-    """Describe why an event has no estimate."""
+    """Describe why an event has no complete estimate."""
     return _REASONS.get(event.status, event.status)
 
 

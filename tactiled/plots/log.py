@@ -213,7 +213,7 @@ def _draw_spectrum(
     inside = (time_s > event.time_s - window_s) & (time_s <= event.time_s + 1e-9)
     window = np.nan_to_num(volts[inside][:, channels])
     title = f"spectrum of {window_s:.3g} s until {event.time_s - float(time_s[0]):.1f} s"
-    axis.set_title(title if is_answer else f"{title}, no answer:\n{refusal_reason(event)}", fontsize=10)
+    axis.set_title(title if is_answer else f"{title}:\n{refusal_reason(event)}", fontsize=10)
     axis.set_xlabel("frequency (Hz)")
     axis.set_ylabel(f"amplitude (0.001 {array.unit})")
     if len(window) < 8:  # nothing to transform
@@ -233,5 +233,10 @@ def _draw_spectrum(
             f"angle {event.angle_deg:.1f}°\n(window {event.window_s:.3g} s)"
         )
         axis.axvline(event.frequency_hz, color=GROOVES, lw=1.2, label=label)
+    elif event.status == "period-only":
+        period = f"\nD = {event.period_mm:.3g} mm" if event.period_mm > 0 else ""
+        label = f"estimate: {event.frequency_hz:.2f} Hz{period}"
+        axis.axvline(event.frequency_hz, color=GROOVES, lw=1.2, label=label)
+    if event.frequency_hz > 0:
         axis.set_xlim(0, max(_SPECTRUM_MARGIN * event.frequency_hz, 1.0))
     axis.legend(frameon=False, fontsize=9, loc="upper right")

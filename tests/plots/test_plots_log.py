@@ -60,7 +60,7 @@ def test_a_log_with_refused_grooves_shows_slips_and_the_reason(
     draw_log(out, ARRAY, TIME_S, sheared(0.3), [onset, end, refusal], DetectParams(), "a")
     assert out.stat().st_size > 10_000
     titles = [axis.get_title() for axis in figures[0].axes]
-    assert any(title.endswith("no answer:\nno ripple above the noise") for title in titles)
+    assert any(title.endswith(":\nno answer, no ripple above the noise") for title in titles)
     legend = figures[0].axes[0].get_legend()
     assert legend is not None
     assert {text.get_text() for text in legend.get_texts()} >= {"incipient slip", "onset to detection"}
