@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from touches import textures
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves import estimator
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import TrackedWave, WaveFit, WaveMotion, WaveParams, channel_layout
@@ -144,18 +143,15 @@ def slip_along_x() -> SlipEvent:
     )
 
 
-def test_an_answer_is_fitted_anew_when_its_window_has_doubled_or_is_all_new(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_answer_is_fitted_anew_when_its_window_has_doubled_or_is_all_new() -> None:
     ends: list[int] = []
 
     def counted(volts: FloatArray, time_s: FloatArray, *rest: object) -> WaveFit:
         ends.append(round(100 * float(time_s[-1])) + 1)
         return fit_wave(volts, time_s, *rest)  # type: ignore[arg-type] # passed through
 
-    monkeypatch.setattr(estimator, "fit_wave", counted)
     slide = Slide(duration_s=26.0)
-    texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0))
+    texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0), fit=counted)
     block = regular_block(slide.volts(ARRAY, OFFSETS_S), 100.0, channel_offset_s=OFFSETS_S)
     events = textures(texture.process(block, [slip_along_x()]))
     assert all(event.status == "ok" for event in events)
