@@ -123,3 +123,15 @@ def test_a_log_without_times_has_those_of_its_rate(tmp_path: Path) -> None:
     time_s, volts = read_table(path, rate_hz=50.0)
     assert time_s == pytest.approx([0.0, 0.02, 0.04])
     assert volts.shape == (3, 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_stamps_that_jitter_are_no_missing_scans(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time_s = 5.0 + (np.arange(2000) + 0.1 * rng.standard_normal(2000).clip(-3, 3)) / 35.6
+    kept = np.delete(np.arange(2000), [700, 701, 1500])
+    valid = np.ones((2000, 1), dtype=np.bool_)
+    assert len(to_blocks(time_s, np.zeros((2000, 1)), 36.0, valid)) == 1  # a rate that is wrong by 1 %
+    items = to_blocks(time_s[kept], np.zeros((len(kept), 1)), None, valid[kept])
+    gaps = [(item.n_missing, item.index) for item in items if isinstance(item, Gap)]
+    assert gaps == [(2, 702), (1, 1501)]
