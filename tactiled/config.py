@@ -93,9 +93,20 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
     ConfigError
     """
     document = tomlfile.read(path)
+    if isinstance(board := document.get("board"), dict):
+        # A file that the configuration names lies beside it, wherever the daemon is started.
+        files = {key: _beside(path, board[key]) for key in ("protocol", "array") if key in board}
+        document = {**document, "board": {**board, **files}}
     if port_url is not None:
         document = {**document, "port": {**document.get("port", {}), "url": port_url}}
     return _set_up(tomlfile.parse(document, Config, str(path)), str(path))
+
+
+def _beside(path: Path, name_or_path: object) -> object:
+    """Return a relative path of a configuration as a path that holds in any working directory."""
+    if not isinstance(name_or_path, str) or resources.is_name(name_or_path):
+        return name_or_path  # a shipped name; what is no text is refused by the schema
+    return str(path.absolute().parent / name_or_path)
 
 
 def default_config(port_url: str, **tables: Params) -> Setup:

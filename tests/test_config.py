@@ -57,6 +57,22 @@ def test_the_shipped_file_loads_and_so_does_all_that_it_shows(tmp_path: Path) ->
     assert config.session.board_serial == "TS0001"
 
 
+def test_files_lie_beside_the_configuration_that_names_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    array = resources.shipped("config", "arrays", "wang2019-3x3.toml").read_text()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "skin.toml").write_text(array.replace('"wang2019-3x3"', '"skin"'))
+    path = tmp_path / "board.toml"
+    path.write_text('[port]\nurl = "/dev/ttyUSB0"\n[board]\narray = "mine/skin.toml"\n')
+    monkeypatch.chdir("/")
+    assert load_config(path).array.name == "skin"
+    assert load_config(path).recording_header().source.array.name == "skin"
+    path.write_text('[port]\nurl = "/dev/ttyUSB0"\n[board]\narray = 7\n')
+    with pytest.raises(ConfigError, match=r"board\.array"):
+        load_config(path)
+
+
 def test_all_faults_at_once_with_place_and_hint(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(

@@ -33,6 +33,7 @@ def demo(out: Path) -> None:
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
 @click.option("--tcp", help="Listen on host:port instead; the daemon connects to socket://host:port.")
 @click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
+@click.option("--array", help="Shipped array or TOML file. [default: that of the scene or of the layout]")
 @click.option("--board", type=FILE, help="TOML file of the board: serial number, rate, crystal, ...")
 @click.option("--faults", type=FILE, help="TOML file of the faults on the serial line.")
 @click.option("--seed", default=0, show_default=True, help="Random seed of the faults.")
@@ -46,6 +47,7 @@ def emulate(
     link: Path | None,
     tcp: str | None,
     protocol: str,
+    array: str | None,
     board: Path | None,
     faults: Path | None,
     seed: int,
@@ -62,6 +64,8 @@ def emulate(
     if not explains and (link is None) == (tcp is None):
         raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     need_named(protocol, "protocols")
+    if array is not None:
+        need_named(array, "config/arrays")
     need_toml(board, faults, Path(scene) if scene.endswith(".toml") else None)
     from tactiled import tomlfile
     from tactiled.emulator.board.identity import EmulatedBoardParams
@@ -71,11 +75,13 @@ def emulate(
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)
+    if array is not None:
+        played = played.model_copy(update={"array": array})
     if explains:
-        from tactiled.emulator.board.identity import worn_array
+        from tactiled.emulator.board.identity import emulated_array
         from tactiled.emulator.prepare import explain_in_real_time
 
-        click.echo(explain_in_real_time(played, worn_array(played, load_layout(protocol))))
+        click.echo(explain_in_real_time(played, emulated_array(played, load_layout(protocol))))
         return
 
     def report(what: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@
 from collections.abc import Callable
 
 from tactiled.emulator.board.firmware import Board
-from tactiled.emulator.board.identity import EmulatedBoardParams, identity, worn_array
+from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array, identity
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.line.cable import Arrival, CableModel
@@ -64,7 +64,7 @@ class EmulatedPort:
         on_scan: Callable[[ScanTruth], None] = _ignore,
     ) -> None:
         params, self._faults = board or EmulatedBoardParams(), faults or FaultParams()
-        array = worn_array(scene, layout)
+        array = emulated_array(scene, layout)
         hello = identity(params, layout, array)
         sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
         self.array = array

@@ -1,6 +1,7 @@
 """Board, line and faults together in simulated time, read by the codec."""
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.emulator.board.identity import EmulatedBoardParams
+from tactiled import resources
+from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array
 from tactiled.emulator.line.cable import Arrival
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.port import EmulatedPort
@@ -169,6 +171,21 @@ def test_runs_of_one_seed_are_equal_and_of_two_differ() -> None:
     assert run_once(1) == run_once(1)
     assert run_once(1) != run_once(2)
     assert run_once(1) != run_once(1, scene_seed=2)
+
+
+def test_array_of_the_scene_must_be_that_of_a_layout_that_assumes_one(tmp_path: Path) -> None:
+    legacy = load_layout("legacy-9")
+    assumed = legacy.file.assumed_hello
+    assert assumed is not None
+    shipped = resources.shipped("config", "arrays", f"{assumed.array_id}.toml").read_text()
+    own = tmp_path / "own.toml"
+    own.write_text(shipped)
+    assert emulated_array(DEMO, legacy).name == assumed.array_id
+    named = DEMO.model_copy(update={"array": str(own)})
+    assert emulated_array(named, legacy).name == assumed.array_id
+    own.write_text(shipped.replace(f'"{assumed.array_id}"', '"other"'))
+    with pytest.raises(ConfigError, match="give both the same name"):
+        emulated_array(named, legacy)
 
 
 def test_the_legacy_layout_is_emulated() -> None:

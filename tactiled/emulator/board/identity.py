@@ -5,6 +5,7 @@ from pydantic import Field
 from tactiled.array import Array, load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.errors import ConfigError
+from tactiled.resources import shipped_names
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout
@@ -40,16 +41,28 @@ class EmulatedBoardParams(Params):
     start_sequence: int = Field(default=0, ge=0, description="sequence number of the first scan")
 
 
-def worn_array(scene: Scene, layout: Layout) -> Array:
-    """Array of the scene, or the one that the layout assumes.
+def emulated_array(scene: Scene, layout: Layout) -> Array:
+    """Array of the scene or, where the scene names none, the one that the layout assumes.
 
     Raises
     ------
     ConfigError
-        The frames of the layout do not carry that array's channels.
+        The frames of the layout do not carry that array's channels, or are those of another array.
     """
     assumed = layout.file.assumed_hello
-    array = load_array(assumed.array_id if assumed else scene.array)
+    if assumed is None or "array" in scene.model_fields_set:
+        array = load_array(scene.array)
+    elif assumed.array_id in shipped_names("config/arrays"):
+        array = load_array(assumed.array_id)
+    else:
+        fault = f"the layout {layout.name} assumes the array {assumed.array_id!r}: name its file with --array"
+        raise ConfigError(f"scene {scene.name}", [fault])
+    if assumed is not None and array.name != assumed.array_id:
+        fault = (
+            f"the array is {array.name!r}, but the layout {layout.name} assumes {assumed.array_id!r} "
+            "(assumed_hello.array_id): give both the same name"
+        )
+        raise ConfigError(f"scene {scene.name}", [fault])
     if array.n_channels != layout.n_channels:
         fault = (
             f"array {array.name} has {array.n_channels} channels, "
