@@ -51,7 +51,7 @@ def summary(
                 "no contact: is the zero right? --tare-s 0.3 takes the first 0.3 s as zero, `sign` in the "
                 "array file turns a channel round, `[contact]` sets the level"
             )
-        elif slip_s == 0 and "slip" in topics:
+        elif slip_s == 0 and "slip" in topics and not sliding_is_given:
             yield (
                 "no slip: a slide that is under way when the log begins has no onset (--sliding says that "
                 "the log slides), and --setting fast needs less shear"
