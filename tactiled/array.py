@@ -289,7 +289,7 @@ class Array:
             f"{self.n_channels} channels ({', '.join(sorted(set(self.channel_kind)))}), "
             f"{self.low:g} to {self.high:g} {self.unit}"
         )
-        return words if self.has_shear else f"{words}, no shear channels: directions cannot be told"
+        return words if self.has_shear else f"{words}, no shear channels: directions cannot be estimated"
 
     def shear_weights(self) -> NDArray[np.float64]:
         """Return the weights that convert channels to the motion response of each taxel.

@@ -156,7 +156,7 @@ def detect_file(
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if path.suffix == ".mcap":
         if array is not None or rate_hz is not None or choices.columns or choices.time_unit:
-            fault = "--array, --rate, --columns and --time-unit are for tables; a recording knows its own"
+            fault = "--array, --rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         log = Log(choices.array_of(read_header(path).source.array))
         found = _run_recording(path, log, params, choices, reached)
@@ -164,7 +164,7 @@ def detect_file(
         log = Log(choices.array_of(load_array(array or _array_of_config(choices.config))))
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
-        raise DataError(f"{path}: what is it? Known are .mcap (our recordings), .csv and .npz")
+        raise DataError(f"{path}: unknown kind of file; known are .mcap (our recordings), .csv and .npz")
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz):
         log.events.append(event)

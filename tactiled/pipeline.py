@@ -303,7 +303,7 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
     if array.n_channels != layout.n_channels:
         return (
             f"array {array.name!r} has {array.n_channels} channels ({array.n_taxels} taxels), a scan of "
-            f"{layout.name} has {layout.n_channels}: mend the array file or the layout file"
+            f"{layout.name} has {layout.n_channels}: correct the array file or the layout file"
         )
     slowest, fastest = RATES_HZ
     converts = 1 <= hello.adc_bits <= 32 and 0 < hello.adc_reference_v <= 100

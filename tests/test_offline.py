@@ -230,12 +230,12 @@ def test_events_contain_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("call", "error", "says"),
     [
-        (("log.txt",), DataError, "what is it"),
+        (("log.txt",), DataError, "unknown kind of file"),
         (("log.csv", "normal-4x4"), DataError, "36 channels, but array normal-4x4 has 16"),
         (("log.csv", "no-such-array"), ConfigError, "no-such-array"),
         (("log.csv", None, None, Choices(setting="fastest")), ConfigError, "setting"),
         (("none.mcap",), DataError, "No such file"),
-        (("log.mcap", "normal-4x4"), ConfigError, "a recording knows its own"),
+        (("log.mcap", "normal-4x4"), ConfigError, "a recording contains them"),
     ],
 )
 def test_unusable_input_gives_a_reason(

@@ -52,7 +52,7 @@ def _held(quantity: Quantity, is_known: bool, found: Found) -> Reading:
 
 
 def _rarely_wrong(part: str, noise: str | None, found: Found) -> Reading:
-    """Met is what the count proves: the rate that it does not exclude is within the limit."""
+    """Judge a rate by its upper 95 % confidence bound, which must be within the limit."""
     trials = TrialSet(t for t in found[part] if noise in (None, t.name))
     words = f"{trials.n_wrong} of {len(trials.ok)} ({100 * CONFIDENCE:.0f} %: below "
     words += f"{1e3 * trials.most_wrong:.2f} in 1000)"

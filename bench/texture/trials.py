@@ -200,7 +200,7 @@ def noise_name(memory: float) -> str:
 
 
 def coloured_trials(memory: float, seeds: Sequence[int]) -> list[Trial]:
-    """Ask the joint fit for short windows of a few periods in noise that remembers.
+    """Ask the joint fit for short windows of a few periods in autocorrelated noise.
 
     There phases are told apart worst, and windows are cheap. Such noise (an autoregression of order 1 in each
     channel) has its power where ripples are slow, and lends false lines. Odd seeds are given the speed.

@@ -198,7 +198,7 @@ def tune(
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """
     if (quiet is None) != (motion is None):
-        raise click.UsageError("say both --quiet FILE and --motion FILE, or neither to record them now")
+        raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(quiet, motion)
     need_named(array, "config/arrays")
     from tactiled.tune.run import tune_files, tune_live

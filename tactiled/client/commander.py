@@ -58,7 +58,9 @@ class _Request:
         """Return the time to wait for the reply, milliseconds; raises OperatorError after the time limit."""
         now_s = time.monotonic()
         if now_s >= self.until_s:
-            raise OperatorError(f"{endpoint}: no answer; is tactiled running there, and our key known to it?")
+            raise OperatorError(
+                f"{endpoint}: no answer; is tactiled running there, and has it the key of this client?"
+            )
         return max(1, round(1000 * (min(self.until_s, self.again_s) - now_s)))
 
     def is_due(self) -> bool:

@@ -102,7 +102,7 @@ class Inbox:
         items = self.catch_up.tick(now_s)
         if now_s >= self._silence_due_s:
             silent_s = now_s - self._status_s
-            reason = f"no status read for {silent_s:.1f} s: is tactiled running, are we keeping up?"
+            reason = f"no status read for {silent_s:.1f} s: is tactiled running, or is this client too slow?"
             items += self._stale(reason, silent_s)
         return items
 

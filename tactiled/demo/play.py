@@ -296,8 +296,8 @@ def _await(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[
                 return message
     load, _, _ = os.getloadavg()
     raise DemoError(
-        f"no sign of {what} in {START_WITHIN_S:g} s: this host is too slow or too busy for the demo (load "
-        f"{load:.1f} on {os.cpu_count()} processors)"
+        f"{what} did not come within {START_WITHIN_S:g} s: this host is too slow or too busy for the demo "
+        f"(load {load:.1f} on {os.cpu_count()} processors)"
     )
 
 

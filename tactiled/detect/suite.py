@@ -41,9 +41,9 @@ class DetectParams(Params):
 
     setting: Setting = Field(
         default="balanced",
-        description="how sure a slip must be; wang2019: the published methods, as published",
+        description="trade of latency against false alarms; wang2019: the published methods, as published",
     )
-    slip: CoherentParams = Field(default=CoherentParams(), description="left out: what the setting says")
+    slip: CoherentParams = Field(default=CoherentParams(), description="default: the values of the setting")
     texture: JointParams = JointParams()
     grip: GripParams = GripParams()
     wang2019: Wang2019Params = Wang2019Params()

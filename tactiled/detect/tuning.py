@@ -132,14 +132,14 @@ class TunedSuite:
             return f"only {len(volts)} scans since the last gap, {n_wanted} are needed: ask again", []
         if not valid.all():
             channels = np.flatnonzero(~valid.all(axis=0)).tolist()
-            return f"no valid readings of channels {channels}: mend them first", []
+            return f"no valid readings of channels {channels}: repair them first", []
         half = n_wanted // 2
         drift = float(np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max())
         array = self._array
         level, range_ = array.contact, array.high - array.low
         still = range_ * _STILL_OF_RANGE if level is None else level.above * _STILL_OF_CONTACT
         if drift > still and not force:
-            return f"readings still move by {drift:.2g} {array.unit}: wait until they rest", []
+            return f"readings still move by {drift:.2g} {array.unit}: wait until they are steady", []
         events = self._insert_gap()
         self.baseline_volts = volts.mean(axis=0)
         return "", events

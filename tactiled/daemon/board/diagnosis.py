@@ -132,7 +132,7 @@ class LineWatch:
         if now_s - self._byte_s >= HICCUP_S:
             return self._silence()
         if now_s - self._frame_s >= HICCUP_S:
-            return f"bytes arrive but no frame passes: {self._cause[1] or 'looking why'}"
+            return f"bytes arrive but no frame passes: {self._cause[1] or 'the cause is not known yet'}"
         return ""
 
     @property

@@ -133,14 +133,24 @@ class Metrics:
         if status is None:
             return
         yield "state", "gauge", "1 for the state that holds.", _enum("state", _STATES, status.state)
-        yield "valid", "gauge", "Whether touch may be acted on.", _one(status.valid)
+        yield "valid", "gauge", "1 while the tactile data are fresh.", _one(status.valid)
         yield "scan_age_seconds", "gauge", "Age of the newest scan.", _one(status.age_s)
         yield "scan_rate_hertz", "gauge", "Scan rate, as the board says.", _one(status.rate_hz)
         yield "clock_sd_seconds", "gauge", "Sigma of scan instants; 1e9: unknown.", _one(status.clock_sd_s)
-        yield "clock_drift_ratio", "gauge", "Board's clock fast of ours.", _one(1e-6 * status.clock_rate_ppm)
+        yield (
+            "clock_drift_ratio",
+            "gauge",
+            "Board clock slow relative to the host clock, as a ratio.",
+            _one(1e-6 * status.clock_rate_ppm),
+        )
         yield "contact", "gauge", "1 for the state that holds.", _enum("state", _CONTACTS, status.contact)
         yield "slipping", "gauge", "Whether slip has begun and not ended.", _one(status.slipping)
-        yield "inhibited_seconds", "gauge", "Slips are not valid for so long.", _one(status.inhibited_s)
+        yield (
+            "inhibited_seconds",
+            "gauge",
+            "Remaining time for which slips are marked as not valid.",
+            _one(status.inhibited_s),
+        )
         yield "connects_total", "counter", "How often the port was opened.", _one(status.connects)
         yield "uptime_seconds", "gauge", "Since the daemon started.", _one(status.uptime_s)
 
@@ -171,7 +181,7 @@ class Metrics:
             _one(recording.state == "recording"),
         )
         yield "recorded_bytes", "gauge", "Size of the recording.", _one(recording.bytes_written)
-        yield "disk_free_bytes", "gauge", "Room where it is written.", _one(1e6 * recording.free_mb)
+        yield "disk_free_bytes", "gauge", "Free disk space at the recording.", _one(1e6 * recording.free_mb)
         yield "reads_unrecorded_total", "counter", "Reads that are in no file.", _one(recording.reads_dropped)
         yield "reads_waiting", "gauge", "Items that wait for the disk.", _one(recording.reads_waiting)
 

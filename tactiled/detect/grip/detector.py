@@ -58,6 +58,25 @@ class GripDetector:
     ----------
     array : Array
     params : GripParams
+
+    Examples
+    --------
+    A press, then shear along +x by Mindlin's curve from 4.0 s, until all of the contact slips at 4.8 s:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.samples.block import regular_block
+    >>> array, rng, time_s = load_array("wang2019-3x3"), np.random.default_rng(0), np.arange(600) / 100
+    >>> travel = np.clip((time_s - 4) / 0.8, 0, 1)[:, np.newaxis]
+    >>> shear_volts = 0.4 * (1 - (1 - travel) ** 1.5) * np.tile([1, 0, -1, 0], 9)
+    >>> load_volts = np.clip(time_s - 1, 0, 1)[:, np.newaxis]
+    >>> volts = load_volts + shear_volts + 1e-4 * rng.standard_normal((600, 36))
+    >>> grips = GripDetector(array).process(regular_block(volts, 100.0))
+    >>> for grip in (grip for grip in grips if f"{grip.time_s:.2f}" in ("3.90", "4.20", "4.60")):
+    ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
+    3.90 s: sticking, utilisation 0.0
+    4.20 s: partial, utilisation 0.4
+    4.60 s: partial, utilisation 0.7
     """
 
     def __init__(self, array: Array, params: GripParams | None = None) -> None:

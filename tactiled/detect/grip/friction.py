@@ -91,9 +91,9 @@ class FrictionPosterior:
     def trend_ended(self, ratio: float, growth: float, end_rate: float) -> None:
         """Take the end of a growth of the ratio.
 
-        An end at a ratio that was reached before says nothing new. What slides explains a new one; what
-        sticks needs a hand that stopped in just this time: the time that the ratio took to cross
-        `EXCESS_SD`, the band in which sliding values are not yet refuted.
+        An end at a ratio that was reached before carries no information. The likelihood of a new one is 1
+        for a contact that slides. For one that sticks it is the probability that the motion ended by itself
+        while the ratio crossed `EXCESS_SD`, the band in which sliding values are not yet refuted.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ RATE_AVERAGE_S = 0.08
 _START_RATE_SD = 1.0  # 1/s: before the first scans nothing is known of the rate
 # Trends of a hand end: gamma prior of the rate at which they do, one in half a second before any is seen.
 _END_COUNT, _END_TIME_S = 2.0, 1.0
-_FORGET_S = 5.0  # the hand of five seconds ago says little of this one
+_FORGET_S = 5.0  # time constant of forgetting: a hand changes its motion within seconds
 _SIGNIFICANT = 2.0  # standard deviations of the rate from which a trend is a trend
 _ENDED = 0.2  # of its former rate: below it, a trend has ended
 

@@ -110,6 +110,24 @@ class CoherentSlip:
     ----------
     array : Array
     params : CoherentParams
+
+    Examples
+    --------
+    A press, then shear along +x by Mindlin's curve from 4.0 s, until all of the contact slips at 4.8 s:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.samples.block import regular_block
+    >>> array, rng, time_s = load_array("wang2019-3x3"), np.random.default_rng(0), np.arange(600) / 100
+    >>> travel = np.clip((time_s - 4) / 0.8, 0, 1)[:, np.newaxis]
+    >>> shear_volts = 0.4 * (1 - (1 - travel) ** 1.5) * np.tile([1, 0, -1, 0], 9)
+    >>> load_volts = np.clip(time_s - 1, 0, 1)[:, np.newaxis]
+    >>> volts = load_volts + shear_volts + 1e-4 * rng.standard_normal((600, 36))
+    >>> for event in CoherentSlip(array).process(regular_block(volts, 100.0)):
+    ...     if event.topic == "slip":
+    ...         print(f"{event.detected_s:.2f} s: {event.kind}, since {event.onset_s:.2f} s")
+    4.08 s: incipient, since 4.00 s
+    4.77 s: gross, since 4.73 s
     """
 
     def __init__(self, array: Array, params: CoherentParams | None = None) -> None:
