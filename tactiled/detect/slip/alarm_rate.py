@@ -17,8 +17,8 @@ import numpy as np
 # Rates an hour, and the growth of shear over pressure that raises them.
 PER_HOUR = (2.52, 8.11, 19.6, 36.4, 68.2, 115.0, 161.0, 206.0, 228.0, 252.0)
 SHEAR = (0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.05, 0.02, 0.005)
-# Part of the permitted rate that noise alone may use. At the rate of `fast` that is less than one alarm an hour
-# for a hand whose motion is all announced.
+# Part of the permitted rate that noise alone may use. At the rate of `fast` that is less than one alarm an
+# hour for a hand whose motion is all announced.
 NOISE_PART = 0.003
 
 
