@@ -105,7 +105,7 @@ def _texture(
     if not slides:
         yield "no texture: nothing slides; --sliding or --sliding FROM:TO says what does"
     elif not told:
-        yield "no texture: the slide is shorter than a window"
+        yield "no texture: the log ended before a window was full"
     elif speed_mm_s == 0 and not (array.has_shear and array.has_places):
         yield "no period: without shear channels it needs the sliding speed (--speed)"
     elif speed_mm_s:
