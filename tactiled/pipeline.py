@@ -97,7 +97,8 @@ class Pipeline:
         self.layout = layout
         self.array = array
         self._decoder = Decoder(layout)
-        self._assembler = Assembler(layout, params.samples, params.baud, live=live)
+        in_counts = array.unit == "count"
+        self._assembler = Assembler(layout, params.samples, params.baud, live=live, in_counts=in_counts)
         self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker))
         self.reset()
 
@@ -304,6 +305,11 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
         return (
             f"array {array.name!r} has {array.n_channels} channels ({array.n_taxels} taxels), a scan of "
             f"{layout.name} has {layout.n_channels}: correct the array file or the layout file"
+        )
+    if array.unit not in ("V", "count"):
+        return (
+            f"array {array.name!r} reads {array.unit}, but the frames of {layout.name} carry the counts of a "
+            "converter: describe the array in V or count (tactiled detect reads logs in any unit)"
         )
     slowest, fastest = RATES_HZ
     converts = 1 <= hello.adc_bits <= 32 and 0 < hello.adc_reference_v <= 100

@@ -3,13 +3,16 @@
 import dataclasses
 import functools
 import itertools
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.array import load_array
+from tactiled import resources
+from tactiled.array import Array, load_array
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
@@ -247,3 +250,46 @@ def test_another_layout_needs_no_code() -> None:
     assert len(scans) > 1400
     assert target.health().scans_missing == 0
     assert len(scans[0].volts) == 9
+
+
+def in_unit(tmp_path: Path, unit: str) -> Array:
+    """The 2019 array, described with readings in another unit."""
+    text = resources.shipped("config", "arrays", "wang2019-3x3.toml").read_text()
+    text = text[: text.index("# Pressure responses")]
+    path = tmp_path / "own.toml"
+    name = 'name = "wang2019-3x3"'
+    path.write_text(text.replace(name, f'{name}\nunit = "{unit}"\nrange = [0, 4095]'))
+    return load_array(str(path))
+
+
+def test_an_array_in_counts_gets_the_counts_of_the_board(tmp_path: Path) -> None:
+    """Readings are whole counts, and slips are those of the same array in volts."""
+    layout, simulation = load_layout("board-v1"), Simulation(load_scene("demo"), LAYOUT, duration_s=8.0)
+    found: dict[str, list[Any]] = {}
+    reads = list(simulation)
+    for name, array in (("V", load_array("wang2019-3x3")), ("count", in_unit(tmp_path, "count"))):
+        target = Pipeline(layout, array)
+        found[name] = [out for now_s, data in reads for out in target.receive_data(data, now_s)]
+    scans = {name: [e for e in events if isinstance(e, ScanEvent)] for name, events in found.items()}
+    volts, counts = (np.array([scan.volts for scan in scans[name]]) for name in ("V", "count"))
+    assert (counts == np.rint(counts)).all()
+    assert counts * 3.0 / 4096 == pytest.approx(volts)
+    slips = {
+        name: [(e.state, e.kind, e.onset_s) for e in events if isinstance(e, SlipEvent)]
+        for name, events in found.items()
+    }
+    assert [slip[:2] for slip in slips["V"]] == [slip[:2] for slip in slips["count"]] != []
+    assert [s[2] for s in slips["count"]] == pytest.approx([s[2] for s in slips["V"]], abs=0.02)
+
+
+def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path) -> None:
+    hello = next(
+        out
+        for now_s, data in Simulation(load_scene("rest"), LAYOUT, duration_s=1.0)
+        for out in Pipeline(LAYOUT, ARRAY).receive_data(data, now_s)
+        if isinstance(out, Hello)
+    )
+    fault = check_hello(hello, LAYOUT, in_unit(tmp_path, "N"))
+    assert fault is not None
+    assert "reads N" in fault
+    assert "in V or count" in fault

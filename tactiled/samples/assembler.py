@@ -63,6 +63,8 @@ class Assembler:
         Baud rate of the line; 0 for that of the layout.
     live : bool
         Events are acted on as they come. Otherwise no scan counts as late.
+    in_counts : bool
+        Readings are the converter's counts as they came, not volts.
     """
 
     LARGEST_LEAD_S = 0.05  # largest error of the clock fit towards the future
@@ -74,10 +76,17 @@ class Assembler:
     TIMELY_PART = 0.9
 
     def __init__(
-        self, layout: Layout, params: SampleParams | None = None, baud: int = 0, *, live: bool = True
+        self,
+        layout: Layout,
+        params: SampleParams | None = None,
+        baud: int = 0,
+        *,
+        live: bool = True,
+        in_counts: bool = False,
     ) -> None:
         self._layout = layout
         self._live = live
+        self._in_counts = in_counts
         self._params = params or SampleParams()
         self._line_s: dict[str, float] = {}  # seconds on the line by message; empty where they take none
         if self._params.transfer == "line":  # start, eight data, stop bits
@@ -155,7 +164,7 @@ class Assembler:
             return
         offsets = hello.channel_offset_s or (0.0,) * self._layout.n_channels
         self._hello = hello
-        self._volts_per_count = hello.volts_per_count
+        self._per_count = 1.0 if self._in_counts else hello.volts_per_count
         self._full_count = 2**hello.adc_bits - 1
         self._offset_s = np.array(offsets)
         if old is not None:
@@ -313,7 +322,7 @@ class Assembler:
         valid = (counts < self._full_count) & sound[:, np.newaxis]
         self._out.append(
             ScanBlock(
-                volts=np.asarray(counts * self._volts_per_count, dtype=np.float64),
+                volts=np.asarray(counts * self._per_count, dtype=np.float64),
                 time_s=np.array([time_s for _, time_s, _, _ in rows]),
                 time_sd_s=np.array([sd_s for _, _, sd_s, _ in rows]),
                 index=np.arange(self._index - n + 1, self._index + 1, dtype=np.int64),
