@@ -13,7 +13,6 @@ class Ripple:
 
     LEAK = 0.2  # part of a common movement that unequal gains leave in the details
     TEMPER = 0.5  # looks are 20 ms apart, and the coarser level's filter is longer
-    SILENCE = -0.1  # least log odds of a look: silence repeats itself
 
 
 WALK_PART = 0.25  # of the prior's spread, by which log friction may change in a second: wetting, a new spot
@@ -21,3 +20,4 @@ EXCESS_SD = 0.10  # of log ratio by which a sliding contact may exceed its frict
 FALL_RATE = 0.02  # 1/s, at which friction falls away under a load that it bore
 SLIDE_S = 0.4  # mean duration of gross slip: then it is caught, or the object is lost
 SOFT = 0.2  # log ratios over which a limit is met: friction differs between taxels and with speed
+END_EACH = 10.0  # ends of trends for each e-fold of the shear: what a hand wants is near what it bears

@@ -15,6 +15,7 @@ from tactiled.detect.grip.constants import Ripple
 _STILL_SD = 0.35  # of log mean square of some 28 squares (0.27), with margin for noise that is not normal
 _ROUGH_LOG, _ROUGH_SD = np.log(4.0), 1.0  # log mean square over a rough surface: a wide prior
 _CAN_BE_ROUGH = 0.5  # prior: half of the surfaces fluctuate above the noise
+_SILENCE = -0.1  # least log odds of a look: silence repeats itself, a prior
 _STRAY = 0.05  # part of the looks without sliding whose details have another cause
 
 
@@ -52,4 +53,4 @@ def sliding_log_odds(details: FloatArray, noise_sd: FloatArray, load: FloatArray
         rough = 1 / _ROUGH_SD  # still rougher is not less likely to be sliding
     sliding = _CAN_BE_ROUGH * rough + (1 - _CAN_BE_ROUGH) * still
     sticking = _STRAY * rough + (1 - _STRAY) * still
-    return float(Ripple.TEMPER * max(np.log(sliding / sticking), Ripple.SILENCE))
+    return float(Ripple.TEMPER * max(np.log(sliding / sticking), _SILENCE))

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.grip.constants import END_EACH
 
 # Spectral density of the ratio's acceleration: a pull whose rate changes by 1/s (5 N/s on 5 N) about four
 # times a second. A prior for hands; the rate is averaged again below.
@@ -57,10 +58,10 @@ class Trend:
     def end_rate(self) -> float:
         """Rate at which trends of this hand end, 1/s.
 
-        A hand that pulls fast reaches what it wants sooner: the rate has a part that goes with the speed, one
-        end for each doubling of the shear.
+        A hand that pulls fast reaches what it wants sooner: the rate has a part that goes with the speed.
         """
-        return self._ends / self._grown_s + max(self._growing_at, 0.0) / max(self.size, self.value_sd, 1e-9)
+        doublings_per_s = max(self._growing_at, 0.0) / max(self.size, self.value_sd, 1e-9)
+        return self._ends / self._grown_s + END_EACH * doublings_per_s
 
     def step(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take the ratio (3,) of a scan, with the standard deviation of its noise."""
