@@ -125,6 +125,20 @@ kind = "normal"
 """
 
 
+@pytest.mark.parametrize("name", ["board-v1", "legacy-9"])
+def test_layout_files_are_checked_as_such(name: str, tmp_path: Path) -> None:
+    shipped = (ROOT / "protocols" / f"{name}.toml").read_text()
+    (tmp_path / "mine.toml").write_text(shipped)
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["name"] == name
+    assert f"valid (layout {name}" in done.stderr
+    (tmp_path / "mine.toml").write_text(shipped.replace("byte_order", "byte_ordre"))
+    done = tactiled("check-config", "mine.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "byte_ordre" in done.stderr
+
+
 def test_an_array_file_is_checked_as_such(tmp_path: Path) -> None:
     """It was taken for a configuration: "name: unknown key", "port: missing"."""
     (tmp_path / "mine.toml").write_text(GRID)

@@ -17,7 +17,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
 def check_config(file: Path | None, schema: bool) -> None:
-    """Check a configuration and the files it names without opening the port, or check an array file.
+    """Check a configuration and the files it names without opening the port, an array file, or a layout file.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
@@ -28,7 +28,20 @@ def check_config(file: Path | None, schema: bool) -> None:
         return
     if file is None:
         raise click.UsageError("give a FILE, or --schema")
-    if _describes_array(tomltext.read(file)):
+    document = tomltext.read(file)
+    if "framing" in document or "messages" in document:
+        from tactiled.wire.layout import load_layout
+
+        layout = load_layout(str(file.absolute()))
+        octets = {name: layout.wire_bytes(name) for name in layout.messages}
+        summary = {"name": layout.name, "channels": layout.n_channels, "bytes": octets}
+        click.echo(json.dumps(summary))
+        words = (
+            f"{layout.n_channels} channels, {layout.file.baud} baud, a scan has {octets.get('scan', 0)} bytes"
+        )
+        click.echo(f"{file}: valid (layout {layout.name}: {words})", err=True)
+        return
+    if _describes_array(document):
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
 
