@@ -1,6 +1,6 @@
 """Tactile-sensing daemon: serial taxel arrays in, slip and texture events out.
 
-The rooms, lowest first, and what may import what, are drawn in README.md.
+docs/architecture.md has the rooms, lowest first, and what may import what.
 """
 
 __version__ = "0.1.0"

@@ -40,8 +40,8 @@ def draw_answers(
         At least one of them "ok".
     """
     ok = [e for e in events if e.status == "ok"]
-    time_s = np.array([e.time_s for e in ok]) - origin_s
-    refused_s = np.array([e.time_s for e in events if e.status != "ok"]) - origin_s
+    time_s = np.array([e.answered_s for e in ok]) - origin_s
+    refused_s = np.array([e.answered_s for e in events if e.status != "ok"]) - origin_s
     refused = refusals_in_words(events)
     sides = (
         (period_axis, [(e.period_mm, e.period_sd_mm) for e in ok], "period (mm)", "mm"),
@@ -85,7 +85,7 @@ def answer_in_words(events: Sequence[TextureEvent], onsets: Sequence[SlipEvent])
         words += f"; another of {other.period_mm:.4g} mm at {other.angle_deg:.1f}°"
     before_s = [e.detected_s for e in onsets if e.detected_s <= ok[0].time_s]
     if before_s:
-        words += f"; first answer {ok[0].time_s - before_s[-1]:.1f} s after slip was detected"
+        words += f"; first answer {ok[0].answered_s - before_s[-1]:.1f} s after slip was detected"
     return f"{words})"
 
 

@@ -154,7 +154,7 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: R
     check_motion(motion)
     report("counting alarms in the hold")
     lowest = SHEARS[0]
-    noise_alarms = _ladder(
+    noise_alarms = _counts_by_setting(
         hold, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
     )
     restless = noise_alarms[-1] > 0
@@ -166,9 +166,9 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: R
 
     report("counting alarms in the motion")
     shears = [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
-    shear_alarms = _ladder(motion, shears)
+    shear_alarms = _counts_by_setting(motion, shears)
     shear_tail = fit_tail(SHEARS, shear_alarms, motion_s / 3600)
-    in_hold = _ladder(hold, shears) if restless else (0,) * len(SHEARS)
+    in_hold = _counts_by_setting(hold, shears) if restless else (0,) * len(SHEARS)
     silent = silent_from(SHEARS, [a + b for a, b in zip(shear_alarms, in_hold, strict=True)])
     needed = (lowest, lowest, lowest) if shear_tail is None else shear_tail.needed(wanted_per_hour)
     least, out_of_reach = _least_shear(needed[0], silent)
@@ -208,8 +208,8 @@ def _least_shear(needed: float, silent: float | None) -> tuple[float, bool]:
     return float(np.ceil(1000 * least) / 1000), out_of_reach
 
 
-def _ladder(recording: Recording, rungs: Sequence[CoherentParams]) -> tuple[int, ...]:
-    return tuple(false_alarms(recording, params).count for params in rungs)
+def _counts_by_setting(recording: Recording, settings: Sequence[CoherentParams]) -> tuple[int, ...]:
+    return tuple(false_alarms(recording, params).count for params in settings)
 
 
 def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:

@@ -61,9 +61,9 @@ class AlarmTail:
         return self.start + excess, self.start + float(low), self.start + float(high)
 
 
-def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> AlarmTail | None:
+def fit_tail(levels: Sequence[float], counts: Sequence[int], hours: float) -> AlarmTail | None:
     """Fit the tail to counts of alarms at or above increasing values; None without alarms."""
-    level, count = np.asarray(rungs, dtype=np.float64), np.asarray(counts)
+    level, count = np.asarray(levels, dtype=np.float64), np.asarray(counts)
     if not count.any():
         return None
     enough = np.flatnonzero(count >= min(_ENOUGH, int(count.max())))
@@ -74,11 +74,11 @@ def fit_tail(rungs: Sequence[float], counts: Sequence[int], hours: float) -> Ala
     return AlarmTail(float(level[first]), int(count[first]), integral / int(count[first]), hours)
 
 
-def silent_from(rungs: Sequence[float], counts: Sequence[int]) -> float | None:
+def silent_from(levels: Sequence[float], counts: Sequence[int]) -> float | None:
     """Lowest value from which on there was no alarm; None where the strictest still had one."""
     alarmed = np.flatnonzero(np.asarray(counts))
     first = int(alarmed[-1]) + 1 if len(alarmed) else 0
-    return float(rungs[first]) if first < len(rungs) else None
+    return float(levels[first]) if first < len(levels) else None
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float, float]:

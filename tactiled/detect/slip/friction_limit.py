@@ -19,7 +19,7 @@ of two normal distributions of all taxels' y, with what noise makes of them.
 
 A skin that is dragged evenly rises ever slower; that speaks for slip too, if less. Few taxels, even
 loads or a rise within some scans tell nothing. Taxels that share the shear by their loads from the start, as
-those of the emulator's rung ``prescribed`` do, have nothing to bend: their slips look like rests.
+in prescribed scenes of the emulator, have no such bend: their slips look like steady loads.
 """
 
 import math
