@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.grip.score import (
-    Told,
+    GripRecord,
     by_hand,
     forecast,
     gross_told,
@@ -53,8 +53,8 @@ _KNOWN_SD = 0.1  # of log friction, where it is known
 class GripFound:
     """What was told of all worlds, without and with knowledge of friction."""
 
-    told: list[Told]
-    informed: list[Told]
+    told: list[GripRecord]
+    informed: list[GripRecord]
     cost_us: float
 
 
@@ -65,8 +65,8 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """
     n = N_QUICK if options.quick else N_WORLDS
     progress.begin(n)
-    told: list[Told] = []
-    informed: list[Told] = []
+    told: list[GripRecord] = []
+    informed: list[GripRecord] = []
     cost_us: list[float] = []
     with workers() as pool:
         seeds = range(REPORTED_FROM, REPORTED_FROM + n)
@@ -102,7 +102,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     )
 
 
-def _measure(seeds: range) -> tuple[list[Told], list[Told], float]:
+def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], float]:
     """Run the model over some worlds, twice; processor time of a scan in microseconds, in the first run."""
     worlds = draw_worlds(seeds)
     began_s = time.process_time()
@@ -114,7 +114,7 @@ def _measure(seeds: range) -> tuple[list[Told], list[Told], float]:
     return told, informed, 1e6 * spent_s / sum(len(world.block) for world in worlds)
 
 
-def _row(name: str, told: Sequence[Told]) -> dict[str, str]:
+def _row(name: str, told: Sequence[GripRecord]) -> dict[str, str]:
     found = margin(told)
     return {
         "worlds": name,
@@ -132,7 +132,7 @@ def _number(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else NONE
 
 
-def _reliability(told: Sequence[Told]) -> Iterator[dict[str, str]]:
+def _reliability(told: Sequence[GripRecord]) -> Iterator[dict[str, str]]:
     found = forecast(told, 2)
     for said, seen, time_s in zip(found.said, found.seen, found.time_s, strict=True):
         if time_s > 0:
@@ -165,7 +165,7 @@ def _coverage(found: GripFound) -> Reading:
     return judge(f"{100 * coverage:.0f} %", 0.85 <= coverage <= 0.95)
 
 
-def _ahead(told: Callable[[GripFound], Sequence[Told]], least: float) -> Callable[[GripFound], Reading]:
+def _ahead(told: Callable[[GripFound], Sequence[GripRecord]], least: float) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
         some = told(found)
         threshold = threshold_for(some, _TIME_IN_ALARM)

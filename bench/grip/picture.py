@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.grip.score import HORIZONS_S, Told, forecast
+from bench.grip.score import HORIZONS_S, GripRecord, forecast
 
 
-def draw_grip(path: Path, told: Sequence[Told]) -> None:
+def draw_grip(path: Path, told: Sequence[GripRecord]) -> None:
     """Write the picture."""
     figure = Figure(figsize=(11, 8), layout="constrained")
     axes = figure.subplots(2, 2)
@@ -24,7 +24,7 @@ def draw_grip(path: Path, told: Sequence[Told]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_reliability(axes: Axes, told: Sequence[Told]) -> None:
+def _draw_reliability(axes: Axes, told: Sequence[GripRecord]) -> None:
     for k, horizon_s in enumerate(HORIZONS_S):
         found = forecast(told, k)
         known = found.time_s > 0.2
@@ -35,7 +35,7 @@ def _draw_reliability(axes: Axes, told: Sequence[Told]) -> None:
     axes.legend(fontsize=8)
 
 
-def _draw_margins(axes: Axes, told: Sequence[Told]) -> None:
+def _draw_margins(axes: Axes, told: Sequence[GripRecord]) -> None:
     picks = [t for t in told if len(t.time_s)]
     true = np.concatenate([t.utilisation[:: max(1, round(t.world.rate_hz / 5))] for t in picks])
     said = np.concatenate([t.quantiles[:: max(1, round(t.world.rate_hz / 5)), 1] for t in picks])
@@ -45,7 +45,7 @@ def _draw_margins(axes: Axes, told: Sequence[Told]) -> None:
     axes.set_title("Utilisation, five scans of each second")
 
 
-def _draw_slip(axes: Axes, told: Told) -> None:
+def _draw_slip(axes: Axes, told: GripRecord) -> None:
     world = told.world
     axes.fill_between(
         told.time_s, told.quantiles[:, 0], told.quantiles[:, 2], alpha=0.3, label="5 to 95 % told"

@@ -19,7 +19,7 @@ _AHEAD_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class GripRecord:
     """What the events of one world said, by scan, and its truth.
 
     Attributes
@@ -58,7 +58,7 @@ class Told:
         return self.world.gross_s[0] if self.world.gross_s else np.inf
 
 
-def tell(world: World, params: GripParams) -> Told:
+def tell(world: World, params: GripParams) -> GripRecord:
     """Run the detector over a world."""
     events = [
         event
@@ -69,7 +69,7 @@ def tell(world: World, params: GripParams) -> Told:
     time_s = scans / world.rate_hz
     begins = np.array([*world.gross_s, np.inf])
     next_gross = begins[np.searchsorted(begins, time_s)] if len(scans) else np.zeros(0)
-    return Told(
+    return GripRecord(
         world=world,
         time_s=time_s,
         utilisation=np.minimum(world.utilisation[scans], 1.0),
@@ -93,7 +93,7 @@ class Forecast(NamedTuple):
     time_s: FloatArray
 
 
-def forecast(told: Iterable[Told], horizon: int) -> Forecast:
+def forecast(told: Iterable[GripRecord], horizon: int) -> Forecast:
     """Brier skill over the base rate, and calibration error over scans with a probability above 0.1.
 
     Each scan weighs by its time, so that fast boards count no more than slow ones.
@@ -122,7 +122,7 @@ class Margin(NamedTuple):
     coverage: float
 
 
-def margin(told: Iterable[Told]) -> Margin:
+def margin(told: Iterable[GripRecord]) -> Margin:
     """Errors and coverage of the 90 % intervals."""
     errors, inside, weights = [], [], []
     for t in told:
@@ -144,7 +144,7 @@ def margin(told: Iterable[Told]) -> Margin:
     )
 
 
-def alarms(t: Told, threshold: float, horizon: int = 2) -> NDArray[np.bool_]:
+def alarms(t: GripRecord, threshold: float, horizon: int = 2) -> NDArray[np.bool_]:
     """Scans in alarm: on at the threshold, off when below half of it for `_OFF_S`."""
     on, low = False, 0.0
     out = np.zeros(len(t.time_s), dtype=np.bool_)
@@ -163,7 +163,7 @@ class Warned(NamedTuple):
     per_hour: float
 
 
-def warned(told: Sequence[Told], threshold: float) -> Warned:
+def warned(told: Sequence[GripRecord], threshold: float) -> Warned:
     """Slow slips told 100 ms ahead, and the time in alarm of the scans that no gross slip follows in 1 s."""
     ahead: list[bool] = []
     alarm_s = calm_s = 0.0
@@ -187,7 +187,7 @@ def warned(told: Sequence[Told], threshold: float) -> Warned:
     return Warned(ahead, alarm_s / max(calm_s, 1e-9), 3600 * n_alarms / max(calm_s, 1e-9))
 
 
-def threshold_for(told: Sequence[Told], time_in_alarm: float) -> float:
+def threshold_for(told: Sequence[GripRecord], time_in_alarm: float) -> float:
     """Return the lowest threshold with at most so much time in alarm."""
     for threshold in np.linspace(0.02, 0.98, 49):
         if warned(told, float(threshold)).time_in_alarm <= time_in_alarm:
@@ -195,7 +195,7 @@ def threshold_for(told: Sequence[Told], time_in_alarm: float) -> float:
     return 1.0
 
 
-def gross_told(told: Sequence[Told], within_s: float) -> list[bool]:
+def gross_told(told: Sequence[GripRecord], within_s: float) -> list[bool]:
     """Whether the first gross slip of each world that has one was called gross within a time.
 
     Slips of less than that time count when they were told at all while they lasted.
@@ -210,11 +210,11 @@ def gross_told(told: Sequence[Told], within_s: float) -> list[bool]:
     return out
 
 
-def rests_called_gross(told: Sequence[Told]) -> list[bool]:
+def rests_called_gross(told: Sequence[GripRecord]) -> list[bool]:
     """Whether a world without gross slip was ever called gross."""
     return [bool(t.told_gross.any()) for t in told if not t.world.slips]
 
 
-def by_hand(told: Sequence[Told]) -> dict[str, list[Told]]:
+def by_hand(told: Sequence[GripRecord]) -> dict[str, list[GripRecord]]:
     """Worlds by kind of hand."""
     return {hand: [t for t in told if t.world.hand == hand] for hand in dict.fromkeys(HANDS)}

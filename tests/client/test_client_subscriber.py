@@ -164,8 +164,8 @@ def test_blocking_iterator(endpoint: str) -> None:
 
 
 def test_a_wait_of_limited_length(endpoint: str) -> None:
+    began_s = time.monotonic()
     with limit(), Subscription(endpoint, stale_after_s=0.1) as subscription:
-        began_s = time.monotonic()
         assert isinstance(subscription.next_item(began_s + 5), Stale)
         assert subscription.next_item(time.monotonic() + 0.05) is None
         assert time.monotonic() - began_s >= 0.15

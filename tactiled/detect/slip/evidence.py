@@ -52,7 +52,9 @@ _PRESS = 0.5
 # Of 1575 onsets of the physical families, seeds 1001 to 1006, at 0.3 to 10 mV, the least kept 0.90; of 16
 # that spikes raised in holds of the same seeds the most kept 0.69.
 _LASTS = 0.8
-_NEWS = 0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
+_LEAST_NEW_PART = (
+    0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
+)
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
 _MEAN_OF_NORMAL = 0.798  # mean size over standard deviation
@@ -153,7 +155,7 @@ class ShearEvidence:
         leak = _LEAKED_PART + there / np.maximum(pressure - rises[:, AXES], 1.0)
         return np.asarray(
             (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
-            & (size >= _NEWS * self._least * pressure)
+            & (size >= _LEAST_NEW_PART * self._least * pressure)
             & (size >= leak * np.abs(rises[:, AXES]))
             & (rises[:, AXES] <= _PRESS * pressure)
         )

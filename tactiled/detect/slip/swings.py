@@ -13,7 +13,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.slip.gross import NOISE_SDS
 
 # A slip that follows on a swing of nine tenths of what friction bears still outgrows it by so much.
-_NEWS = 1.1
+_LEAST_GROWTH_OVER_SWING = 1.1
 # Kept for the first time, half of it forgotten in each of the second: a tug or a start of the arm is followed
 # by its like within some seconds.
 _KEPT_S, _FORGET_S = 2.0, 4.0
@@ -47,7 +47,7 @@ class SwingHistory:
 
     def record_swing(self, size: float, index: int) -> None:
         """Record that shear over pressure rose by `size` and fell back."""
-        self._size, self._at = max(_NEWS * size, self.least(index)), index
+        self._size, self._at = max(_LEAST_GROWTH_OVER_SWING * size, self.least(index)), index
 
     def go_on(self, index: int) -> None:
         """Keep the size of swings that continue from fading."""

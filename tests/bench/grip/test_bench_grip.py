@@ -5,7 +5,7 @@ import pytest
 
 from bench.grip.bench import AIMS, GripFound
 from bench.grip.score import (
-    Told,
+    GripRecord,
     alarms,
     forecast,
     gross_told,
@@ -45,7 +45,7 @@ def test_truth_stays_within_physics(worlds: list[World]) -> None:
     assert not all(world.slips for world in worlds)
 
 
-def perfect(world: World) -> Told:
+def perfect(world: World) -> GripRecord:
     """Events that say the truth and foresee it."""
     n = len(world.block)
     time_s = np.arange(n) / world.rate_hz
@@ -53,7 +53,7 @@ def perfect(world: World) -> Told:
     lead = begins[np.searchsorted(begins, time_s)] - time_s
     within = np.stack([lead <= horizon_s for horizon_s in (0.05, 0.1, 0.3)], axis=1)
     used = np.minimum(world.utilisation, 1.0)
-    return Told(
+    return GripRecord(
         world=world,
         time_s=time_s,
         utilisation=used,
