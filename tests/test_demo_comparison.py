@@ -119,6 +119,7 @@ def test_the_expected_slips_follow_from_the_scene_alone() -> None:
 
 def test_a_host_that_kept_up_is_not_too_slow() -> None:
     assert Host(scans=2000, late=20, lost=3, oldest_s=0.2).too_slow() == ""
+    assert Host(scans=2000, fits_late=50).too_slow(is_wrong=False) == ""
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ REFINED_S = 3.0  # then the demo goes on for so long: its picture shows how the 
 _SAME_SLIP_S = 1.0
 # Share of scans that came too late to be acted on. On an idle host there are none.
 MAX_LATE_SHARE = 0.05
-# Groove fits that were not ready in time: with a second of them, answers come later than the demo allows.
+# Groove fits that were not ready in time. Where estimates are good all the same, more do not matter.
 MAX_LATE_FITS = 5
 # Share of scans that never came. Single ones are bridged; with one in twenty, answers are given up as stale.
 MAX_LOST_SHARE = 0.05
@@ -62,15 +62,21 @@ class Host:
             f"{self.lost} lost, {self.missed} missed by the emulated board, {self.fits_late} groove fits late"
         )
 
-    def too_slow(self) -> str:
-        """Describe why this host is too slow; empty when it kept up."""
+    def too_slow(self, *, is_wrong: bool = True) -> str:
+        """Describe why this host is too slow; empty when it kept up.
+
+        Parameters
+        ----------
+        is_wrong : bool
+            True where an estimate is wrong or missing, for which late fits may be the reason.
+        """
         shown = []
         if self.missed:
             held = f" and its scene stood still for {self.held_s:.2f} s" if self.held_s else ""
             shown.append(f"the emulated board missed {self.missed} scan instants (overrun){held}")
         if self.late > MAX_LATE_SHARE * self.scans:
             shown.append(f"{self.late} of {self.scans} scans were late, the latest {self.oldest_s:.2f} s old")
-        if self.fits_late > MAX_LATE_FITS:
+        if is_wrong and self.fits_late > MAX_LATE_FITS:
             shown.append(f"{self.fits_late} groove fits were not ready in time")
         if self.lost - self.missed > MAX_LOST_SHARE * self.scans:
             shown.append(f"{self.lost - self.missed} scans were lost on the way")
