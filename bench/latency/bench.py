@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ PHASES = ("rest", "contact", "sliding")
 _REPEATS, _QUICK_REPEATS = 3, 1
 _START_S = 30.0  # a cold start of the interpreter on a busy machine
 # Left out at the beginning of each phase: the start of the processes, and the time until the first fit.
-_SETTLE_S = 3.0
+_SETTLE_S = 4.0
 _TICKS_HZ = os.sysconf("SC_CLK_TCK")
 _LAYOUT = load_layout("board-v1")
 _ADC_VOLTS = 3.0 / 4096  # of the emulated board
@@ -234,7 +235,10 @@ def matched(
             if isinstance(frame, Scan):
                 times = {"daemon": daemon_s, "reference": reference_s}
                 sent.append(_SentScan(frame.sequence, frame.counts.tobytes(), times))
-    by_counts = {scan.counts: number for number, scan in enumerate(sent)}
+    # Readings of an untouched skin repeat, so only the others tell which index the first frame has.
+    repeats = Counter(scan.counts for scan in sent)
+    by_counts = {scan.counts: number for number, scan in enumerate(sent) if repeats[scan.counts] == 1}
+    offsets, scan_times = Counter[int](), dict[int, float]()
     by_sequence = {scan.sequence: number for number, scan in enumerate(sent)}
     came: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
     lags, fits_late = [], 0
@@ -244,11 +248,14 @@ def matched(
             came["reference"][by_sequence[said["sequence"]]] = time_s
         elif said["topic"] == "scan":
             counts = np.rint(np.array(said["volts"]) / _ADC_VOLTS).astype(np.int64).tobytes()
+            scan_times[said["index"]] = time_s
             if counts in by_counts:
-                came["daemon"][by_counts[counts]] = time_s
+                offsets[by_counts[counts] - said["index"]] += 1
         elif said["topic"] == "status":
             lags.append((time_s - start_s, said["loop_lag_s"]))
             fits_late = max(fits_late, said["fits_late"])
+    [(offset, _)] = offsets.most_common(1)
+    came["daemon"] = {index + offset: time_s for index, time_s in scan_times.items()}
     found: dict[str, dict[str, PhaseLatency]] = {"daemon": {}, "reference": {}}
     lag: dict[str, float] = {}
     for phase in PHASES:

@@ -20,15 +20,16 @@ def test_each_program_is_judged_by_its_own_frames(tmp_path: Path) -> None:
     relayed, heard, expected = [], [], dict.fromkeys(bench.PHASES, 0)
     for number in range(round(bench.scene_end_s() * 100)):
         at_s = START_S + number / 100
-        scan = Scan(sequence=number, ticks=number * 10_000, flags=0, counts=rng.integers(0, 4096, 36))
+        counts = rng.integers(0, 4096, 36) if number > 500 else np.zeros(36, dtype=np.int64)  # untouched
+        scan = Scan(sequence=number, ticks=number * 10_000, flags=0, counts=counts)
         relayed.append([at_s, at_s + 0.005, encoder.encode(scan).hex()])
         heard.append([at_s + 0.0052, {"topic": "reference", "sequence": number}])
         if number % 10:
             volts = (scan.counts * 3.0 / 4096).tolist()
-            heard.append([at_s + 0.003, {"topic": "scan", "volts": volts}])
+            heard.append([at_s + 0.003, {"topic": "scan", "index": number - 7, "volts": volts}])
         for begin_s, end_s, phase in bench.spans_of_phases():
             expected[phase] += begin_s <= at_s - START_S < end_s
-    heard.append([START_S + 19.5, {"topic": "status", "loop_lag_s": 0.004, "fits_late": 2}])
+    heard.append([START_S + 25.0, {"topic": "status", "loop_lag_s": 0.004, "fits_late": 2}])
     (tmp_path / "relayed").write_text("".join(json.dumps(row) + "\n" for row in relayed))
     (tmp_path / "heard").write_text("".join(json.dumps(row) + "\n" for row in heard))
     cpu = {"daemon": [(0.0, 0.0), (100.0, 20.0)], "reference": [(0.0, 0.0), (100.0, 1.0)]}
