@@ -39,7 +39,7 @@ _NO_READING_PART = 0.5
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user says of a log and asks of it.
+    """Options of `detect` for one log: what is known of it, and what is wanted from it.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ _KNOWN_SD = 0.1  # of log friction, where it is known
 
 @dataclass(frozen=True, eq=False)
 class GripFound:
-    """What was told of all worlds, without and with knowledge of friction."""
+    """Estimates of all worlds, with friction unknown and with friction known."""
 
     told: list[GripRecord]
     informed: list[GripRecord]

@@ -20,13 +20,13 @@ _AHEAD_S = 0.1
 
 @dataclass(frozen=True, eq=False)
 class GripRecord:
-    """What the events of one world said, by scan, and its truth.
+    """Estimates of one world, by scan, beside its truth.
 
     Attributes
     ----------
     time_s, utilisation : (n,) float64
     quantiles : (n, 3) float64
-        Utilisation told: 5, 50 and 95 %.
+        Estimated utilisation: 5, 50 and 95 %.
     p_gross : (n, 3) float64
     gross : (n,) bool
     told_gross : (n,) bool
@@ -196,10 +196,7 @@ def threshold_for(told: Sequence[GripRecord], time_in_alarm: float) -> float:
 
 
 def gross_told(told: Sequence[GripRecord], within_s: float) -> list[bool]:
-    """Whether the first gross slip of each world that has one was called gross within a time.
-
-    Slips of less than that time count when they were told at all while they lasted.
-    """
+    """Return, for each world with gross slip, True if its first one was reported as gross within a time."""
     out = []
     for t in told:
         if not t.world.slips or not len(t.time_s) or t.time_s[0] > t.first_gross_s:
@@ -211,7 +208,7 @@ def gross_told(told: Sequence[GripRecord], within_s: float) -> list[bool]:
 
 
 def rests_called_gross(told: Sequence[GripRecord]) -> list[bool]:
-    """Whether a world without gross slip was ever called gross."""
+    """Return, for each world without gross slip, True if one was reported."""
     return [bool(t.told_gross.any()) for t in told if not t.world.slips]
 
 

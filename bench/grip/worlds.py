@@ -75,7 +75,7 @@ class World:
 
     @property
     def slips(self) -> bool:
-        """Whether gross slip happens."""
+        """True where gross slip happens."""
         return bool(self.gross_s)
 
 

@@ -49,7 +49,7 @@ _CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metri
 
 @dataclass(frozen=True)
 class PhaseLatency:
-    """What was measured of one program in one phase of one run.
+    """Latency, losses and processor time of one program in one phase of one run.
 
     Attributes
     ----------

@@ -119,7 +119,7 @@ def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> str:
 
 
 def band_table(trials: Sequence[Trial]) -> str:
-    """The same trials by what the grating was, and how far stated sigmas can be believed."""
+    """Table of the trials by properties of the grating, with the coverage of the stated sigmas."""
     rows = {}
     for name, value, edges in _BANDS:
         for low, high in pairwise(edges):

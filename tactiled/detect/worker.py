@@ -15,10 +15,11 @@ _pause: ContextVar[Callable[[], None] | None] = ContextVar("pause", default=None
 
 
 def pause() -> None:
-    """Let other threads run; called by long computations about every tenth of a millisecond.
+    """Let other threads run; called by long computations between small steps.
 
-    Small-array numpy keeps the interpreter lock, and another thread that wants it waits up to 5 ms. Does
-    nothing in a thread that has not called `set_pause`.
+    Small-array numpy keeps the interpreter lock, and another thread that wants it waits up to 5 ms.
+    Operations on large arrays release it by themselves. Does nothing in a thread that has not called
+    `set_pause`.
     """
     if (action := _pause.get()) is not None:
         action()

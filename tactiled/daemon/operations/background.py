@@ -14,10 +14,11 @@ from tactiled.detect.worker import Job, set_pause
 T = TypeVar("T")
 
 # The event loop's thread, at the usual priority, comes first. Not SCHED_IDLE: a thread that is not scheduled
-# at all may hold the interpreter lock (the loop then waited 300 ms).
+# at all may hold the interpreter lock.
 _NICE = 10
-# The lock is given away every so often, for at least so long: the event loop then waits for 0.1 ms at most,
-# instead of the 5 ms after which the interpreter would take the lock from this thread.
+# At a pause of the computation the lock is given away, but no more often than this, and for at least so long.
+# The event loop then seldom waits for the 5 ms after which the interpreter takes the lock from this thread:
+# `./run bench latency` prints the longest turn of the loop. More pauses make the fits slower.
 _PAUSE_EVERY_S = 1e-4
 _PAUSE_S = 2e-5
 

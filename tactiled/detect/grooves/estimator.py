@@ -92,6 +92,8 @@ class JointParams(WaveParams):
         default=None, gt=0, le=50, description="ripple periods in the window that an earlier answer needs"
     )
     hop_s: float = Field(default=0.2, ge=0.02, le=10, description="interval between fits")
+    # Two hops. A fit of straying channels takes 0.05 to 0.07 s in place (`./run bench texture`) and longer
+    # beside the loop; on a busy host one may still wait for the fit before it.
     answer_after_s: float = Field(
         default=0.4,
         ge=0,
