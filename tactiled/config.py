@@ -17,6 +17,7 @@ from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker
 from tactiled.errors import ConfigError
+from tactiled.force.calibration import CalibrationFile, has_nominal, load_calibration
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
@@ -25,12 +26,21 @@ from tactiled.tomlfile import Params
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
+NO_FORCE = "off"
+"""Value of `board.calibration` without force messages."""
+FILES = ("protocol", "array", "calibration")
+
 
 class BoardFiles(Params):
-    """Frame layout and array of the board."""
+    """Frame layout, array and force calibration of the board."""
 
     protocol: str = Field(default="board-v1", description="frame layout: a shipped name or a TOML file")
     array: str = Field(default="wang2019-3x3", description="array: a shipped name or a TOML file")
+    calibration: str | None = Field(
+        default=None,
+        description="force calibration: a shipped name or a TOML file; left out: the nominal one of the "
+        "array, if there is one; off: no force messages",
+    )
 
 
 class Config(Params):
@@ -58,15 +68,23 @@ class Config(Params):
 
 @dataclass(frozen=True)
 class Setup:
-    """Checked configuration with the layout and array that it names."""
+    """Checked configuration with the layout, array and calibration that it names."""
 
     config: Config
     layout: Layout
     array: Array
+    calibration: CalibrationFile | None = None
+
+    @property
+    def pipeline(self) -> PipelineParams:
+        """Parameters of the pipeline, with the calibration."""
+        return self.config.pipeline.model_copy(
+            update={"force": self.config.board.calibration != NO_FORCE, "calibration": self.calibration}
+        )
 
     def make_pipeline(self, worker: Worker | None = None) -> Pipeline:
         """Make a pipeline with this configuration; `worker` takes long computations."""
-        return Pipeline(self.layout, self.array, self.config.pipeline, worker=worker)
+        return Pipeline(self.layout, self.array, self.pipeline, worker=worker)
 
     def recording_header(self) -> Header:
         """Header of recordings made with this configuration."""
@@ -74,7 +92,7 @@ class Setup:
         canonical = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
         return Header(
             source=load_board(board.protocol, board.array),
-            pipeline=self.config.pipeline,
+            pipeline=self.pipeline,
             config_sha256=hashlib.sha256(canonical.encode()).hexdigest(),
         )
 
@@ -95,7 +113,7 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
     document = tomlfile.read(path)
     if isinstance(board := document.get("board"), dict):
         # A file that the configuration names lies beside it, wherever the daemon is started.
-        files = {key: _beside(path, board[key]) for key in ("protocol", "array") if key in board}
+        files = {key: _beside(path, board[key]) for key in FILES if key in board and board[key] != NO_FORCE}
         document = {**document, "board": {**board, **files}}
     if port_url is not None:
         document = {**document, "port": {**document.get("port", {}), "url": port_url}}
@@ -130,10 +148,25 @@ def _set_up(config: Config, source: str) -> Setup:
     if layout_file is None or array_file is None:
         raise ConfigError(source, faults)
     array = build(array_file)
+    calibration = _calibration(config.board, array, source)
     if array.n_channels != layout_file.channels:
         fault = (
             f"board.array: {array.name} has {array.n_taxels} taxels and {array.n_channels} channels, "
             f"but a scan of {layout_file.name} has {layout_file.channels}"
         )
         raise ConfigError(source, [fault])
-    return Setup(config, compile_layout(layout_file), array)
+    return Setup(config, compile_layout(layout_file), array, calibration)
+
+
+def _calibration(board: BoardFiles, array: Array, source: str) -> CalibrationFile | None:
+    """Load the force calibration that is named, or the nominal one of the array."""
+    name = board.calibration
+    if name == NO_FORCE or (name is None and not has_nominal(array.name)):
+        return None
+    try:
+        calibration = load_calibration(name or array.name)
+        calibration.check_array(array)
+    except ConfigError as error:
+        faults = [f"board.calibration: {error.source}: {fault}" for fault in error.faults]
+        raise ConfigError(source, faults) from None
+    return calibration

@@ -19,7 +19,9 @@ from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
-from tactiled.events.types import Event, GripEvent, ScanEvent
+from tactiled.events.types import Event, ForceEvent, GripEvent, ScanEvent
+from tactiled.force.calibration import load_calibration
+from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.reader import Reached, read_header, read_items
@@ -59,6 +61,10 @@ class Choices:
         Topics that are computed and printed.
     grip_hz : float
         Grip events a second that are printed, besides changes of state; 0 for none.
+    calibration : str, optional
+        Name or path of the force calibration; without one no force is computed.
+    force_hz : float
+        Force events a second that are printed; 0 for none.
     columns, time_unit
         See `read_table`.
     """
@@ -71,8 +77,10 @@ class Choices:
     config: Path | None = None
     tare_s: float | None = None
     sliding: KnownSliding | None = None
-    topics: tuple[str, ...] = DETECTED_TOPICS
+    topics: tuple[str, ...] = (*DETECTED_TOPICS, "force")
     grip_hz: float = 0.0
+    calibration: str | None = None
+    force_hz: float = 10.0
     columns: tuple[str, ...] = ()
     time_unit: TimeUnit | None = None
 
@@ -94,7 +102,10 @@ class Choices:
     def suite(self, array: Array, params: DetectParams) -> TunedSuite:
         """Make the detectors that are asked for."""
         build = partial(build_suite, sliding=self.sliding, topics=self.topics)
-        return TunedSuite(array, params, build)
+        force: ForceSource | None = None
+        if self.calibration is not None and self.force_hz > 0 and "force" in self.topics:
+            force = ForceEstimator(array, load_calibration(self.calibration))
+        return TunedSuite(array, params, build, force)
 
     def array_of(self, array: Array) -> Array:
         """Return the array with the zero that the user asks for."""
@@ -143,7 +154,8 @@ def detect_file(
     """Print the events of a file as JSON lines, and return the log with them.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
-    `choices.grip_hz` a second are printed, and those at which the state changes.
+    `choices.grip_hz` a second are printed, and those at which the state changes; of the force events,
+    `choices.force_hz` a second.
 
     Raises
     ------
@@ -166,7 +178,7 @@ def detect_file(
     else:
         raise DataError(f"{path}: unknown kind of file; known are .mcap (our recordings), .csv and .npz")
     seqs: dict[str, int] = {}
-    for event in _thinned(found, choices.grip_hz):
+    for event in _thinned(found, choices.grip_hz, choices.force_hz):
         log.events.append(event)
         if event.topic not in choices.topics:
             continue
@@ -280,15 +292,19 @@ def _parts(item: ScanBlock | Gap) -> Iterator[ScanBlock | Gap]:
         yield item[start : start + _PART_SCANS]
 
 
-def _thinned(events: Iterator[Event], grip_hz: float) -> Iterator[Event]:
-    """Leave out grip events between those that are due, unless the state has changed."""
-    state, next_s = "", -math.inf
+def _thinned(events: Iterator[Event], grip_hz: float, force_hz: float) -> Iterator[Event]:
+    """Leave out force events and grip events between those that are due, unless the state has changed."""
+    state, next_s, force_s = "", -math.inf, -math.inf
     for event in events:
         if isinstance(event, GripEvent):
             if event.state == state and event.time_s < next_s:
                 continue
             # Half a millisecond less: instants of scans are not exact.
             state, next_s = event.state, event.time_s + 1 / grip_hz - 0.0005
+        elif isinstance(event, ForceEvent):
+            if event.time_s < force_s:
+                continue
+            force_s = event.time_s + 1 / force_hz - 0.0005
         yield event
 
 

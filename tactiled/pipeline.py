@@ -15,6 +15,8 @@ from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent
+from tactiled.force.calibration import CalibrationFile
+from tactiled.force.estimator import build_force
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -31,6 +33,8 @@ class PipelineParams(Params):
 
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()
+    force: bool = Field(default=False, description="a force message for each scan")
+    calibration: CalibrationFile | None = Field(default=None, description="of the force messages")
     baud: int = Field(default=0, ge=0, description="of the line, where it is not the layout's")
 
 
@@ -99,7 +103,8 @@ class Pipeline:
         self._decoder = Decoder(layout)
         in_counts = array.unit == "count"
         self._assembler = Assembler(layout, params.samples, params.baud, live=live, in_counts=in_counts)
-        self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker))
+        force = build_force(array, params.calibration) if params.force else None
+        self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker), force)
         self.reset()
 
     def reset(self) -> None:

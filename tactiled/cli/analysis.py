@@ -8,7 +8,7 @@ import click
 from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
-_TOPICS = ("slip", "contact", "grip", "texture")
+_TOPICS = ("slip", "contact", "grip", "texture", "force")
 
 
 class Interval(click.ParamType[tuple[float, float]]):
@@ -100,6 +100,17 @@ class Topics(click.ParamType[tuple[str, ...]]):
     type=click.FloatRange(0, 1000),
     help="Grip lines a second of contact, besides changes of state; 0 for none.",
 )
+@click.option(
+    "--calibration",
+    help="Force calibration: file of `tactiled calibrate`, or shipped name; prints force lines.",
+)
+@click.option(
+    "--force-hz",
+    default=10.0,
+    show_default=True,
+    type=click.FloatRange(0, 10_000),
+    help="Force lines a second, with --calibration; 0 for none.",
+)
 @click.option("-c", "--config", type=FILE, help="File whose [detect] tables hold parameters, as of a daemon.")
 @click.option(
     "--tare-s", type=click.FloatRange(0, 60, min_open=True), help="Take the first seconds of the log as zero."
@@ -109,7 +120,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
     "topics",
     type=Topics(),
     metavar="TOPICS",
-    help="slip, contact, grip, texture: the topics to compute and print, with commas between.",
+    help="slip, contact, grip, texture, force: the topics to compute and print, with commas between.",
 )
 @click.option(
     "--columns",
@@ -128,7 +139,7 @@ def detect(
     plot: Path | None,
     **choices: Any,
 ) -> None:
-    """Find slip, contact, grip and texture in a recording, a CSV or an npz file.
+    """Find slip, contact, grip, texture and force in a recording, a CSV or an npz file.
 
     CSV: a header with `time_s` in seconds, then one column per channel in channel order, in the unit that the
     array file states. Every event is one JSON line on stdout, with times in the file's own clock. Late scans
@@ -138,6 +149,7 @@ def detect(
     """
     need_readable(file)
     need_named(array, "config/arrays")
+    need_named(choices["calibration"], "config/calibration")
     need_toml(choices["config"])
     if plot is not None:
         need_extra("matplotlib", "plot", "detect --plot")

@@ -28,6 +28,7 @@ from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
 from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
@@ -37,6 +38,7 @@ SCENE = "demo"
 RELEASE = "slip without motion: the remaining shear is released"
 START_WITHIN_S = 60.0  # of each process; Python and its libraries take 6 s to start on a small loaded machine
 GRACE_S = 5.0  # for scans that are late at the end; a longer backlog means that the host is too slow
+_FORCE_S = 5.0  # between two printed forces
 CONFIG = """\
 [port]
 url = "{link}"
@@ -69,6 +71,8 @@ class DemoRecord:
     host: Host = field(default_factory=Host)
     next_index: int | None = None
     """Index of the next expected scan."""
+    next_force_s: float = 0.0
+    """Time from which on the next force is printed."""
 
 
 def run_demo(picture: Path) -> bool:
@@ -175,6 +179,9 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
         return
     if topic == "status":
         seen.host.fits_late = message["fits_late"]
+    if topic == "force":
+        _print_force(message, time_s, seen)
+        return
     if topic == "info":
         seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)
@@ -194,6 +201,17 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
             else ""
         )
         _say(f"{event.answered_s - t0_s:6.2f} s  found: texture {event.status}", words)
+
+
+def _print_force(message: dict[str, Any], time_s: float, seen: DemoRecord) -> None:
+    """Print the force once every `_FORCE_S` of contact."""
+    if seen.t0_s is None or time_s < seen.next_force_s or message["fz_n"] < message["fz_sd_n"]:
+        return
+    seen.next_force_s = time_s + _FORCE_S
+    forces = ", ".join(
+        f"{axis} = {message[f'{axis}_n']:.1f} ± {message[f'{axis}_sd_n']:.1f}" for axis in AXES
+    )
+    _say(f"{time_s - seen.t0_s:6.2f} s  found: force {forces} N ({message['calibration']} calibration)")
 
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:

@@ -6,6 +6,7 @@ boundary. A change of the zero or of thresholds is a `Gap` to the detectors, so 
 from before and after it. Replaying the same calls between the same blocks gives the same events.
 """
 
+import heapq
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -20,6 +21,7 @@ from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Suppressed
+from tactiled.force.estimator import ForceSource
 from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
@@ -67,6 +69,8 @@ class TunedSuite:
     params : DetectParams
     build : callable
         Makes the suite.
+    force : ForceSource, optional
+        Adds force events.
     """
 
     def __init__(
@@ -74,10 +78,12 @@ class TunedSuite:
         array: Array,
         params: DetectParams,
         build: Callable[[Array, DetectParams], Suite] = build_suite,
+        force: ForceSource | None = None,
     ) -> None:
         self._array = array
         self._configured = params
         self._build = build
+        self._force = force
         self.reset()
 
     def reset(self) -> None:
@@ -92,6 +98,8 @@ class TunedSuite:
         self.next_index = 0
         """Index of the first scan that a command given now applies to."""
         self._suite = self._build(self._array, self.params)
+        if self._force is not None:
+            self._force.reset()
         self._recent: deque[ScanBlock] = deque()
         self._inhibited = _AnnouncedIntervals()
         self._load_changes = _AnnouncedIntervals()
@@ -106,8 +114,12 @@ class TunedSuite:
         else:
             self._remember(item)
             self.next_index = int(item.index[-1]) + 1
-        ready = self._start.process(item)
-        return self._mark_suppressed([e for part in ready for e in self._suite.process(self._zeroed(part))])
+        parts = [self._zeroed(part) for part in self._start.process(item)]
+        events = self._mark_suppressed([event for part in parts for event in self._suite.process(part)])
+        if self._force is None:
+            return events
+        forces = [event for part in parts for event in self._force.process(part)]
+        return list(heapq.merge(events, forces, key=lambda event: event.evidence_s))
 
     def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
         """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
@@ -142,12 +154,16 @@ class TunedSuite:
             return f"readings still move by {drift:.2g} {array.unit}: wait until they are steady", []
         events = self._insert_gap()
         self.baseline_volts = volts.mean(axis=0)
+        if self._force is not None:
+            self._force.tared()
         return "", events
 
     def forget_zero(self) -> None:
         """Discard the zero, as for another board; a gap always precedes the block that follows."""
         self.baseline_volts = None
         self._start = StartZero(self._array.zero_first_s)
+        if self._force is not None:
+            self._force.reset()
 
     def set_speed(self, speed_mm_s: float) -> None:
         """Set the sliding speed from the next scan on."""

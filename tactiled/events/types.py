@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
 UNKNOWN_SD_DEG = 180.0  # no information: wider than the uniform distribution on a circle (104)
+UNKNOWN_SD_N = 1e9  # no information: no skin bears so much
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +109,43 @@ class GripEvent(Event):
     suppressed: Suppressed = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ForceEvent(Event):
+    """Force of the object on the skin; one for each scan.
+
+    A component that the calibration does not know is 0.0 with the standard deviation `UNKNOWN_SD_N`.
+    """
+
+    topic: ClassVar[str] = "force"
+    fx_n: float = 0.0
+    fy_n: float = 0.0
+    fz_n: float = 0.0
+    """Normal force; above 0 presses."""
+    fx_sd_n: float = UNKNOWN_SD_N
+    fy_sd_n: float = UNKNOWN_SD_N
+    fz_sd_n: float = UNKNOWN_SD_N
+    tx_nmm: float = 0.0
+    """Moments about the origin of the array frame."""
+    ty_nmm: float = 0.0
+    tz_nmm: float = 0.0
+    x_mm: float = 0.0
+    """Centre of pressure; the centre of the array where there is hardly any normal force."""
+    y_mm: float = 0.0
+    taxel_fx_n: tuple[float, ...] = ()
+    taxel_fy_n: tuple[float, ...] = ()
+    taxel_fz_n: tuple[float, ...] = ()
+    calibration: str = "none"
+    """Name of the calibration; "nominal" for one from published numbers, "none" where there is none."""
+    saturated: bool = False
+    """True where a channel is saturated: the force is at least this."""
+    beyond_range: bool = False
+    """True where a reading exceeds those of the calibration."""
+    channels_missing: int = 0
+    """Number of channels without a valid reading, which were replaced by others of their taxel."""
+    valid: bool = False
+    late: bool = False
+
+
 TextureStatus = Literal[
     "ok", "period-only", "no-slip", "too-few-periods", "aliased", "ambiguous", "low-snr", "saturated", "stale"
 ]
@@ -183,6 +221,7 @@ class Sent:
     info: int = 0
     recording: int = 0
     command: int = 0
+    force: int = 0
 
 
 BoardState = Literal["no-device", "syncing", "running", "stalled", "fault"]
@@ -295,6 +334,7 @@ AnyEvent = (
     SlipEvent
     | ContactEvent
     | GripEvent
+    | ForceEvent
     | TextureEvent
     | ScanEvent
     | StatusEvent

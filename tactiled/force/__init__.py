@@ -1,0 +1,1 @@
+"""Readings to newtons: calibration file, model, zero, and one force event for each scan."""

@@ -1,0 +1,233 @@
+"""Force events from scans: zero, model, standard deviations, flags."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
+from tactiled.force.calibration import AXES, CalibrationFile
+from tactiled.force.model import build_model
+from tactiled.force.zero import DriftZero
+from tactiled.samples.block import Gap, ScanBlock
+
+# Rubber filled with carbon changes by 0.1 to 1 % a kelvin, and an object in the hand brings some 10 K in half
+# an hour: 3 % at 0.3 % a kelvin. It cannot be observed in contact, so the standard deviation grows by it.
+_WARMING, _WARMING_S = 0.03, 1800.0
+_MISSING_PART = 0.5  # of what a channel without a reading would add to the force is uncertain
+_TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
+_BEYOND = 1.1  # times the largest calibrated reading: above, the load curve is extrapolated
+_BEYOND_PART = 0.5  # relative standard deviation for each e-fold beyond
+_NO_CENTRE_SDS = 3.0  # a normal force below so many standard deviations has no centre of pressure
+
+
+class ForceSource(Protocol):
+    """Maker of force events from scans."""
+
+    def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
+        """Return an event for each scan."""
+        ...
+
+    def reset(self) -> None:
+        """Forget zero, creep and contact; keep the calibration."""
+        ...
+
+    def tared(self) -> None:
+        """Take the present zero of the readings as exact: a tare has just set it."""
+        ...
+
+
+class UncalibratedForce:
+    """Force events of an array without a calibration: every force is unknown."""
+
+    def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
+        """Return an event for each scan."""
+        if isinstance(item, Gap):
+            return []
+        return [ForceEvent(time_s=time_s) for time_s in item.time_s.tolist()]
+
+    def reset(self) -> None:
+        """Forget nothing: there is no state."""
+
+    def tared(self) -> None:
+        """Ignore the tare."""
+
+
+class ForceEstimator:
+    """Forces on an array, for each scan.
+
+    Parameters
+    ----------
+    array : Array
+    file : CalibrationFile
+
+    Raises
+    ------
+    ConfigError
+        The calibration is of another array.
+
+    Examples
+    --------
+    One newton on each taxel is 0.2 V on its resistors, by the published sensitivity:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.force.calibration import load_calibration
+    >>> from tactiled.samples.block import regular_block
+    >>> estimator = ForceEstimator(load_array("wang2019-3x3"), load_calibration("wang2019-3x3"))
+    >>> force = estimator.process(regular_block(np.full((1, 36), 0.201), 100.0))[0]
+    >>> f"{force.fz_n:.2f} ± {force.fz_sd_n:.1f} N at ({force.x_mm:.1f}, {force.y_mm:.1f}) mm"
+    '9.00 ± 5.7 N at (3.6, 3.6) mm'
+    """
+
+    def __init__(self, array: Array, file: CalibrationFile) -> None:
+        self._model = build_model(array, file)
+        self._file = file
+        self._n_taxels = array.n_taxels
+        self._array = array
+        self._largest = np.maximum(np.array(file.largest_reading), 1e-12)
+        uncertainty = file.uncertainty
+        self._zero = DriftZero(array, self._largest, uncertainty.zero_sd)
+        self._name = "nominal" if file.nominal else file.name
+        self._known = [axis in file.axes for axis in AXES]
+        rows = [self._model.weights]
+        self._n_outputs = len(self._model.weights)
+        self._rank = [len(factor) for factor in uncertainty.factor] or [0, 0, 0]
+        rows += [np.array(factor) for factor in uncertainty.factor if factor]
+        self._matrix = np.ascontiguousarray(np.concatenate(rows))
+        self._floor2 = [value**2 for value in uncertainty.floor_n]
+        self._own2 = [value**2 for value in uncertainty.own]
+        self._of_normal2 = [value**2 for value in uncertainty.of_normal]
+        self._per_unit2 = [value**2 for value in uncertainty.n_per_unit]
+        self._limit = self._largest * _BEYOND
+        self._centre_mm = (float(array.x_mm.mean()), float(array.y_mm.mean()))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget zero, creep and contact; keep the calibration."""
+        self._model.reset()
+        self._zero.reset()
+        self._last_s: float | None = None
+
+    def tared(self) -> None:
+        """Take the present zero of the readings as exact: a tare has just set it."""
+        self._zero.reset()
+
+    def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
+        """Return an event for each scan."""
+        if isinstance(item, Gap):
+            if item.cause in ("restart", "disconnect", "start"):
+                self._last_s = None  # the time in between is not known
+            return []
+        step_s = 1.0 / item.rate_hz
+        times: list[float] = item.time_s.tolist()
+        late: list[bool] = item.late.tolist()
+        complete = np.all(item.valid, axis=1)
+        events: list[ForceEvent] = []
+        for scan, time_s in enumerate(times):
+            elapsed_s = step_s
+            if scan == 0 and self._last_s is not None and time_s - self._last_s > 1.5 * step_s:
+                elapsed_s = time_s - self._last_s
+            self._last_s = time_s
+            valid = None if complete[scan] else item.valid[scan]
+            events.append(self._step(item.volts[scan], valid, time_s, elapsed_s, is_late=late[scan]))
+        return events
+
+    def _step(
+        self,
+        readings: FloatArray,
+        valid: NDArray[np.bool_] | None,
+        time_s: float,
+        step_s: float,
+        *,
+        is_late: bool,
+    ) -> ForceEvent:
+        """Return the event of a scan (channels,); `valid` is None where all readings are."""
+        n_missing, saturated = 0, False
+        if valid is not None:
+            saturated = bool(np.any(~valid & (readings > self._array.high - self._array.zero - 1e-9)))
+            n_missing = int(np.count_nonzero(~valid))
+            readings = self._filled(readings, valid)
+        relative = self._zero.step(readings, step_s, is_complete=valid is None)
+        features = self._model.features(relative, step_s)
+        values = self._matrix @ features
+        outputs: list[float] = values[: self._n_outputs].tolist()
+        excess = float((relative / self._limit).max())
+        gain2 = _WARMING**2 * min(self._zero.touched_s / _WARMING_S, 1.0)
+        if excess > 1.0:
+            gain2 += (_BEYOND_PART * math.log(excess * _BEYOND)) ** 2
+        missing2 = [0.0, 0.0, 0.0] if valid is None else self._missing_variance(features, valid)
+        zero2 = self._zero.sd() ** 2
+        normal2 = outputs[2] ** 2
+        sd: list[float] = []
+        at = self._n_outputs
+        for axis in range(3):
+            errors = values[at : at + self._rank[axis]]
+            at += self._rank[axis]
+            if not self._known[axis]:
+                sd.append(UNKNOWN_SD_N)
+                continue
+            variance = (
+                self._floor2[axis]
+                + (self._own2[axis] + gain2) * outputs[axis] ** 2
+                + self._of_normal2[axis] * normal2
+                + self._per_unit2[axis] * zero2
+                + missing2[axis]
+            )
+            sd.append(math.sqrt(variance + float(errors @ errors)))
+        fx, fy, fz, tx, ty, tz = outputs[:6]
+        x_mm, y_mm = self._centre_mm
+        if fz > _NO_CENTRE_SDS * sd[2] or (self._file.nominal and fz > 0.05 * self._file.range.fz_n[1]):
+            x_mm, y_mm = -ty / fz, tx / fz
+        n = self._n_taxels
+        return ForceEvent(
+            time_s=time_s,
+            fx_n=fx if self._known[0] else 0.0,
+            fy_n=fy if self._known[1] else 0.0,
+            fz_n=fz if self._known[2] else 0.0,
+            fx_sd_n=sd[0],
+            fy_sd_n=sd[1],
+            fz_sd_n=sd[2],
+            tx_nmm=tx,
+            ty_nmm=ty,
+            tz_nmm=tz,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            taxel_fx_n=tuple(outputs[6 : 6 + n]),
+            taxel_fy_n=tuple(outputs[6 + n : 6 + 2 * n]),
+            taxel_fz_n=tuple(outputs[6 + 2 * n :]),
+            calibration=self._name,
+            saturated=saturated,
+            beyond_range=excess > 1.0,
+            channels_missing=n_missing,
+            valid=not is_late and n_missing <= _TOLERATED_MISSING * len(readings),
+            late=is_late,
+        )
+
+    def _filled(self, readings: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+        """Replace readings that are not valid by the mean of the others of their taxel, or of the array.
+
+        A saturated reading stays as it is: it is the least that the load can be.
+        """
+        usable = valid | (readings > self._array.high - self._array.zero - 1e-9)
+        known = np.where(usable, readings, 0.0)
+        among = self._array.channel_taxel
+        count = np.bincount(among, usable, self._n_taxels)
+        mean = np.bincount(among, known, self._n_taxels) / np.maximum(count, 1.0)
+        overall = float(known.sum()) / max(int(usable.sum()), 1)
+        return np.where(usable, readings, np.where(count[among] > 0, mean[among], overall))
+
+    def _missing_variance(self, features: FloatArray, valid: NDArray[np.bool_]) -> list[float]:
+        """Variance of fx, fy and fz by the channels that were replaced or are saturated."""
+        kinds = len(features) // len(valid)
+        absent = np.tile(~valid, kinds)
+        parts = self._model.weights[:3, : len(absent)] * (features[: len(absent)] * absent)
+        own = parts.reshape(3, kinds, len(valid)).sum(axis=1)
+        return [float(v) for v in ((_MISSING_PART * own) ** 2).sum(axis=1)]
+
+
+def build_force(array: Array, file: CalibrationFile | None) -> ForceSource:
+    """Make the source of force events; without a calibration every force is unknown."""
+    return UncalibratedForce() if file is None else ForceEstimator(array, file)

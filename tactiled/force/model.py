@@ -1,0 +1,224 @@
+"""Models of an array: features of a scan, and the weights that make forces of them.
+
+Both models are linear in their weights, so that the standard deviation of a force follows from the covariance
+of the weights. Scans are taken one by one with arrays of fixed shapes: results do not depend on how scans
+were chunked.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.force.calibration import CalibrationFile, PairsModelParams, SmoothModelParams
+
+N_KINDS = 3  # features of a channel in the model of pairs: load, reading, load times the taxel's load
+_NEIGHBOUR_PITCHES = 1.5  # taxels nearer than this, in units of the smallest distance, are neighbours
+_RELEASED = 0.02  # of the largest load since touch, below which a contact has ended
+
+
+class ForceModel(Protocol):
+    """Features of a scan with the state of creep."""
+
+    weights: FloatArray
+    """(6 + 3 taxels, features): fx, fy, fz, tx, ty, tz, then fx, fy, fz of all taxels."""
+
+    def reset(self) -> None:
+        """Forget the state of creep."""
+        ...
+
+    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
+        """Return the features (features,) of the next scan; the array is reused.
+
+        Parameters
+        ----------
+        readings : (channels,) float64
+            Relative to zero, finite.
+        step_s : float
+            Time since the scan before.
+        """
+        ...
+
+
+def taxel_means(array: Array) -> FloatArray:
+    """Matrix (channels, channels) that replaces each channel by the mean of its taxel."""
+    among = np.equal.outer(array.channel_taxel, array.channel_taxel).astype(np.float64)
+    return np.asarray(among / among.sum(axis=1, keepdims=True))
+
+
+def neighbour_means(array: Array) -> FloatArray:
+    """Matrix (channels, channels) from readings to the mean reading of the neighbouring taxels."""
+    x, y, pad = array.x_mm, array.y_mm, array.pad
+    distance = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
+    distance[np.not_equal.outer(pad, pad)] = np.inf
+    np.fill_diagonal(distance, np.inf)
+    least = distance.min(initial=np.inf)
+    near = (distance < _NEIGHBOUR_PITCHES * least) & np.isfinite(distance) & (distance > 0)
+    of_channel = near[array.channel_taxel][:, array.channel_taxel].astype(np.float64)
+    return np.asarray(of_channel / np.maximum(of_channel.sum(axis=1, keepdims=True), 1.0))
+
+
+def uncoupling(array: Array, taxel_crosstalk: float, neighbour_crosstalk: float) -> FloatArray:
+    """Matrix (channels, channels) that removes crosstalk from readings.
+
+    Readings are ``v + a (mean of the taxel - v) + b (mean of the neighbouring taxels - v)``.
+    """
+    one = np.eye(array.n_channels)
+    neighbours = neighbour_means(array)
+    own = np.diag(neighbours.sum(axis=1))  # a taxel without neighbours loses nothing to them
+    mixing = one + taxel_crosstalk * (taxel_means(array) - one) + neighbour_crosstalk * (neighbours - own)
+    return np.asarray(np.linalg.inv(mixing), dtype=np.float64)
+
+
+def output_weights(array: Array, taxel_weights: FloatArray) -> FloatArray:
+    """Weights of totals and taxels from the weights (channels, 3, kinds) of each channel's taxel.
+
+    Moments are about the origin of the array frame: ``tx = y fz``, ``ty = -x fz``, ``tz = x fy - y fx``.
+    """
+    channels, _, kinds = taxel_weights.shape
+    flat = taxel_weights.transpose(1, 2, 0).reshape(3, kinds * channels)
+    x = np.tile(array.x_mm[array.channel_taxel], kinds)
+    y = np.tile(array.y_mm[array.channel_taxel], kinds)
+    fx, fy, fz = flat
+    totals = np.stack([fx, fy, fz, y * fz, -x * fz, x * fy - y * fx])
+    own = np.equal.outer(np.arange(array.n_taxels), np.tile(array.channel_taxel, kinds))
+    taxels = [own * component for component in flat]
+    return np.ascontiguousarray(np.concatenate([totals, *taxels]))
+
+
+class PairsModel:
+    """Taxels with side electrodes: crosstalk, load curve, creep, and a map that depends on load.
+
+    Parameters
+    ----------
+    array : Array
+    params : PairsModelParams
+    """
+
+    def __init__(self, array: Array, params: PairsModelParams) -> None:
+        n = array.n_channels
+        taxel_weights = np.array(params.weights).reshape(n, N_KINDS, 3).transpose(0, 2, 1)
+        self.weights = output_weights(array, taxel_weights)
+        has_crosstalk = bool(params.taxel_crosstalk or params.neighbour_crosstalk)
+        self._uncouple: FloatArray | None = (
+            uncoupling(array, params.taxel_crosstalk, params.neighbour_crosstalk) if has_crosstalk else None
+        )
+        self._mean = taxel_means(array)
+        self._reading, self._load = np.array(params.curve.reading), np.array(params.curve.load)
+        self._time_s = np.array([state.time_s for state in params.creep])[:, np.newaxis]
+        self._gain = np.array([state.gain for state in params.creep])
+        self._unloading = params.unloading
+        self._features = np.zeros(N_KINDS * n)
+        self._parts = self._features.reshape(N_KINDS, n)
+        self._step_s, self._follow = -1.0, np.zeros((len(params.creep), 1))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the state of creep."""
+        n = len(self._mean)
+        self._relaxed = np.zeros((len(self._gain), n))
+        self._peak = np.zeros(n)
+
+    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
+        """Return load, reading and load times mean load of the taxel, for each channel."""
+        load, reading, product = self._parts
+        if self._uncouple is None:
+            reading[:] = readings
+        else:
+            np.matmul(self._uncouple, readings, out=reading)
+        load[:] = np.interp(reading, self._reading, self._load)
+        if self._unloading:
+            own = self._mean @ load
+            np.maximum(self._peak, own, out=self._peak)
+            self._peak[own < _RELEASED * self._peak] = 0.0
+            load /= 1.0 + self._unloading * (1.0 - own / np.maximum(self._peak, 1e-9))
+        if len(self._gain):
+            if step_s != self._step_s:
+                self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
+            load /= 1.0 + self._gain @ self._relaxed
+            mean = self._mean @ load
+            self._relaxed += self._follow * (mean - self._relaxed)
+        else:
+            mean = self._mean @ load
+        np.multiply(load, mean, out=product)
+        return self._features
+
+
+class SmoothModel:
+    """Ridge regression on readings, their squares and products, and low-passed copies.
+
+    Parameters
+    ----------
+    array : Array
+    params : SmoothModelParams
+    """
+
+    def __init__(self, array: Array, params: SmoothModelParams) -> None:
+        self._scale = np.array(params.scale)
+        self._squares = params.has_squares
+        self._pairs = product_pairs(array) if params.has_products else np.zeros((0, 2), dtype=np.int64)
+        self._time_s = np.array(params.creep_s)[:, np.newaxis]
+        self._n_states = len(params.creep_s)
+        totals = np.array(params.weights)
+        n = array.n_channels
+        blocks = [array.channel_taxel]
+        if self._squares:
+            blocks.append(array.channel_taxel)
+        blocks.append(array.channel_taxel[self._pairs[:, 0]])
+        blocks += [array.channel_taxel] * self._n_states
+        taxel = np.concatenate(blocks)
+        own = np.equal.outer(np.arange(array.n_taxels), taxel)
+        self.weights = np.ascontiguousarray(np.concatenate([totals, *(own * row for row in totals[:3])]))
+        self._features = np.zeros(len(taxel))
+        self._step_s, self._follow = -1.0, np.zeros((self._n_states, 1))
+        self._relaxed = np.zeros((self._n_states, n))
+
+    def reset(self) -> None:
+        """Forget the low-passed readings."""
+        self._relaxed[:] = 0.0
+
+    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
+        """Return readings, squares, products and low-passed readings."""
+        n = len(self._scale)
+        scaled = self._features[:n]
+        np.divide(readings, self._scale, out=scaled)
+        at = n
+        if self._squares:
+            np.multiply(scaled, scaled, out=self._features[at : at + n])
+            at += n
+        if len(self._pairs):
+            np.multiply(
+                scaled[self._pairs[:, 0]],
+                scaled[self._pairs[:, 1]],
+                out=self._features[at : at + len(self._pairs)],
+            )
+            at += len(self._pairs)
+        if self._n_states:
+            if step_s != self._step_s:
+                self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
+            self._relaxed += self._follow * (scaled - self._relaxed)
+            self._features[at:] = self._relaxed.ravel()
+        return self._features
+
+
+def product_pairs(array: Array) -> NDArray[np.int64]:
+    """Pairs (pairs, 2) of different channels of one taxel."""
+    first, second = np.triu_indices(array.n_channels, 1)
+    same = array.channel_taxel[first] == array.channel_taxel[second]
+    return np.stack([first[same], second[same]], axis=1)
+
+
+def build_model(array: Array, file: CalibrationFile) -> ForceModel:
+    """Make the model of a calibration file for its array.
+
+    Raises
+    ------
+    ConfigError
+        The file is of another array.
+    """
+    file.check_array(array)
+    if file.pairs is not None:
+        return PairsModel(array, file.pairs)
+    assert file.smooth is not None  # the schema requires one of the two
+    return SmoothModel(array, file.smooth)

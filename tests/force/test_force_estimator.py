@@ -1,0 +1,118 @@
+"""Force events: the same for any chunking, honest where readings are missing; the zero stands in contact."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactiled.array import load_array
+from tactiled.errors import ConfigError
+from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
+from tactiled.force.calibration import load_calibration
+from tactiled.force.estimator import ForceEstimator, UncalibratedForce
+from tactiled.samples.block import Gap, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+NOMINAL = load_calibration("wang2019-3x3")
+RATE_HZ = 100.0
+
+
+def press(n: int, volts: float = 0.5, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    ramp = np.clip((np.arange(n) - n // 4) / (n // 4), 0, 1)
+    return np.asarray(volts * ramp[:, np.newaxis] + 1e-3 * rng.standard_normal((n, 36)))
+
+
+def forces(volts: np.ndarray, valid: np.ndarray | None = None) -> list[ForceEvent]:
+    return ForceEstimator(ARRAY, NOMINAL).process(regular_block(volts, RATE_HZ, valid=valid))
+
+
+def test_nominal_forces_are_the_published_sensitivities() -> None:
+    volts = np.full((1, 36), 0.6)
+    volts[:, 0::4] += 0.471 / 2  # R1 - R3: one newton on each taxel, towards -x
+    volts[:, 2::4] -= 0.471 / 2
+    (force,) = forces(volts)
+    assert force.fz_n == pytest.approx(9 * 0.6 / 0.201, rel=1e-3)
+    assert force.fx_n == pytest.approx(-9.0, rel=1e-3)
+    assert force.fy_n == pytest.approx(0.0, abs=1e-6)
+    assert sum(force.taxel_fz_n) == pytest.approx(force.fz_n)
+    assert force.calibration == "nominal"
+    assert force.valid
+    assert force.fz_sd_n > 0.6 * force.fz_n
+
+
+@given(cuts=st.lists(st.integers(1, 199), max_size=8, unique=True))
+@settings(deadline=None, max_examples=20)
+def test_any_chunking_gives_identical_events(cuts: list[int]) -> None:
+    block = regular_block(press(200), RATE_HZ)
+    whole = ForceEstimator(ARRAY, NOMINAL).process(block)
+    estimator = ForceEstimator(ARRAY, NOMINAL)
+    edges = [0, *sorted(cuts), 200]
+    parts = [event for a, b in itertools.pairwise(edges) for event in estimator.process(block[a:b])]
+    assert parts == whole
+
+
+def test_reset_equals_new() -> None:
+    estimator = ForceEstimator(ARRAY, NOMINAL)
+    block = regular_block(press(200), RATE_HZ)
+    first = estimator.process(block)
+    estimator.reset()
+    assert estimator.process(block) == first
+
+
+def test_a_dead_channel_widens_the_interval() -> None:
+    volts = press(100)
+    valid = np.ones(volts.shape, dtype=np.bool_)
+    valid[:, 5] = False
+    volts_nan = volts.copy()
+    volts_nan[:, 5] = np.nan
+    (whole, lacking) = (forces(volts)[-1], forces(volts_nan, valid)[-1])
+    assert lacking.channels_missing == 1
+    assert lacking.valid
+    assert lacking.fz_n == pytest.approx(whole.fz_n, rel=0.02)
+    assert lacking.fz_sd_n > whole.fz_sd_n
+
+
+def test_a_saturated_channel_is_flagged() -> None:
+    volts = press(100)
+    volts[-1, 7] = ARRAY.high
+    force = forces(volts, ARRAY.in_range(volts))[-1]
+    assert force.saturated
+    assert force.beyond_range
+    assert force.fz_sd_n > forces(press(100))[-1].fz_sd_n
+
+
+def test_nothing_but_missing_channels_is_finite_and_not_valid() -> None:
+    (force,) = forces(np.full((1, 36), np.nan))
+    assert not force.valid
+    assert all(math.isfinite(v) for v in dataclasses.asdict(force).values() if isinstance(v, float))
+
+
+def test_drift_is_followed_without_contact_and_not_in_contact() -> None:
+    n = 60_000
+    time_s = np.arange(n) / RATE_HZ
+    drift = 3e-5 * time_s  # 18 mV in 600 s
+    pressed = 0.5 * ((time_s > 300) & (time_s < 500))
+    volts = np.repeat((drift + pressed)[:, np.newaxis], 36, axis=1)
+    found = forces(volts)
+    free = [f.fz_n for f in found if 250 < f.time_s < 299 or 550 < f.time_s < 600]
+    assert max(map(abs, free)) < 0.05  # 18 mV on 36 channels would be 0.8 N
+    held = [f for f in found if 301 < f.time_s < 499]
+    assert held[-1].fz_n - held[0].fz_n == pytest.approx(9 * 3e-5 * 198 / 0.201, rel=0.01)
+    assert held[-1].fz_sd_n > held[0].fz_sd_n
+
+
+def test_a_calibration_of_another_array_is_refused() -> None:
+    with pytest.raises(ConfigError, match="calibrate this array"):
+        ForceEstimator(load_array("pillars-3x3"), NOMINAL)
+
+
+def test_without_a_calibration_every_force_is_unknown() -> None:
+    source = UncalibratedForce()
+    (force,) = source.process(regular_block(np.zeros((1, 36)), RATE_HZ))
+    assert (force.calibration, force.valid, force.fz_sd_n) == ("none", False, UNKNOWN_SD_N)
+    assert source.process(Gap(3, "missing", 7)) == []
