@@ -1,0 +1,104 @@
+"""Commands that show a board to people: the page for browsers."""
+
+import json
+import os
+import secrets
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
+
+_TOKEN_ENV = "TACTILED_WEB_TOKEN"
+
+
+@click.command()
+@click.option(
+    "-e", "--events", "endpoints", multiple=True, metavar="ENDPOINT",
+    help="Endpoint of a daemon's events; several times for several daemons. [default: tcp://127.0.0.1:9872]",
+)  # fmt: skip
+@click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="0: a free one.")
+@click.option(
+    "--host", default="127.0.0.1", show_default=True,
+    help="Address to listen at; 0.0.0.0 lets every host of the network look.",
+)  # fmt: skip
+@click.option(
+    "--host-name", "host_names", multiple=True, help="Further name by which browsers call this host."
+)
+@click.option("--array", "arrays", multiple=True, help="Array file of a board whose array does not ship.")
+@click.option(
+    "--file", "files", multiple=True, type=FILE,
+    help="Show this recording instead of live boards; several times for the parts of one recording.",
+)  # fmt: skip
+@click.option(
+    "--allow-commands", is_flag=True, help="Show buttons to who opens the printed address, which has a token."
+)
+@click.option(
+    "--token-file", type=FILE, help=f"File with the token. [default: ${_TOKEN_ENV}, or drawn at random]"
+)
+@KEYS
+def web(
+    endpoints: tuple[str, ...],
+    port: int,
+    host: str,
+    host_names: tuple[str, ...],
+    arrays: tuple[str, ...],
+    files: tuple[Path, ...],
+    allow_commands: bool,
+    token_file: Path | None,
+    keys: Path | None,
+) -> None:
+    """Show boards live in a browser: freshness, array, slips, grooves, timeline.
+
+    The page needs nothing from the internet. It is read-only unless --allow-commands; the daemon accepts
+    commands over ipc, and over TCP with --keys.
+
+    Example: tactiled web --events ipc:///run/tactiled/left/events.ipc --port 8765
+    """
+    need_extra("aiohttp", "web", "the page")
+    need_readable(*files)
+    for name in arrays:
+        need_named(name, "config/arrays")
+    if files and (endpoints or allow_commands):
+        raise click.UsageError("--file shows a recording: leave out --events and --allow-commands")
+    endpoints = endpoints or (() if files else ("tcp://127.0.0.1:9872",))
+    token = _token(token_file) if allow_commands else ""
+    if allow_commands and keys is None and (plain := [e for e in endpoints if not e.startswith("ipc://")]):
+        raise click.UsageError(
+            f"--allow-commands: the daemon accepts commands over ipc, or with --keys; {plain[0]} is neither"
+        )
+    from tactiled.array import load_array
+    from tactiled.progress import ProgressBar
+    from tactiled.web.guard import Guard, is_loopback
+    from tactiled.web.replay import ReplayFile
+    from tactiled.web.server import Listening, run_web
+
+    loaded = [load_array(name) for name in arrays]
+    replay = None
+    if files:
+        with ProgressBar(f"read {files[0]}") as bar:
+            replay = ReplayFile(files, loaded, bar.reach)
+
+    def ready(url: str) -> None:
+        address = f"{url}#token={token}" if token else url
+        click.echo(json.dumps({"what": "page", "url": address}))
+        click.echo(f"web: open {address}", err=True)
+        if not is_loopback(host):
+            click.echo(
+                f"web: every host that reaches {host} can look; the connection is not encrypted", err=True
+            )
+
+    run_web(Listening(endpoints, host, port, loaded, keys, Guard(token, host_names), replay), ready)
+
+
+def _token(file: Path | None) -> str:
+    """Token of the commands: from a file, the environment, or drawn."""
+    if file is None:
+        return os.environ.get(_TOKEN_ENV) or secrets.token_urlsafe(24)
+    try:
+        token = file.read_text(encoding="ascii").strip()
+    except (OSError, ValueError) as error:
+        raise click.UsageError(f"--token-file {file}: cannot be read: {error}") from None
+    if len(token) < 16:
+        raise click.UsageError(f"--token-file {file}: a token has at least 16 characters")
+    return token

@@ -1,0 +1,85 @@
+"""Commands of the page, handed on to the daemon of its endpoint."""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tactiled.client import AsyncCommander, Reply
+from tactiled.errors import OperatorError
+
+FIELDS: dict[str, dict[str, type]] = {
+    "tare": {"force": bool},
+    "inhibit": {"duration_s": float},
+    "expect-load-change": {"duration_s": float},
+    "mark": {"text": str},
+    "record": {"on": bool},
+    "speed": {"speed_mm_s": float},
+    "thresholds": {"values": dict},
+}
+"""Commands that the page may give, with their fields (protocols/control.md). The daemon checks the values."""
+_WHO = "web page"
+
+
+class DaemonCommands:
+    """Connection to the daemon behind one endpoint, opened with the first command.
+
+    Parameters
+    ----------
+    endpoint : str
+        Endpoint of its events.
+    keys : path, optional
+        Key file of this client.
+    """
+
+    def __init__(self, endpoint: str, keys: Path | None = None) -> None:
+        self._endpoint = endpoint
+        self._keys = keys
+        self._commander: AsyncCommander | None = None
+        self._one_at_a_time = asyncio.Lock()
+
+    async def send(self, do: str, fields: Mapping[str, Any]) -> Reply:
+        """Send a command and return the reply; a daemon that does not answer is a refusal with the reason."""
+        async with self._one_at_a_time:
+            try:
+                if self._commander is None:
+                    self._commander = AsyncCommander(self._endpoint, _WHO, keys=self._keys)
+                return await self._commander.send(do, **fields)
+            except OperatorError as error:
+                return Reply(False, str(error), {})
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._commander is not None:
+            self._commander.close()
+
+
+def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str, Any]]:
+    """Return source, command and fields of a request of the page.
+
+    Raises
+    ------
+    ValueError
+        It is none; the message says what is wrong.
+    """
+    if not isinstance(document, dict):
+        raise ValueError("the request is not a JSON object")  # noqa: TRY004  one kind of error for the caller
+    source, do, fields = document.get("source", 0), document.get("do"), document.get("fields", {})
+    if type(source) is not int or not 0 <= source < n_sources:
+        raise ValueError(f"source is {source!r}; there are 0 to {n_sources - 1}")
+    if not isinstance(do, str) or do not in FIELDS:
+        raise ValueError(f"no command {do!r}; there are: {', '.join(FIELDS)}")
+    if not isinstance(fields, dict):
+        raise ValueError("fields is not a JSON object")  # noqa: TRY004
+    checked: dict[str, Any] = {}
+    for name, value in fields.items():
+        kind = FIELDS[do].get(name)
+        if kind is None:
+            raise ValueError(f"{do} has no field {name!r}")
+        if kind is float and type(value) in (int, float):
+            checked[name] = float(value)
+        elif type(value) is kind:
+            checked[name] = value
+        else:
+            raise ValueError(f"{name} is {value!r}, which is no {kind.__name__}")
+    return source, do, checked

@@ -1,0 +1,132 @@
+"""Frames for browsers from items of a subscription; history for browsers that come later. No I/O.
+
+A frame is JSON text: ``{"now": epoch s, "mono": s, "m": [[source, topic, data, recovered], ...]}``. `now` and
+`mono` are the clocks of this host: with `mono` the page measures how long frames wait on their way, which no
+step of the wall clock disturbs. `source` is the number of the endpoint. Besides the topics of the daemon
+there are ``geometry`` (see `geometry`) and ``notice`` (lost messages, a restart of the daemon). Each message
+becomes JSON once, whatever the number of browsers.
+"""
+
+import json
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from tactiled.array import Array
+from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
+from tactiled.web.geometry import geometry_of
+
+HISTORY_S = 60.0  # span of the timeline on the page
+_THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points over the timeline
+_HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
+LIVE = frozenset({"scan", "grip", "force", "status"})
+"""Topics of which a slow browser may miss messages: the next one replaces them."""
+_NEWEST = ("geometry", "info", "status", "recording", "contact")
+"""Topics whose newest message a new browser needs."""
+
+
+class Entry(NamedTuple):
+    """Message as JSON, with what decides where it goes."""
+
+    topic: str
+    timestamp: float
+    text: str
+
+
+class Frames(NamedTuple):
+    """Two frames of one instant: messages that every browser gets, and live ones; None for none."""
+
+    kept: str | None
+    live: str | None
+
+
+class Feed:
+    """Messages that wait for the next frame, and the history.
+
+    Parameters
+    ----------
+    arrays : sequence of Array
+        Arrays of the user, chosen by their name.
+    """
+
+    def __init__(self, arrays: Sequence[Array] = ()) -> None:
+        self._arrays = {array.name: array for array in arrays}
+        self._pending: list[Entry] = []
+        self._history: deque[Entry] = deque(maxlen=_HISTORY_MESSAGES)
+        self._newest: dict[tuple[int, str, str], Entry] = {}
+        self._thinned_s: dict[tuple[int, str, str], float] = {}
+        self._array_ids: dict[tuple[int, str], tuple[str, int]] = {}
+        self.unreadable = 0
+        """Number of messages that cannot be written as JSON, such as NaN from a foreign publisher."""
+
+    def take(self, source: int, item: Item) -> None:
+        """Take an item of the subscription to an endpoint."""
+        if isinstance(item, Message):
+            self._message(source, item, recovered=False)
+        elif isinstance(item, Recovered):
+            self._message(source, item.message, recovered=True)
+        elif isinstance(item, Lost):
+            words = f"{item.count} {item.topic} messages were lost on the way"
+            self.add(source, "notice", {"board": item.board, "kind": "lost", "words": words})
+        elif isinstance(item, Restarted):
+            words = "the daemon was restarted"
+            self.add(source, "notice", {"board": item.board, "kind": "restart", "words": words})
+        elif isinstance(item, Malformed):
+            self.unreadable += 1
+
+    def add(self, source: int, topic: str, data: Mapping[str, Any], recovered: bool = False) -> None:
+        """Add a message to the next frame and to the history."""
+        try:
+            text = json.dumps([source, topic, data, recovered], allow_nan=False, separators=(",", ":"))
+        except (ValueError, TypeError):
+            self.unreadable += 1
+            return
+        stamp = data.get("timestamp", 0.0)
+        entry = Entry(topic, float(stamp) if isinstance(stamp, int | float) else 0.0, text)
+        self._pending.append(entry)
+        key = (source, str(data.get("board", "")), topic)
+        if topic in _NEWEST:
+            self._newest[key] = entry
+        if topic in ("info", "status", "geometry", "recording"):
+            return
+        if topic in LIVE:
+            if entry.timestamp - self._thinned_s.get(key, -1.0) < _THIN_S:
+                return
+            self._thinned_s[key] = entry.timestamp
+        self._history.append(entry)
+
+    def frames(self, now_unix_s: float, now_s: float) -> Frames:
+        """Return what has come since the last call, as two frames."""
+        pending, self._pending = self._pending, []
+        kept = [entry.text for entry in pending if entry.topic not in LIVE]
+        live = [entry.text for entry in pending if entry.topic in LIVE]
+        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live))
+
+    def history(self, now_unix_s: float, now_s: float) -> str:
+        """Return a frame with the newest state of each board, and a minute of events and thinned scans."""
+        while self._history and 0.0 < self._history[0].timestamp < now_unix_s - HISTORY_S:
+            self._history.popleft()
+        state = sorted(self._newest.values(), key=lambda entry: _NEWEST.index(entry.topic))
+        listed = set(self._history)
+        texts = [entry.text for entry in state if entry.topic != "status" and entry not in listed]
+        texts += [entry.text for entry in self._history]
+        texts += [entry.text for entry in state if entry.topic == "status"]
+        return _text(now_unix_s, now_s, texts)
+
+    def _message(self, source: int, message: Message, *, recovered: bool) -> None:
+        if message.topic == "info":
+            known = (str(message.data.get("array_id", "")), int(message.data.get("channels", 0)))
+            key = (source, message.board)
+            if self._array_ids.get(key) != known:
+                self._array_ids[key] = known
+                geometry = geometry_of(message.data, self._arrays.get(known[0]))
+                self.add(source, "geometry", {"board": message.board, **geometry})
+        self.add(source, message.topic, message.data, recovered)
+
+
+def _frame(now_unix_s: float, now_s: float, texts: Sequence[str]) -> str | None:
+    return _text(now_unix_s, now_s, texts) if texts else None
+
+
+def _text(now_unix_s: float, now_s: float, texts: Sequence[str]) -> str:
+    return f'{{"now":{now_unix_s!r},"mono":{now_s!r},"m":[{",".join(texts)}]}}'

@@ -1,0 +1,104 @@
+"""Recording in memory, from which the page fetches stretches as it plays, seeks and scrubs."""
+
+import bisect
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tactiled.array import Array
+from tactiled.errors import DataError
+from tactiled.events.codec import to_map
+from tactiled.recording.contents import RecordedEvent
+from tactiled.recording.reader import Reached, in_order, read_items
+from tactiled.web.geometry import geometry_of
+
+_THIN_S = 0.1  # interval of scans, grip and force messages in a thinned stretch
+
+
+class ReplayFile:
+    """Events of one recording, sorted by instant.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Parts of one recording, in any order.
+    arrays : sequence of Array
+        Arrays that do not ship with tactiled.
+    reached : callable, optional
+        Called with the fraction that has been read.
+
+    Raises
+    ------
+    DataError
+        A file is no recording, or has no events.
+    """
+
+    def __init__(
+        self, paths: Sequence[Path], arrays: Sequence[Array] = (), reached: Reached | None = None
+    ) -> None:
+        parts = in_order(paths)
+        self._name = ", ".join(path.name for path, _ in parts)
+        recorded_array = parts[0][1].source.array
+        self._rows: list[tuple[float, str, str]] = []  # instant, topic, message as JSON
+        self._geometry = ""
+        seqs: dict[tuple[str, str], int] = {}
+        for number, (path, _) in enumerate(parts):
+            done = number / len(parts)
+            share = None if reached is None else lambda part, done=done: reached(done + part / len(parts))
+            for item in read_items(path, reached=share):
+                if isinstance(item, RecordedEvent):
+                    self._take(item, seqs, [*arrays, recorded_array])
+        if not self._rows:
+            raise DataError(f"{self._name}: has no events")
+        self._rows.sort(key=lambda row: row[0])
+        self._times = [row[0] for row in self._rows]
+        self.start_s, self.end_s = self._times[0], self._times[-1]
+
+    def _take(self, item: RecordedEvent, seqs: dict[tuple[str, str], int], arrays: Sequence[Array]) -> None:
+        topic, board = item.event.topic, item.board
+        seqs[board, topic] = seq = seqs.get((board, topic), -1) + 1
+        data = to_map(item.event, seq=seq, board=board, unix_offset_s=item.unix_offset_s)
+        self._rows.append((float(data["timestamp"]), topic, _text(topic, data)))
+        if topic == "info" and not self._geometry:
+            known = {array.name: array for array in reversed(arrays)}
+            geometry = geometry_of(data, known.get(str(data.get("array_id"))))
+            self._geometry = _text("geometry", {"board": board, **geometry})
+
+    def summary(self) -> dict[str, Any]:
+        """Return the name, and the first and last instant in epoch seconds."""
+        return {"name": self._name, "start": self.start_s, "end": self.end_s, "events": self._listed()}
+
+    def stretch(self, from_s: float, to_s: float, *, thin: bool = False) -> str:
+        """Return the messages of ``from_s <= instant < to_s`` (seconds from the start) as one frame.
+
+        Parameters
+        ----------
+        from_s, to_s : float
+        thin : bool
+            Leave out most scans, grip and force messages: what the timeline before an instant needs.
+        """
+        low = bisect.bisect_left(self._times, self.start_s + from_s)
+        high = bisect.bisect_left(self._times, self.start_s + to_s)
+        texts = [self._geometry] if self._geometry else []
+        last_s: dict[str, float] = {}
+        for instant_s, topic, text in self._rows[low:high]:
+            if thin and topic in ("scan", "grip", "force", "status"):
+                if instant_s - last_s.get(topic, -1.0) < _THIN_S:
+                    continue
+                last_s[topic] = instant_s
+            texts.append(text)
+        return f'{{"now":{self.start_s + to_s!r},"mono":0.0,"m":[{",".join(texts)}]}}'
+
+    def _listed(self) -> list[dict[str, Any]]:
+        """Events to list beside the scrubber: instant from the start, topic and the words of the page."""
+        listed = []
+        for instant_s, topic, text in self._rows:
+            if topic in ("slip", "contact", "texture", "command"):
+                data = json.loads(text)[2]
+                listed.append({"at": instant_s - self.start_s, "topic": topic, "data": data})
+        return listed
+
+
+def _text(topic: str, data: dict[str, Any]) -> str:
+    return json.dumps([0, topic, data, False], allow_nan=False, separators=(",", ":"))

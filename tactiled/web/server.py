@@ -1,0 +1,256 @@
+"""HTTP server of the live page: static files, one WebSocket for each browser, commands, replay.
+
+The server is a process of its own and a client of the daemon: browsers cannot delay the daemon.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from aiohttp import WSCloseCode, web
+
+from tactiled import __version__
+from tactiled.array import Array
+from tactiled.client import Client
+from tactiled.errors import UnavailableError
+from tactiled.web.browsers import FRAMES_PER_S, Browser
+from tactiled.web.commands import DaemonCommands, check_request
+from tactiled.web.feed import Feed
+from tactiled.web.guard import Guard
+from tactiled.web.replay import ReplayFile
+
+logger = logging.getLogger(__name__)
+
+STATIC = Path(__file__).parent / "static"
+MOST_BROWSERS = 64
+_LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
+_LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
+_HEADERS = {
+    # No inline script and no inline style, nothing from elsewhere, and nobody may frame the buttons.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",  # a page of another version than its server would misread the frames
+}
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True)
+class Listening:
+    """What to serve, and where.
+
+    Attributes
+    ----------
+    endpoints : sequence of str
+        Endpoints of events; empty with a recording.
+    host, port
+        Address of the page; port 0 takes a free one.
+    arrays : sequence of Array
+        Arrays that do not ship with tactiled.
+    keys : Path, optional
+        Key file of this client, for daemons of other hosts.
+    replay : ReplayFile, optional
+        Recording to show instead of live boards.
+    """
+
+    endpoints: Sequence[str]
+    host: str = "127.0.0.1"
+    port: int = 8765
+    arrays: Sequence[Array] = ()
+    keys: Path | None = None
+    guard: Guard = field(default_factory=Guard)
+    replay: ReplayFile | None = None
+
+
+class PageServer:
+    """Subscriptions, browsers and routes of one server."""
+
+    def __init__(self, params: Listening) -> None:
+        self._params = params
+        self._feed = Feed(params.arrays)
+        self._browsers: set[Browser] = set()
+        self._sockets: set[web.WebSocketResponse] = set()
+        self._commands = [DaemonCommands(endpoint, params.keys) for endpoint in params.endpoints]
+
+    def application(self) -> web.Application:
+        """Return the routes."""
+        app = web.Application(middlewares=[self._guarded], client_max_size=_LARGEST_REQUEST_BYTES)
+        app.router.add_get("/", self._page)
+        app.router.add_get("/api/session", self._session)
+        app.router.add_get("/api/live", self._live)
+        app.router.add_post("/api/command", self._command)
+        app.router.add_get("/api/replay", self._replay)
+        app.router.add_static("/static/", STATIC)
+        return app
+
+    async def run(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
+        """Serve until `stop` is set; `ready` is called with the address of the page.
+
+        Raises
+        ------
+        UnavailableError
+            The port is in use, or the address is none of this host.
+        """
+        runner = web.AppRunner(self.application(), access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        try:
+            site = web.TCPSite(runner, self._params.host, self._params.port)
+            try:
+                await site.start()
+            except OSError as error:
+                where = f"{self._params.host}:{self._params.port}"
+                raise UnavailableError(
+                    f"{where}: the page cannot be served there: {error.strerror}"
+                ) from None
+            host, port = runner.addresses[0][:2]
+            ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
+            async with asyncio.TaskGroup() as tasks:
+                background = [tasks.create_task(self._listen(i)) for i in range(len(self._params.endpoints))]
+                background.append(tasks.create_task(self._flush()))
+                await stop.wait()
+                for task in background:
+                    task.cancel()
+        finally:
+            for socket in tuple(self._sockets):
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(0.5):
+                        await socket.close(code=WSCloseCode.GOING_AWAY)
+            for commands in self._commands:
+                commands.close()
+            await runner.cleanup()
+
+    async def _listen(self, source: int) -> None:
+        """Hand every item of one endpoint to the feed."""
+        async with Client(self._params.endpoints[source], keys=self._params.keys) as client:
+            async for item in client:
+                self._feed.take(source, item)
+
+    async def _flush(self) -> None:
+        """Send a frame to all browsers at the frame rate."""
+        while True:
+            await asyncio.sleep(1 / FRAMES_PER_S)
+            frames = self._feed.frames(time.time(), time.monotonic())
+            for browser in self._browsers:
+                browser.offer(frames)
+
+    @web.middleware
+    async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        refusal = self._params.guard.refuse_host(request.host) or self._params.guard.refuse_origin(
+            request.headers.get("Origin"), request.host
+        )
+        if refusal:
+            return web.json_response({"ok": False, "reason": refusal}, status=403, headers=_HEADERS)
+        try:
+            response = await handler(request)
+        except web.HTTPException as error:
+            error.headers.update(_HEADERS)
+            raise
+        if not response.prepared:
+            response.headers.update(_HEADERS)
+        return response
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:  # noqa: ARG002  signature of a handler
+        return web.FileResponse(STATIC / "index.html", headers=_HEADERS)
+
+    async def _session(self, request: web.Request) -> web.StreamResponse:
+        """Describe this server to the page. `commands` is true only with the right token."""
+        replay = self._params.replay
+        refusal = self._params.guard.refuse_command(request.headers.get("Authorization"))
+        return web.json_response(
+            {
+                "version": __version__,
+                "endpoints": list(self._params.endpoints),
+                "commands": not refusal and replay is None,
+                "replay": None if replay is None else replay.summary(),
+            }
+        )
+
+    async def _live(self, request: web.Request) -> web.StreamResponse:
+        if len(self._browsers) >= MOST_BROWSERS:
+            reason = f"{MOST_BROWSERS} browsers are connected, which is the most"
+            return web.json_response({"ok": False, "reason": reason}, status=503)
+        socket = web.WebSocketResponse(heartbeat=10.0, compress=False, max_msg_size=1024)
+        socket.headers.update(_HEADERS)
+        browser = Browser(socket)
+        self._browsers.add(browser)  # before any wait, so that the limit holds
+        self._sockets.add(socket)
+        try:
+            await socket.prepare(request)
+            await socket.send_str(self._feed.history(time.time(), time.monotonic()))
+            sending = asyncio.create_task(self._send(browser, socket))
+            try:
+                async for _ in socket:  # the page sends nothing; this handles close and pong
+                    pass
+            finally:
+                sending.cancel()
+                await asyncio.gather(sending, return_exceptions=True)
+        except ConnectionError:
+            pass  # closed while the history was being sent
+        finally:
+            self._browsers.discard(browser)
+            self._sockets.discard(socket)
+        return socket
+
+    @staticmethod
+    async def _send(browser: Browser, socket: web.WebSocketResponse) -> None:
+        await browser.send_all()
+        with contextlib.suppress(TimeoutError, ConnectionError):
+            async with asyncio.timeout(1.0):
+                await socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
+
+    async def _command(self, request: web.Request) -> web.StreamResponse:
+        if refusal := self._params.guard.refuse_command(request.headers.get("Authorization")):
+            return _answer(403, refusal)
+        if request.content_type != "application/json":
+            return _answer(415, "send JSON")
+        try:
+            source, do, fields = check_request(json.loads(await request.text()), len(self._commands))
+        except ValueError as error:
+            return _answer(400, str(error))
+        reply = await self._commands[source].send(do, fields)
+        return web.json_response({"ok": reply.ok, "reason": reply.reason, "do": do})
+
+    async def _replay(self, request: web.Request) -> web.StreamResponse:
+        """Return the messages of a stretch of the recording, ``?from=SECONDS&to=SECONDS``."""
+        replay = self._params.replay
+        if replay is None:
+            return _answer(404, "this page is live")
+        try:
+            from_s, to_s = float(request.query["from"]), float(request.query["to"])
+        except (KeyError, ValueError):
+            return _answer(400, "give from and to in seconds")
+        if not 0.0 <= to_s - from_s <= _LONGEST_CHUNK_S:
+            return _answer(400, f"ask for at most {_LONGEST_CHUNK_S:g} s at once")
+        thin = request.query.get("thin") == "1"
+        return web.Response(text=replay.stretch(from_s, to_s, thin=thin), content_type="application/json")
+
+
+def _answer(status: int, reason: str) -> web.Response:
+    return web.json_response({"ok": False, "reason": reason}, status=status)
+
+
+def run_web(params: Listening, ready: Callable[[str], None]) -> None:
+    """Serve the page until SIGINT or SIGTERM; errors as for `PageServer.run`."""
+
+    async def main() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await PageServer(params).run(ready, stop)
+
+    try:
+        asyncio.run(main())
+    except* UnavailableError as group:
+        raise group.exceptions[0] from None

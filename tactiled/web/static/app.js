@@ -1,0 +1,107 @@
+// Entry of the page: one panel for each board, live or from a recording.
+
+import { BoardModel } from "./board.js";
+import { authorization, showCommands, takeToken } from "./commands.js";
+import { announce, BoardPanel } from "./panel.js";
+import { Player } from "./replay.js";
+import { connect, perfSeconds, ServerClock } from "./stream.js";
+import { startTheme, switchTheme } from "./theme.js";
+import { eventWords } from "./words.js";
+
+const FRAME_MS = 1000 / 30 - 3; // 30 pictures a second, also where the screen has 60
+const MOST_BOARDS = 16;
+
+const boards = new Map();  // "source/name" -> BoardPanel
+const clock = new ServerClock();
+const main = document.getElementById("boards");
+let connected = false, session = null, token = "", player = null, dropped = 0;
+
+function panelFor(source, name) {
+  const key = `${source}/${name}`;
+  if (boards.has(key)) return boards.get(key);
+  const unnamed = boards.get(`${source}/`);
+  if (name !== "" && unnamed !== undefined) { // the board has said who it is
+    boards.delete(`${source}/`);
+    boards.set(key, unnamed);
+    unnamed.board.name = name;
+    return unnamed;
+  }
+  if (name === "") { // a daemon that waits for its board: the only panel of this endpoint is meant
+    const own = [...boards.keys()].filter((known) => known.startsWith(`${source}/`));
+    if (own.length === 1) return boards.get(own[0]);
+  }
+  if (boards.size >= MOST_BOARDS) return null;
+  document.getElementById("waiting")?.remove();
+  const panel = new BoardPanel(new BoardModel(source, name), main);
+  if (session.commands) showCommands(panel, token);
+  boards.set(key, panel);
+  main.dataset.count = boards.size;
+  return panel;
+}
+
+function feed(messages) {
+  for (const [source, topic, data, recovered] of messages) {
+    const board = data.board ?? "";
+    const panel = panelFor(source, board);
+    if (panel === null) continue;
+    const news = panel.board.take(topic, data, recovered);
+    if (news === "slip" && player === null && !recovered) announce(`${board}: ${eventWords("slip", data).text}`);
+  }
+}
+
+function onFrame(frame) {
+  if (frame.dropped !== undefined) { dropped += frame.dropped; return; }
+  feed(frame.m);
+}
+
+let lastDrawn = 0, drawn = 0, counted = perfSeconds();
+function draw(ms) {
+  requestAnimationFrame(draw);
+  if (ms - lastDrawn < FRAME_MS) return;
+  const elapsed = Math.min(0.5, (ms - lastDrawn) / 1000);
+  lastDrawn = ms;
+  drawn += 1;
+  const now = player === null ? clock.at(perfSeconds()) : player.tick(elapsed);
+  const replay = player === null ? null : { origin: player.start, words: `Recording ${player.name}. Nothing here is live.` };
+  for (const panel of boards.values()) panel.draw(now, connected, replay);
+  const perf = perfSeconds();
+  if (perf - counted > 2) {
+    document.documentElement.dataset.fps = (drawn / (perf - counted)).toFixed(1);
+    drawn = 0; counted = perf;
+    const words = player !== null ? "" : !connected ? "not connected" : dropped ? `connected; this browser missed ${dropped} frames` : "connected";
+    document.getElementById("link-words").textContent = words;
+  }
+}
+
+function keys() {
+  const help = document.getElementById("keys");
+  document.getElementById("theme").onclick = switchTheme;
+  document.getElementById("help").onclick = () => help.showModal();
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName)) return;
+    if (event.key === "d") switchTheme();
+    if (event.key === "?") help.showModal();
+  });
+}
+
+async function start() {
+  startTheme();
+  keys();
+  token = takeToken();
+  while (session === null) {
+    try { session = await (await fetch("/api/session", { headers: authorization(token) })).json(); }
+    catch { await new Promise((resolve) => setTimeout(resolve, 1000)); }
+  }
+  document.getElementById("subtitle").textContent = session.replay === null ? "live" : `recording ${session.replay.name}`;
+  if (session.replay === null) {
+    connect(clock, onFrame, (open) => { connected = open; });
+  } else {
+    player = new Player(session.replay, feed, () => { for (const panel of boards.values()) panel.board.rewind(); });
+    const at = /[#&]at=([\d.]+)/.exec(location.hash);
+    player.seek(at ? Number(at[1]) : 0);
+    addEventListener("hashchange", () => { const to = /[#&]at=([\d.]+)/.exec(location.hash); if (to) player.seek(Number(to[1])); });
+  }
+  requestAnimationFrame(draw);
+}
+
+start();

@@ -1,0 +1,187 @@
+// What is known of one board: newest messages, the last minute for the timeline, the last seconds of readings.
+
+export const SPAN_S = 60;        // of the timeline
+const RING_S = 11;               // readings for scope and spectrum
+const POINT_S = 0.05;            // interval of points on the timeline: 1200 of them
+const EVENTS = 400;
+const HEALTH_SCANS = 100;
+
+export class BoardModel {
+  constructor(source, name) {
+    this.source = source;
+    this.name = name;
+    this.info = this.geometry = this.status = this.recording = null;
+    this.touch = null;       // newest contact message
+    this.grip = this.force = null;
+    this.slip = null;        // newest slip message of a slip that goes on
+    this.lastSlip = null;
+    this.texture = null;     // newest texture message of this slide
+    this.newestScan = null;
+    this.scans = [];         // of the last RING_S
+    this.points = { t: [], load: [], shear: [], risk: [], use: [] };
+    this.events = [];        // newest last: {at, topic, data}
+    this.bands = [];         // contact states: {from, state}
+    this.slips = [];         // {from, to, kind, sd, suppressed, direction}
+    this.gaps = [];          // {from, to}
+    this.seen = new Set();
+    this.changed = 0;        // counts messages, so that views know when to draw
+    this.eventCount = 0;
+    this.health = [];        // for each channel: "", "dead", "noisy" or "stuck"
+    this.zero = [];
+    this.zeroFrom = 0;
+  }
+
+  /** Forget what belongs to instants after `until` or before the window; used by a seek in a recording. */
+  rewind() {
+    const kept = { info: this.info, geometry: this.geometry, zero: this.zero };
+    Object.assign(this, new BoardModel(this.source, this.name), kept);
+  }
+
+  /** Take a message. Returns the topic where it was news, for announcements; else null. */
+  take(topic, data, recovered) {
+    this.changed += 1;
+    switch (topic) {
+      case "info": this.info = data; return null;
+      case "geometry": this._geometry(data); return null;
+      case "status": this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
+      case "recording": this.recording = data; return null;
+      case "scan": if (!recovered) this._scan(data); return null;
+      case "grip": if (!recovered) this._grip(data); return null;
+      case "force": if (!recovered) this.force = data; return null;
+      default: return this._event(topic, data);
+    }
+  }
+
+  _geometry(geometry) {
+    this.geometry = geometry;
+    this.zero = geometry.zero.slice();
+    this.zeroFrom = geometry.zero_first_s > 0 ? null : -Infinity;
+    this.scans = [];
+    this.health = geometry.names.map(() => "");
+  }
+
+  _scan(scan) {
+    const before = this.newestScan;
+    if (before !== null && before.run === scan.run && scan.timestamp <= before.timestamp) return;
+    if (before !== null && before.run === scan.run && this.status !== null && this.status.rate_hz > 0) {
+      const period = 1 / this.status.rate_hz;
+      const gap = scan.timestamp - before.timestamp;
+      if (gap > 2.5 * period && gap > 0.15 && scan.index - before.index < 1.5 * gap / period) this._gap(before.timestamp, scan.timestamp);
+    }
+    this.newestScan = scan;
+    this.scans.push(scan);
+    const oldest = scan.timestamp - RING_S;
+    if (this.scans.length > 64 && this.scans[0].timestamp < oldest - 1) this.scans = this.scans.filter((s) => s.timestamp >= oldest);
+    if (this.geometry === null || scan.volts.length !== this.zero.length) return;
+    if (this.zeroFrom === null || scan.timestamp - this.zeroFrom < this.geometry.zero_first_s) this._learnZero(scan);
+    const t = this.points.t;
+    if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
+    const felt = this.felt(scan);
+    this._point(scan.timestamp, sum(felt.load), Math.hypot(sum(felt.x), sum(felt.y)));
+  }
+
+  _learnZero(scan) {
+    if (this.zeroFrom === null) { this.zeroFrom = scan.timestamp; this.zeroCount = 0; }
+    this.zeroCount += 1;
+    scan.volts.forEach((v, c) => { this.zero[c] += (v - this.zero[c]) / this.zeroCount; });
+  }
+
+  _point(t, load, shear) {
+    const p = this.points;
+    const fresh = this.grip !== null && Math.abs(this.grip.timestamp - t) < 0.2 && this.grip.state !== "none";
+    p.t.push(t); p.load.push(load); p.shear.push(shear);
+    p.risk.push(fresh ? this.grip.p_gross_100ms : null);
+    p.use.push(fresh ? this.grip.utilisation : null);
+    if (p.t[0] < t - SPAN_S - 5) {
+      let n = 0;
+      while (p.t[n] < t - SPAN_S) n += 1;
+      for (const key of Object.keys(p)) p[key].splice(0, n);
+    }
+  }
+
+  _grip(grip) { this.grip = grip; }
+
+  _gap(from, to) {
+    this.gaps.push({ from, to });
+    if (this.gaps.length > 100) this.gaps.shift();
+    this._list(to, "gap", { words: `gap: no scans for ${(1000 * (to - from)).toFixed(0)} ms` });
+  }
+
+  _event(topic, data) {
+    const key = `${data.run}/${topic}/${data.seq}`;
+    if (data.seq !== undefined) {
+      if (this.seen.has(key)) return null;
+      this.seen.add(key);
+      if (this.seen.size > 4 * EVENTS) this.seen = new Set([...this.seen].slice(-2 * EVENTS));
+    }
+    const at = topic === "slip" ? (data.state === "end" ? data.timestamp : data.detected) : data.timestamp ?? this.newestScan?.timestamp ?? 0;
+    if (topic === "slip") this._slip(data);
+    if (topic === "contact") {
+      this.touch = data;
+      this._band(data.timestamp, data.state);
+      if (data.state === "none") { this.texture = null; this.grip = null; }
+    }
+    if (topic === "texture") this.texture = data;
+    this._list(at, topic, data);
+    return topic;
+  }
+
+  _list(at, topic, data) {
+    this.eventCount += 1;
+    this.events.push({ at, topic, data });
+    if (this.events.length > 1 && this.events[this.events.length - 2].at > at) this.events.sort((a, b) => a.at - b.at);
+    if (this.events.length > EVENTS) this.events.shift();
+  }
+
+  _band(from, state) {
+    const last = this.bands[this.bands.length - 1];
+    if (last !== undefined && last.from > from) return;
+    if (last === undefined || last.state !== state) this.bands.push({ from, state });
+    if (this.bands.length > 300) this.bands.shift();
+  }
+
+  _slip(data) {
+    const open = this.slips[this.slips.length - 1];
+    if (data.state === "end") {
+      if (open !== undefined && open.to === null) open.to = data.timestamp;
+      this.slip = null;
+      return;
+    }
+    if (open !== undefined && open.to === null) open.to = Math.max(open.from, data.onset);
+    if (this.slip === null) this.texture = null; // a new slide: what was found before belongs to the last one
+    this.slips.push({ from: data.onset, to: null, kind: data.kind, sd: data.onset_sd_s, detected: data.detected,
+      suppressed: Boolean(data.suppressed) || !data.valid, direction: data.direction_deg });
+    if (this.slips.length > 200) this.slips.shift();
+    this.slip = this.lastSlip = data;
+  }
+
+  /** Load and shear of each taxel from a scan, relative to the zero of the array. */
+  felt(scan) {
+    const g = this.geometry;
+    const value = (pairs) => {
+      let total = 0;
+      for (const [c, w] of pairs) total += w * (scan.valid[c] ? scan.volts[c] - this.zero[c] : 0);
+      return total;
+    };
+    return { load: g.pressure.map(value), x: g.shear_x.map(value), y: g.shear_y.map(value) };
+  }
+
+  /** Judge the channels from the newest second: invalid, far noisier than the others, or without any noise. */
+  judgeChannels() {
+    const scans = this.scans.slice(-HEALTH_SCANS);
+    const n = this.zero.length;
+    if (scans.length < HEALTH_SCANS / 2 || n === 0) return;
+    const moved = new Float64Array(n);
+    for (let i = 2; i < scans.length; i += 1) {
+      const a = scans[i - 2].volts, b = scans[i - 1].volts, c = scans[i].volts;
+      // Second differences: what a load or a slide does is nearly a straight line over 20 ms.
+      for (let k = 0; k < n; k += 1) moved[k] += (c[k] - 2 * b[k] + a[k]) ** 2;
+    }
+    const noise = Array.from(moved, (m) => Math.sqrt(m / (6 * (scans.length - 2))));
+    const median = [...noise].sort((a, b) => a - b)[n >> 1];
+    const newest = scans[scans.length - 1];
+    this.health = noise.map((s, c) => (!newest.valid[c] ? "dead" : median > 0 && s > 8 * median ? "noisy" : median > 0 && s === 0 ? "stuck" : ""));
+  }
+}
+
+export const sum = (values) => values.reduce((a, b) => a + b, 0);

@@ -1,0 +1,46 @@
+// Buttons for commands, shown only where the server accepts the token.
+
+const FIELDS = {
+  tare: () => ({}),
+  inhibit: () => ({ duration_s: 0.5 }),
+  "expect-load-change": () => ({ duration_s: 0.5 }),
+  mark: (root) => ({ text: root.querySelector(".mark-text").value || "mark" }),
+  record: (root, board) => ({ on: board.recording === null || board.recording.state === "off" }),
+  thresholds: (root) => ({ values: { "slip.false_alarms_per_hour": Number(root.querySelector(".setting").value) } }),
+  speed: (root) => ({ speed_mm_s: Number(root.querySelector(".commands .speed").value) }),
+};
+
+/** The token from the address (`#token=...`), kept for this tab and taken out of the address. */
+export function takeToken() {
+  const found = /[#&]token=([^&]+)/.exec(location.hash);
+  if (found) {
+    sessionStorage.setItem("tactiled-token", decodeURIComponent(found[1]));
+    history.replaceState(null, "", location.pathname + location.search);
+  }
+  return sessionStorage.getItem("tactiled-token") || "";
+}
+
+export const authorization = (token) => (token ? { Authorization: `Bearer ${token}` } : {});
+
+/** Show the buttons of a panel; the reply of the daemon appears below them. */
+export function showCommands(panel, token) {
+  const section = panel.root.querySelector(".commands"), reply = section.querySelector(".reply");
+  section.hidden = false;
+  for (const button of section.querySelectorAll("button[data-do]")) {
+    button.addEventListener("click", async () => {
+      const name = button.dataset.do;
+      button.disabled = true;
+      let answer;
+      try {
+        const response = await fetch("/api/command", {
+          method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) },
+          body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields: FIELDS[name](panel.root, panel.board) }),
+        });
+        answer = await response.json();
+      } catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
+      button.disabled = false;
+      reply.dataset.ok = answer.ok;
+      reply.textContent = answer.ok ? `✓ ${button.textContent}: done` : `✗ ${button.textContent}: refused: ${answer.reason}`;
+    });
+  }
+}

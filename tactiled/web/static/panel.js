@@ -1,0 +1,232 @@
+// The panel of one board: fills the template, and draws what has changed.
+
+import { drawCone } from "./cone.js";
+import { freshness } from "./freshness.js";
+import { Scope, Spectrum, Timeline } from "./plots.js";
+import { SkinPicture } from "./skin.js";
+import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
+import { sum } from "./board.js";
+
+const TEXT_S = 0.1;       // numbers change at 10 Hz: faster cannot be read
+const PLOT_S = 0.1;
+const SLOW_S = 0.5;       // scope, spectrum, labels
+const LISTED = 60;
+
+export class BoardPanel {
+  constructor(board, parent) {
+    this.board = board;
+    const root = document.getElementById("board-template").content.firstElementChild.cloneNode(true);
+    this.root = root;
+    parent.append(root);
+    const find = (selector) => root.querySelector(selector);
+    this.at = { lamp: find(".lamp"), word: find(".lamp .word"), age: find(".lamp .age"), advice: find(".advice"), name: find(".who .name"), what: find(".who .what"),
+      units: find(".units"), state: find(".contact .state"), slip: find(".slip"), loads: find(".loads"), margin: find(".margin"), texture: find(".texture"),
+      list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), line: find(".spectrum .line"), cone: find(".cone"), readings: find(".readings"),
+      scope: find(".scope"), spectrum: find(".spectrum") };
+    this.canvas = find("canvas.array");
+    this.skin = new SkinPicture(this.canvas, find(".legend"));
+    this.skin.onChoose = () => this._chooseChannels();
+    this.timeline = new Timeline(find(".timeline .plot"));
+    this.scope = new Scope(find(".scope .plot"));
+    this.spectrum = new Spectrum(find(".spectrum .plot"));
+    this.due = { text: 0, plot: 0, slow: 0 };
+    this.drawn = { changed: -1, state: "", events: -1 };
+    this.visible = new WeakMap();
+    const watcher = new IntersectionObserver((entries) => { for (const e of entries) this.visible.set(e.target, e.isIntersecting); });
+    for (const place of [this.at.scope, this.at.spectrum, this.canvas, find(".timeline")]) watcher.observe(place);
+    this.timelinePlace = find(".timeline");
+  }
+
+  /** Draw at server instant `now`; `replay` is {origin} for a recording, else null. */
+  draw(now, connected, replay) {
+    const board = this.board, perf = performance.now() / 1000;
+    const lamp = replay === null ? freshness(board, now, connected)
+      : { state: "replay", word: "REPLAY", age: null, words: replay.words };
+    this.lamp = lamp;
+    const changed = lamp.state !== this.drawn.state;
+    if (changed) this._lampChanged(lamp);
+    if (changed || perf >= this.due.text) { this.due.text = perf + TEXT_S; this._texts(lamp, now); }
+    if (changed || board.changed !== this.drawn.changed) {
+      this.drawn.changed = board.changed;
+      if (this.visible.get(this.canvas) !== false) this.skin.draw(board, lamp.state);
+    }
+    if (perf >= this.due.plot && now !== null) {
+      this.due.plot = perf + PLOT_S;
+      if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, replay === null ? 0 : replay.origin);
+    }
+    if (perf >= this.due.slow && now !== null) { this.due.slow = perf + SLOW_S; this._slow(now); }
+  }
+
+  _lampChanged(lamp) {
+    this.drawn.state = lamp.state;
+    this.at.lamp.dataset.state = lamp.state;
+    this.root.dataset.state = lamp.state;
+    put(this.at.word, lamp.word);
+    announce(`${this.board.name || "board"}: ${lamp.word}. ${lamp.words}`);
+  }
+
+  _texts(lamp, now) {
+    const { board, at } = this;
+    put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now)) : ageWords(lamp.age));
+    put(at.advice, lamp.words);
+    if (at.advice.title !== lamp.words) at.advice.title = lamp.words;
+    put(at.name, board.name || "no board yet");
+    put(at.what, board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`);
+    const live = lamp.state === "fresh" || lamp.state === "late" || lamp.state === "replay";
+    const scan = board.newestScan;
+    put(at.state, !live ? "unknown" : board.touch !== null ? board.touch.state : board.status !== null ? board.status.contact : "–");
+    const slip = board.slip;
+    at.slip.dataset.slip = !live ? "none" : slip === null ? "none" : slip.suppressed || !slip.valid ? "suppressed" : slip.kind;
+    put(at.slip, !live ? "–" : slip === null ? "no slip" : `${slip.kind.toUpperCase()} SLIP` + (slip.direction_sd_deg < 90 ? ` ${arrow(slip.direction_deg)} ${slip.direction_deg.toFixed(0)}°` : "") + (slip.suppressed ? ` (${slip.suppressed})` : ""));
+    const rows = [];
+    if (live && scan !== null && board.geometry !== null && scan.volts.length === board.zero.length) {
+      const felt = board.felt(scan), unit = board.geometry.unit;
+      rows.push(["load", `${sig(sum(felt.load))} ${unit}`]);
+      if (board.geometry.has_shear) {
+        const x = sum(felt.x), y = sum(felt.y);
+        rows.push(["shear", `${sig(Math.hypot(x, y))} ${unit}, ${(Math.atan2(y, x) * 180 / Math.PI).toFixed(0)}°`]);
+      }
+    }
+    const f = board.force;
+    if (live && f !== null && f.fz_n !== undefined) {
+      const force = (name) => pm(f[`${name}_n`], f[`${name}_sd_n`], "N");
+      rows.push(["force z", force("fz")], ["force x", force("fx")], ["force y", force("fy")]);
+      if (f.tz_nmm !== undefined) rows.push(["moment z", `${sig(f.tz_nmm)} N mm`]);
+      if (f.x_mm !== undefined) rows.push(["centre", `${sig(f.x_mm)}, ${sig(f.y_mm)} mm`]);
+    }
+    facts(at.loads, rows);
+    this._margin(live);
+    drawCone(at.cone, live ? board.grip : null, live);
+    this._texture(live);
+    this._strip();
+    if (board.eventCount !== this.drawn.events) { this.drawn.events = board.eventCount; this._events(); }
+    if (at.readings.open) this._readings();
+  }
+
+  _margin(live) {
+    const grip = live ? this.board.grip : null, at = this.at.margin;
+    if (this.board.grip === null || grip === null || grip.state === "none") {
+      fill(at, "none", () => [el("p", "muted", this.board.touch !== null && this.board.touch.state !== "none" && live ? "No grip messages: [detect.grip] enabled = true turns them on." : "Nothing is held.")]);
+      return;
+    }
+    fill(at, `${grip.seq}`, () => [
+      el("p", "big number", `${(100 * grip.utilisation).toFixed(0)} %`),
+      el("p", "muted", `of the limit is in use, ${(100 * grip.utilisation_low).toFixed(0)} to ${(100 * grip.utilisation_high).toFixed(0)} %`),
+      el("p", grip.p_gross_100ms > 0.5 ? "risk high" : "risk", `gross slip within 0.1 s: ${(100 * grip.p_gross_100ms).toFixed(0)} %`),
+      el("p", "muted", `friction ${sig(grip.friction, 2)} (${sig(grip.friction_low, 2)} to ${sig(grip.friction_high, 2)})${grip.valid ? "" : ", not valid"}`),
+    ]);
+  }
+
+  _texture(live) {
+    const texture = this.board.texture, at = this.at.texture;
+    if (texture === null || !live) { fill(at, `none${live}`, () => [el("p", "muted", "No slide over grooves now.")]); return; }
+    fill(at, `${texture.run}/${texture.seq}`, () => {
+      if (texture.status === "ok" || texture.status === "period-only") {
+        const lines = [el("p", "big number", pm(texture.period_mm, texture.period_sd_mm, "mm"))];
+        lines.push(el("p", "", texture.status === "ok" ? `normal at ${pm(texture.angle_deg, texture.angle_sd_deg, "°")}` : "angle not known"));
+        lines.push(el("p", "muted", `${pm(texture.speed_mm_s, texture.speed_sd_mm_s, "mm/s")} (${texture.speed_source}), ${sig(texture.frequency_hz, 3)} Hz, window ${sig(texture.window_s, 2)} s`));
+        return lines;
+      }
+      return [el("p", "big refusal", texture.status), el("p", "muted", REFUSALS[texture.status] || "")];
+    });
+  }
+
+  _strip() {
+    const { status: s, recording: r } = this.board;
+    if (s === null) return;
+    const total = s.scans + s.scans_missing;
+    const loss = total > 0 ? 100 * s.scans_missing / total : 0;
+    const disk = r === null ? "–" : r.state === "off" ? "off" : `${r.state}${r.file ? ` ${r.file.split("/").pop()}` : ""}, ${bytesWords(r.bytes_written)}, ${bytesWords(1e6 * r.free_mb)} free${r.reason ? `, ${r.reason}` : ""}`;
+    const items = [["rate", `${sig(s.rate_hz, 4)} Hz`, "rate_hz", s.rate_hz], ["scans", `${s.scans}`, "scans", s.scans],
+      ["lost", `${s.scans_missing} (${loss < 0.005 ? "0" : loss.toFixed(2)} %)`, "scans_missing", s.scans_missing], ["corrupt frames", `${s.frames_corrupt}`, "frames_corrupt", s.frames_corrupt],
+      ["clock", s.clock_sd_s < 1e3 ? `± ${sig(1e3 * s.clock_sd_s, 2)} ms, ${s.clock_rate_ppm.toFixed(0)} ppm` : "not known", "clock_sd_s", s.clock_sd_s],
+      ["loop lag", `${sig(1e3 * s.loop_lag_s, 2)} ms`, "loop_lag_s", s.loop_lag_s], ["restarts", `${s.restarts}`, "restarts", s.restarts], ["recording", disk, "recording", r === null ? "" : r.state]];
+    const strip = this.at.strip;
+    strip.dataset.seq = s.seq; strip.dataset.run = s.run;
+    if (strip.children.length !== items.length) strip.replaceChildren(...items.map(([label, , key]) => { const d = el("div", "fact"); d.append(el("span", "muted", label), el("b", "number", "")); d.dataset.key = key; return d; }));
+    items.forEach(([, text, , raw], i) => { put(strip.children[i].lastElementChild, text); strip.children[i].dataset.value = raw; });
+  }
+
+  _events() {
+    const shown = this.board.events.slice(-LISTED).reverse();
+    this.at.list.replaceChildren(...shown.map((event) => {
+      const { kind, text } = eventWords(event.topic, event.data);
+      const li = el("li", `event ${kind}`);
+      if (event.data.seq !== undefined) { li.dataset.topic = event.topic; li.dataset.seq = event.data.seq; }
+      li.append(el("time", "number", clockWords(event.at)), el("span", "", text));
+      return li;
+    }));
+  }
+
+  _chooseChannels() {
+    const g = this.board.geometry;
+    if (g === null) return;
+    const taxel = this.skin.chosen;
+    const channels = g.taxel_of_channel.map((t, c) => (t === taxel ? c : -1)).filter((c) => c >= 0);
+    this.scope.choose(channels);
+    put(this.at.chosen, `taxel ${taxel}: `);
+    const key = channels.map((c, i) => { const s = el("span", `key k${i % 6}`, g.names[c].split(".").pop()); return s; });
+    this.at.chosen.replaceChildren(`taxel ${taxel} `, ...key);
+    this.drawn.changed = -1;
+  }
+
+  _slow(now) {
+    const { board, at } = this;
+    if (board.geometry !== null && this.scope.channels.length === 0) this._chooseChannels();
+    board.judgeChannels();
+    if (this.visible.get(at.scope)) this.scope.draw(board, now);
+    if (this.visible.get(at.spectrum)) {
+      this.spectrum.draw(board);
+      put(at.line, this.spectrum.found.hz > 0 ? `ripple at ${this.spectrum.found.hz.toFixed(3)} Hz` : "512 scans, mean of all channels");
+    }
+    put(at.units, board.geometry === null ? "" : `${board.geometry.array}, in ${board.geometry.unit}`);
+    const bad = board.health.filter(Boolean).length;
+    const label = `Tactile array ${board.name}: ${this.lamp.word}. Contact ${at.state.textContent}. ${at.slip.textContent}. ${[...at.loads.querySelectorAll("div")].map((d) => d.textContent).join(", ")}. ${bad} channels with faults.`;
+    if (this.canvas.getAttribute("aria-label") !== label) this.canvas.setAttribute("aria-label", label);
+  }
+
+  _readings() {
+    const g = this.board.geometry, scan = this.board.newestScan;
+    if (g === null || scan === null) return;
+    const table = this.at.readings.querySelector("table"), body = table.tBodies[0];
+    if (body.rows.length !== g.names.length) {
+      table.tHead.replaceChildren(row("th", ["channel", `reading (${g.unit})`, "state"]));
+      body.replaceChildren(...g.names.map((name) => row("td", [name, "", ""])));
+    }
+    table.dataset.index = scan.index;
+    table.dataset.run = scan.run;
+    table.dataset.values = JSON.stringify(scan.volts);
+    g.names.forEach((_, c) => {
+      const cells = body.rows[c].cells;
+      put(cells[1], scan.volts[c].toFixed(4));
+      put(cells[2], this.board.health[c] || (scan.valid[c] ? "" : "not valid"));
+    });
+  }
+}
+
+export function announce(text) {
+  const place = document.getElementById("announce");
+  place.append(el("p", "", text));
+  while (place.children.length > 5) place.firstElementChild.remove();
+}
+
+export function el(tag, kind, text) {
+  const element = document.createElement(tag);
+  if (kind) element.className = kind;
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+/** Write a text only where it has changed: an unchanged page costs no layout. */
+function put(element, text) { if (element.textContent !== text) element.textContent = text; }
+
+function fill(element, key, make) { if (element.dataset.key !== key) { element.dataset.key = key; element.replaceChildren(...make()); } }
+
+function row(tag, cells) { const tr = el("tr"); tr.append(...cells.map((text) => el(tag, "", text))); return tr; }
+
+function facts(list, rows) {
+  if (list.children.length !== rows.length) list.replaceChildren(...rows.map(() => { const d = el("div"); d.append(el("dt"), el("dd", "number")); return d; }));
+  rows.forEach(([name, text], i) => { put(list.children[i].firstElementChild, name); put(list.children[i].lastElementChild, text); });
+}
+
+function arrow(deg) { return "→↗↑↖←↙↓↘"[((Math.round(deg / 45) % 8) + 8) % 8]; }

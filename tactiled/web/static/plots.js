@@ -1,0 +1,225 @@
+// Timeline, scope and spectrum with uPlot.
+
+import uPlot from "/static/uplot/uPlot.esm.js";
+import { SPAN_S } from "./board.js";
+import { colour, onTheme } from "./theme.js";
+import { clockWords, sig } from "./words.js";
+
+const SCOPE_S = 5;
+const FFT_N = 512;
+const SERIES = ["series-1", "series-2", "series-3", "series-4", "series-5", "series-6"];
+const FONT = "11px system-ui, sans-serif";
+const axis = (more) => ({ stroke: () => colour("muted"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { stroke: () => colour("grid"), width: 1, size: 4 }, font: FONT, ...more });
+
+class Plot {
+  constructor(place, options, height) {
+    this.place = place;
+    this.height = height;
+    this.plot = new uPlot({ width: Math.max(120, place.clientWidth), height, legend: { show: false }, cursor: { show: false }, ...options }, options.data, place);
+    new ResizeObserver(() => { if (place.clientWidth > 60) this.plot.setSize({ width: place.clientWidth, height: this.height }); }).observe(place);
+    onTheme(() => this.plot.redraw(false));
+  }
+}
+
+const LANE = 17;
+const LANES = ["contact", "slip", "found"];
+
+export class Timeline extends Plot {
+  constructor(place, height = 250) {
+    const draws = { board: null, now: 0, origin: 0 };
+    super(place, {
+      data: [[], [], [], [], []],
+      padding: [LANES.length * LANE + 8, 6, 0, 0],
+      scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: (u, min, max) => [Math.min(0, min ?? 0), Math.max(0.1, (max ?? 0) * 1.1)] }, p: { range: [0, 1.15] } },
+      axes: [
+        axis({ values: (u, ticks) => ticks.map((t) => (draws.origin ? `${sig(t - draws.origin, 4)} s` : clockWords(t).slice(0, 8))), space: 80, size: 28 }),
+        axis({ size: 46, values: (u, ticks) => ticks.map((v) => sig(v, 2)) }),
+        axis({ scale: "p", side: 1, size: 36, grid: { show: false }, values: (u, ticks) => ticks.map((v) => (v <= 1 ? `${Math.round(100 * v)}%` : "")) }),
+      ],
+      series: [{},
+        { stroke: () => colour("series-1"), width: 1.5, points: { show: false } },
+        { stroke: () => colour("series-2"), width: 1.5, points: { show: false } },
+        { scale: "p", stroke: () => colour("slip"), width: 1.5, points: { show: false }, fill: () => colour("risk-fill") },
+        { scale: "p", stroke: () => colour("muted"), width: 1, dash: [4, 3], points: { show: false } }],
+      hooks: { drawClear: [(u) => lanesBehind(u, draws.board)], draw: [(u) => lanes(u, draws.board)] },
+    }, height);
+    this.draws = draws;
+  }
+
+  /** Draw the minute before `now`; `origin` is the instant shown as 0 (a recording), or 0 for wall-clock labels. */
+  draw(board, now, origin = 0) {
+    this.draws.board = board; this.draws.origin = origin;
+    const p = board.points;
+    this.plot.batch(() => {
+      this.plot.setData([p.t, p.load, p.shear, p.risk, p.use], false);
+      this.plot.setScale("x", { min: now - SPAN_S, max: now });
+      this.plot.setScale("y", { min: null, max: null });
+    });
+  }
+}
+
+/** Gaps, behind the curves. */
+function lanesBehind(u, board) {
+  if (board === null) return;
+  const c = u.ctx, { left, top, width, height } = u.bbox;
+  const x = (t) => Math.max(left, Math.min(left + width, u.valToPos(t, "x", true)));
+  c.save();
+  for (const gap of board.gaps) {
+    const from = x(gap.from), to = Math.max(from + 2, x(gap.to));
+    if (from >= left + width || to <= left + 2) continue;
+    c.fillStyle = colour("gap"); c.fillRect(from, top, to - from, height);
+  }
+  c.restore();
+}
+
+/** Contact states, slips with the uncertainty of their onsets, textures, commands and marks, above the curves. */
+function lanes(u, board) {
+  if (board === null) return;
+  const c = u.ctx, { left, top, width, height } = u.bbox;
+  const r = u.pxRatio ?? window.devicePixelRatio ?? 1;
+  const lane = LANE * r;
+  const row = (n) => top - (LANES.length - n) * lane - 2 * r;
+  const x = (t) => u.valToPos(t, "x", true);
+  const end = u.scales.x.max;
+  c.save();
+  c.font = `${10 * r}px system-ui, sans-serif`; c.textBaseline = "middle"; c.textAlign = "right"; c.fillStyle = colour("muted");
+  LANES.forEach((name, n) => c.fillText(name, left - 5 * r, row(n) + lane / 2));
+  c.beginPath(); c.rect(left, row(0), width, LANES.length * lane + height + 2 * r); c.clip();
+  c.textAlign = "left";
+  board.bands.forEach((band, i) => {
+    const to = i + 1 < board.bands.length ? board.bands[i + 1].from : end;
+    if (band.state === "none" || to < u.scales.x.min) return;
+    const a = Math.max(left, x(band.from)), b = x(to);
+    c.fillStyle = colour(`band-${band.state}`); c.fillRect(a, row(0) + 2 * r, Math.max(r, b - a - r), lane - 4 * r);
+    if (b - a > 46 * r) { c.fillStyle = colour("band-ink"); c.fillText(band.state, a + 4 * r, row(0) + lane / 2); }
+  });
+  for (const slip of board.slips) {
+    const from = x(slip.from), to = Math.max(from + 3 * r, x(slip.to ?? end));
+    if (to < left) continue;
+    const y0 = row(1) + 3 * r, h = lane - 6 * r;
+    c.strokeStyle = c.fillStyle = colour(slip.suppressed ? "muted" : slip.kind === "gross" ? "slip" : "incipient");
+    c.lineWidth = r;
+    if (slip.suppressed) { c.setLineDash([3 * r, 2 * r]); c.strokeRect(from, y0, to - from, h); c.setLineDash([]); }
+    else if (slip.kind === "gross") c.fillRect(from, y0, to - from, h);
+    else { c.globalAlpha = 0.35; c.fillRect(from, y0, to - from, h); c.globalAlpha = 1; c.strokeRect(from, y0, to - from, h); }
+    const sd = x(slip.from + slip.sd) - from; // one standard deviation of the onset to either side
+    c.beginPath(); c.moveTo(from - sd, y0 + h / 2); c.lineTo(from + sd, y0 + h / 2); c.moveTo(from, y0 - 2 * r); c.lineTo(from, y0 + h + 2 * r); c.stroke();
+    if (!slip.suppressed) { c.globalAlpha = 0.35; c.setLineDash([2 * r, 4 * r]); c.beginPath(); c.moveTo(from, top); c.lineTo(from, top + height); c.stroke(); c.setLineDash([]); c.globalAlpha = 1; }
+  }
+  for (const event of board.events) {
+    const at = x(event.at);
+    if (at < left || !["texture", "command", "notice"].includes(event.topic)) continue;
+    const y = row(2) + lane / 2, s = 4.5 * r;
+    const ok = event.topic === "texture" ? event.data.status === "ok" : event.data.ok !== false;
+    c.fillStyle = c.strokeStyle = colour(event.topic === "texture" ? "texture" : event.topic === "command" ? "contact" : "broken");
+    c.lineWidth = 1.5 * r;
+    c.beginPath();
+    if (event.topic === "texture") { c.moveTo(at, y - s); c.lineTo(at + s, y); c.lineTo(at, y + s); c.lineTo(at - s, y); }
+    else { c.moveTo(at - s, y - s); c.lineTo(at + s, y - s); c.lineTo(at, y + s); }
+    c.closePath();
+    if (ok) c.fill(); else c.stroke();
+  }
+  c.restore();
+}
+
+export class Scope extends Plot {
+  constructor(place, height = 170) {
+    super(place, {
+      data: [[]],
+      scales: { x: { time: false, range: [-SCOPE_S, 0] } },
+      axes: [axis({ values: (u, ticks) => ticks.map((t) => `${t} s`), size: 26 }), axis({ size: 50, values: (u, ticks) => ticks.map((v) => sig(v, 3)) })],
+      series: [{}],
+    }, height);
+    this.channels = [];
+  }
+
+  choose(channels) {
+    if (channels.join() === this.channels.join()) return;
+    while (this.plot.series.length > 1) this.plot.delSeries(1);
+    this.channels = channels;
+    channels.forEach((_, i) => this.plot.addSeries({ stroke: () => colour(SERIES[i % SERIES.length]), width: 1.2, points: { show: false } }));
+  }
+
+  draw(board, now) {
+    const scans = board.scans.filter((s) => s.timestamp > now - SCOPE_S);
+    const step = Math.max(1, Math.ceil(scans.length / 600));
+    const shown = step === 1 ? scans : scans.filter((_, i) => i % step === 0);
+    this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] : null)))]);
+  }
+}
+
+export class Spectrum extends Plot {
+  constructor(place, height = 170) {
+    const found = { hz: 0 };
+    super(place, {
+      data: [[], []],
+      scales: { x: { time: false }, y: { range: (u, min, max) => [Math.max(min ?? -60, (max ?? 0) - 70), (max ?? 0) + 5] } },
+      axes: [axis({ values: (u, ticks) => ticks.map((t) => `${sig(t, 3)} Hz`), size: 26, space: 60 }), axis({ size: 50, values: (u, ticks) => ticks.map((v) => `${Math.round(v)} dB`) })],
+      series: [{}, { stroke: () => colour("series-1"), width: 1.2, points: { show: false } }],
+      hooks: { draw: [(u) => mark(u, found.hz)] },
+    }, height);
+    this.found = found;
+  }
+
+  /** Mean power of all readable channels over the newest window; null where there are too few scans. */
+  draw(board) {
+    const texture = board.texture;
+    this.found.hz = texture !== null && texture.frequency_hz > 0 ? texture.frequency_hz : 0;
+    const scans = board.scans.slice(-FFT_N);
+    if (scans.length < FFT_N || !board.zero.length) return;
+    const rate = (scans.length - 1) / (scans[scans.length - 1].timestamp - scans[0].timestamp);
+    const channels = board.health.map((h, c) => (h ? -1 : c)).filter((c) => c >= 0);
+    const step = Math.max(1, Math.floor(channels.length / 36)); // 36 transforms are enough for a mean
+    const power = new Float64Array(FFT_N / 2);
+    for (let k = 0; k < channels.length; k += step) addPower(scans, channels[k], power);
+    const hz = [], db = [];
+    for (let i = 2; i < FFT_N / 2; i += 1) { hz.push(i * rate / FFT_N); db.push(10 * Math.log10(power[i] + 1e-18)); }
+    this.plot.setData([hz, db]);
+  }
+}
+
+function mark(u, hz) {
+  if (!(hz > 0) || hz > (u.scales.x.max ?? 0)) return;
+  const c = u.ctx, { top, height } = u.bbox, x = u.valToPos(hz, "x", true), r = window.devicePixelRatio || 1;
+  c.save(); c.strokeStyle = c.fillStyle = colour("texture"); c.lineWidth = 1.5 * r; c.setLineDash([5 * r, 4 * r]);
+  c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke();
+  c.font = `600 ${11 * r}px system-ui, sans-serif`; c.textBaseline = "top"; c.fillText(` ${hz.toFixed(3)} Hz`, x, top + 2 * r);
+  c.restore();
+}
+
+const window_ = Float64Array.from({ length: FFT_N }, (_, i) => 0.5 - 0.5 * Math.cos(2 * Math.PI * i / FFT_N));
+const re = new Float64Array(FFT_N), im = new Float64Array(FFT_N);
+
+/** Add the power spectrum of one channel, its straight line taken off, under a Hann window. */
+function addPower(scans, channel, power) {
+  const n = FFT_N;
+  let mean = 0, slope = 0, norm = 0;
+  for (let i = 0; i < n; i += 1) mean += scans[i].volts[channel] / n;
+  for (let i = 0; i < n; i += 1) { const x = i - (n - 1) / 2; slope += x * scans[i].volts[channel]; norm += x * x; }
+  slope /= norm;
+  for (let i = 0; i < n; i += 1) { re[i] = window_[i] * (scans[i].volts[channel] - mean - slope * (i - (n - 1) / 2)); im[i] = 0; }
+  transform(re, im);
+  for (let i = 0; i < n / 2; i += 1) power[i] += (re[i] * re[i] + im[i] * im[i]) / (n * n);
+}
+
+/** Fast Fourier transform in place, radix 2 (Cooley and Tukey). */
+function transform(a, b) {
+  const n = a.length;
+  for (let i = 1, j = 0; i < n; i += 1) {
+    let bit = n >> 1;
+    for (; j & bit; bit >>= 1) j ^= bit;
+    j ^= bit;
+    if (i < j) { [a[i], a[j]] = [a[j], a[i]]; [b[i], b[j]] = [b[j], b[i]]; }
+  }
+  for (let size = 2; size <= n; size <<= 1) {
+    const turn = -2 * Math.PI / size;
+    for (let start = 0; start < n; start += size) {
+      for (let k = 0; k < size / 2; k += 1) {
+        const wr = Math.cos(turn * k), wi = Math.sin(turn * k);
+        const p = start + k, q = p + size / 2;
+        const xr = a[q] * wr - b[q] * wi, xi = a[q] * wi + b[q] * wr;
+        a[q] = a[p] - xr; b[q] = b[p] - xi; a[p] += xr; b[p] += xi;
+      }
+    }
+  }
+}

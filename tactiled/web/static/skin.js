@@ -1,0 +1,245 @@
+// The array to scale: load as discs, shear as arrows, grooves under it, broken channels marked.
+
+import { colour, fit } from "./theme.js";
+import { sig } from "./words.js";
+
+const FADE = 0.995;  // of the scale for each drawing: it follows a large load at once and returns within seconds
+
+export class SkinPicture {
+  constructor(canvas, legend) {
+    this.canvas = canvas;
+    this.legend = legend;
+    this.scaleLoad = 0;
+    this.scaleShear = 0;
+    this.chosen = 0;
+    this.places = [];
+    this.phase = 0;
+    this.phaseAt = null;
+    this.onChoose = () => {};
+    canvas.addEventListener("click", (event) => this._click(event));
+    canvas.addEventListener("keydown", (event) => this._key(event));
+  }
+
+  /** Places of the taxels in millimetres; a square where they are not known. */
+  static layout(geometry) {
+    if (geometry.has_places && geometry.x_mm.length) return geometry.x_mm.map((x, i) => ({ x, y: geometry.y_mm[i] }));
+    const n = geometry.pressure.length, side = Math.ceil(Math.sqrt(n));
+    return Array.from({ length: n }, (_, i) => ({ x: i % side, y: Math.floor(i / side) }));
+  }
+
+  draw(board, state) {
+    const { context: c, width, height } = fit(this.canvas);
+    c.clearRect(0, 0, width, height);
+    const g = board.geometry;
+    if (g === null) { this._words(c, width, height, "no array yet"); return; }
+    const places = SkinPicture.layout(g);
+    const pitch = nearest(places);
+    const xs = places.map((p) => p.x), ys = places.map((p) => p.y);
+    const left = Math.min(...xs), right = Math.max(...xs), low = Math.min(...ys), high = Math.max(...ys);
+    const span = { x: right - left + 1.24 * pitch, y: high - low + 1.24 * pitch };
+    const scale = Math.min((width - 26) / span.x, (height - 26) / span.y);
+    const px = (x) => width / 2 + 8 + (x - (left + right) / 2) * scale;
+    const py = (y) => height / 2 - 8 - (y - (low + high) / 2) * scale;
+    const rim = 0.41 * pitch * scale;
+    const box = { x: px(left) - 0.62 * pitch * scale, y: py(high) - 0.62 * pitch * scale, w: span.x * scale, h: span.y * scale };
+
+    const live = state === "fresh" || state === "late" || state === "replay";
+    c.save();
+    roundRect(c, box.x, box.y, box.w, box.h, 0.2 * pitch * scale);
+    c.fillStyle = colour("skin"); c.fill();
+    c.clip();
+    this._grooves(c, board, live, box, scale);
+    c.restore();
+    c.lineWidth = 1; c.strokeStyle = colour("line"); roundRect(c, box.x, box.y, box.w, box.h, 0.2 * pitch * scale); c.stroke();
+
+    const scan = board.newestScan;
+    const felt = scan === null || scan.volts.length !== board.zero.length ? null : board.felt(scan);
+    const inContact = new Set(board.touch !== null && board.touch.state !== "none" ? board.touch.taxels : []);
+    const slipping = new Set(board.slip !== null ? board.slip.taxels : []);
+    if (felt !== null) {
+      const shear = felt.x.map((x, i) => Math.hypot(x, felt.y[i]));
+      const floor = 0.02 * (g.high - g.low) / 2;
+      this.scaleLoad = Math.max(FADE * this.scaleLoad, floor, ...felt.load.map(Math.abs));
+      this.scaleShear = Math.max(FADE * this.scaleShear, floor / 2, ...shear);
+    }
+    this.places = places.map((p, i) => ({ i, x: px(p.x), y: py(p.y), r: rim }));
+    for (const p of this.places) {
+      const load = felt === null ? 0 : felt.load[p.i];
+      this._taxel(c, p, load, live, inContact.has(p.i), slipping.has(p.i), p.i === this.chosen);
+    }
+    if (felt !== null) for (const p of this.places) this._arrow(c, p, felt.x[p.i], felt.y[p.i], live);
+    this._health(c, board);
+    this._centre(c, board, felt, px, py, places, live);
+    this._axes(c, box, scale, g);
+    if (!live) this._veil(c, box, state);
+    this._legendWords(g, state);
+  }
+
+  _taxel(c, p, load, live, touching, slipping, chosen) {
+    c.beginPath(); c.arc(p.x, p.y, p.r, 0, 2 * Math.PI);
+    c.strokeStyle = touching ? colour("contact") : colour("line"); c.lineWidth = touching ? 2 : 1;
+    c.fillStyle = colour("taxel"); c.globalAlpha = 0.72; c.fill(); c.globalAlpha = 1; c.stroke();
+    const share = Math.min(1, Math.abs(load) / this.scaleLoad || 0);
+    if (share > 0.004) {
+      c.beginPath(); c.arc(p.x, p.y, p.r * 0.94 * Math.sqrt(share), 0, 2 * Math.PI);
+      c.fillStyle = live ? ramp(share) : colour("stale");
+      c.globalAlpha = load < 0 ? 0.3 : 0.95; c.fill(); c.globalAlpha = 1;
+      if (load < 0) { c.setLineDash([3, 3]); c.strokeStyle = colour("muted"); c.stroke(); c.setLineDash([]); }
+    }
+    if (slipping && live) {
+      c.beginPath(); c.arc(p.x, p.y, p.r + 4, 0, 2 * Math.PI);
+      c.strokeStyle = colour("slip"); c.lineWidth = 3; c.setLineDash([9, 5]); c.stroke(); c.setLineDash([]);
+    }
+    if (chosen) {
+      c.beginPath(); c.arc(p.x, p.y, p.r + (slipping && live ? 7 : 3), 0, 2 * Math.PI);
+      c.strokeStyle = colour("muted"); c.lineWidth = 1; c.setLineDash([2, 3]); c.stroke(); c.setLineDash([]);
+    }
+  }
+
+  _arrow(c, p, x, y, live) {
+    const size = Math.hypot(x, y) / this.scaleShear;
+    if (!(size > 0.03)) return;
+    const length = 1.05 * p.r * Math.min(1, size);
+    const ux = x / Math.hypot(x, y), uy = -y / Math.hypot(x, y); // the screen's y points down
+    const ex = p.x + ux * length, ey = p.y + uy * length;
+    const head = Math.min(9, 0.5 * length);
+    const path = () => {
+      c.beginPath(); c.moveTo(p.x, p.y); c.lineTo(ex - ux * head * 0.7, ey - uy * head * 0.7); c.stroke();
+      c.beginPath(); c.moveTo(ex, ey);
+      c.lineTo(ex - ux * head - uy * head * 0.6, ey - uy * head + ux * head * 0.6);
+      c.lineTo(ex - ux * head + uy * head * 0.6, ey - uy * head - ux * head * 0.6); c.closePath();
+    };
+    c.lineCap = "round"; c.lineJoin = "round";
+    c.strokeStyle = c.fillStyle = colour("halo"); c.lineWidth = 6; path(); c.stroke(); c.fill();
+    c.strokeStyle = c.fillStyle = live ? colour("ink") : colour("stale-ink"); c.lineWidth = 2.5; path(); c.fill();
+  }
+
+  _grooves(c, board, live, box, scale) {
+    const texture = board.texture;
+    if (texture === null || texture.status !== "ok" || !live) return;
+    const a = texture.angle_deg * Math.PI / 180, period = texture.period_mm * scale;
+    if (!(period >= 3)) return; // finer than the screen
+    const reach = Math.hypot(box.w, box.h);
+    c.save();
+    c.translate(box.x + box.w / 2, box.y + box.h / 2);
+    c.rotate(-a);
+    c.strokeStyle = colour("groove"); c.lineWidth = Math.max(1, 0.34 * period);
+    c.beginPath();
+    for (let x = -Math.ceil(reach / period) * period; x < reach; x += period) { c.moveTo(x, -reach); c.lineTo(x, reach); }
+    c.stroke();
+    c.restore();
+  }
+
+  _health(c, board) {
+    const g = board.geometry;
+    const bad = new Map();
+    board.health.forEach((what, channel) => {
+      if (!what) return;
+      const taxel = g.taxel_of_channel[channel];
+      bad.set(taxel, [...(bad.get(taxel) || []), `${what} ${g.names[channel].split(".").pop()}`]);
+    });
+    c.font = "600 11px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "middle";
+    for (const [taxel, words] of bad) {
+      const p = this.places[taxel];
+      if (p === undefined) continue;
+      c.strokeStyle = colour("broken"); c.lineWidth = 2.5;
+      c.beginPath(); c.moveTo(p.x - 7, p.y - 7); c.lineTo(p.x + 7, p.y + 7); c.moveTo(p.x + 7, p.y - 7); c.lineTo(p.x - 7, p.y + 7); c.stroke();
+      const text = words.length > 2 ? `${words.length} channels` : words.join(", ");
+      c.lineWidth = 3; c.strokeStyle = colour("halo"); c.strokeText(text, p.x, p.y + p.r - 8); c.fillStyle = colour("broken"); c.fillText(text, p.x, p.y + p.r - 8);
+    }
+  }
+
+  _centre(c, board, felt, px, py, places, live) {
+    const force = board.force;
+    let x = null, y = null;
+    if (force !== null && force.x_mm !== undefined && force.valid !== false) { x = force.x_mm; y = force.y_mm; }
+    else if (felt !== null && board.touch !== null && board.touch.state !== "none") {
+      const weights = felt.load.map((v) => Math.max(0, v));
+      const total = weights.reduce((a, b) => a + b, 0);
+      if (total > 0) { x = weights.reduce((a, w, i) => a + w * places[i].x, 0) / total; y = weights.reduce((a, w, i) => a + w * places[i].y, 0) / total; }
+    }
+    if (x === null || !live) return;
+    const cx = px(x), cy = py(y);
+    c.strokeStyle = colour("halo"); c.lineWidth = 5; cross(c, cx, cy, 9); c.strokeStyle = colour("centre"); c.lineWidth = 2.5; cross(c, cx, cy, 9);
+  }
+
+  _axes(c, box, scale, g) {
+    c.fillStyle = c.strokeStyle = colour("muted"); c.lineWidth = 1.2; c.font = "11px system-ui, sans-serif";
+    const x = box.x - 9, y = box.y + box.h + 9;
+    c.beginPath(); c.moveTo(x, y); c.lineTo(x + 26, y); c.lineTo(x + 22, y - 3); c.moveTo(x + 26, y); c.lineTo(x + 22, y + 3);
+    c.moveTo(x, y); c.lineTo(x, y - 26); c.lineTo(x - 3, y - 22); c.moveTo(x, y - 26); c.lineTo(x + 3, y - 22); c.stroke();
+    c.textAlign = "left"; c.textBaseline = "middle"; c.fillText("x", x + 30, y); c.textAlign = "center"; c.fillText("y", x, y - 33);
+    if (!g.has_places) { c.textAlign = "right"; c.fillText("places not known", box.x + box.w, y + 2); return; }
+    const mm = [0.5, 1, 2, 5, 10, 20, 50].find((size) => size * scale > 32) || 100;
+    const end = box.x + box.w;
+    c.beginPath(); c.moveTo(end - mm * scale, y - 3); c.lineTo(end - mm * scale, y + 3); c.moveTo(end - mm * scale, y); c.lineTo(end, y); c.moveTo(end, y - 3); c.lineTo(end, y + 3); c.stroke();
+    c.textAlign = "right"; c.fillText(`${mm} mm`, end - mm * scale - 5, y);
+  }
+
+  _veil(c, box, state) {
+    c.save();
+    roundRect(c, box.x, box.y, box.w, box.h, 10); c.clip();
+    c.fillStyle = colour("veil"); c.fillRect(box.x, box.y, box.w, box.h);
+    c.strokeStyle = colour("veil-line"); c.lineWidth = 2; c.beginPath();
+    for (let x = -box.h; x < box.w; x += 14) { c.moveTo(box.x + x, box.y + box.h); c.lineTo(box.x + x + box.h, box.y); }
+    c.stroke();
+    c.restore();
+    this._words(c, 2 * box.x + box.w, 2 * box.y + box.h, state === "none" ? "NO BOARD" : "STALE: not live");
+  }
+
+  _words(c, width, height, words) {
+    c.font = "700 20px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "middle";
+    c.lineWidth = 6; c.strokeStyle = colour("halo"); c.strokeText(words, width / 2, height / 2);
+    c.fillStyle = colour("stale-ink"); c.fillText(words, width / 2, height / 2);
+  }
+
+  _legendWords(g, state) {
+    const words = state === "none" || state === "stale" ? "Last known picture, not live."
+      : `Full disc ${sig(this.scaleLoad, 2)} ${g.unit} of load` + (g.has_shear ? `, full arrow ${sig(this.scaleShear, 2)} ${g.unit} of shear` : ", no shear channels");
+    const text = g.words ? `${words}. ${g.words}.` : words;
+    if (this.legend.textContent !== text) this.legend.textContent = text;
+  }
+
+  _click(event) {
+    const box = this.canvas.getBoundingClientRect();
+    const x = event.clientX - box.left, y = event.clientY - box.top;
+    const hit = this.places.find((p) => Math.hypot(p.x - x, p.y - y) < p.r * 1.05);
+    if (hit !== undefined) this.choose(hit.i);
+  }
+
+  _key(event) {
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    const from = this.places[this.chosen];
+    if (step === undefined || from === undefined) return;
+    event.preventDefault(); event.stopPropagation();
+    let best = null, least = Infinity;
+    for (const p of this.places) {
+      const along = (p.x - from.x) * step[0] + (p.y - from.y) * step[1];
+      const across = Math.abs((p.x - from.x) * step[1]) + Math.abs((p.y - from.y) * step[0]);
+      if (along > 1 && along + 3 * across < least) { least = along + 3 * across; best = p; }
+    }
+    if (best !== null) this.choose(best.i);
+  }
+
+  choose(taxel) { this.chosen = taxel; this.onChoose(taxel); }
+}
+
+function cross(c, x, y, r) {
+  c.beginPath(); c.moveTo(x - r, y); c.lineTo(x + r, y); c.moveTo(x, y - r); c.lineTo(x, y + r); c.stroke();
+}
+
+function roundRect(c, x, y, w, h, r) { c.beginPath(); c.roundRect(x, y, w, h, r); }
+
+function nearest(places) {
+  let least = Infinity;
+  for (let i = 0; i < places.length; i += 1) {
+    for (let j = 0; j < i; j += 1) {
+      const d = Math.hypot(places[i].x - places[j].x, places[i].y - places[j].y);
+      if (d > 0) least = Math.min(least, d);
+    }
+  }
+  return Number.isFinite(least) ? least : 4;
+}
+
+/** One hue from pale to full: lightness alone carries the value, for every kind of colour vision. */
+function ramp(share) { return `color-mix(in oklab, ${colour("load-high")} ${Math.round(25 + 75 * share)}%, ${colour("load-low")})`; }

@@ -1,0 +1,47 @@
+// Connection to the server: frames as they come, a new attempt after each loss, and the server's clocks.
+
+const RETRY_FIRST_MS = 250;
+const RETRY_LAST_MS = 2000;
+const RATES_DIFFER = 5e-4; // largest difference in rate of two hosts' clocks: five times that of a bad crystal
+
+/** The server's wall clock as it is now, with the time that frames spent on their way. */
+export class ServerClock {
+  constructor() { this.reset(); }
+
+  reset() { this.least = null; this.leastAt = 0; this.frame = null; }
+
+  /** Take the clocks of a frame; `perf` is this browser's monotonic clock in seconds when the frame arrived. */
+  observe(now, mono, perf) {
+    const lead = perf - mono;
+    const allowed = this.least === null ? Infinity : this.least + RATES_DIFFER * (perf - this.leastAt);
+    if (lead < allowed) { this.least = lead; this.leastAt = perf; }
+    this.frame = { now, mono };
+  }
+
+  /** Epoch seconds of the server at the browser's monotonic instant `perf`; null before the first frame. */
+  at(perf) {
+    return this.frame === null ? null : this.frame.now + (perf - this.least - this.frame.mono);
+  }
+}
+
+export const perfSeconds = () => performance.now() / 1000;
+
+/** Keep a WebSocket open; `onFrame(frame)` for each frame, `onState(open)` for each change. */
+export function connect(clock, onFrame, onState) {
+  let wait = RETRY_FIRST_MS;
+  const open = () => {
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+    socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; onState(true); };
+    socket.onmessage = (message) => {
+      const frame = JSON.parse(message.data);
+      if (frame.mono !== undefined) clock.observe(frame.now, frame.mono, perfSeconds());
+      onFrame(frame);
+    };
+    socket.onclose = () => {
+      onState(false);
+      setTimeout(open, wait);
+      wait = Math.min(2 * wait, RETRY_LAST_MS);
+    };
+  };
+  open();
+}

@@ -1,0 +1,66 @@
+// Numbers and events in words.
+
+export function ageWords(seconds) {
+  if (seconds === null || !Number.isFinite(seconds)) return "–";
+  const s = Math.max(0, seconds);
+  if (s < 1) return `${Math.round(1000 * s)} ms`;
+  if (s < 100) return `${s.toFixed(1)} s`;
+  if (s < 6000) return `${Math.round(s / 60)} min`;
+  return `${(s / 3600).toFixed(1)} h`;
+}
+
+/** Number with so many significant digits and no exponent. */
+export function sig(value, digits = 3) {
+  if (!Number.isFinite(value)) return "–";
+  if (value === 0) return "0";
+  const places = Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value))));
+  return value.toFixed(Math.min(places, 6));
+}
+
+/** Value and standard deviation, with the digits that the deviation allows. */
+export function pm(value, sd, unit) {
+  if (!(sd > 0)) return `${sig(value, 4)} ${unit}`;
+  const places = Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(sd))));
+  return `${value.toFixed(places)} ± ${sd.toFixed(places)} ${unit}`;
+}
+
+export const bytesWords = (n) => (n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
+
+export function clockWords(unix) {
+  const date = new Date(unix * 1000);
+  return `${date.toLocaleTimeString("en-GB")}.${String(date.getMilliseconds()).padStart(3, "0")}`;
+}
+
+export const REFUSALS = {
+  "no-slip": "The slide ended before a window was full: slide for longer, or give the speed.",
+  "too-few-periods": "Too few periods in the window: slide further.",
+  aliased: "The ripple is too fast for the scan rate: slide more slowly.",
+  ambiguous: "Several gratings fit equally well: give the speed.",
+  "low-snr": "No ripple above the noise: flat, or press harder.",
+  saturated: "Too few channels can be read: press less.",
+  stale: "The answer was late, so it would be of the past: look at the load of the host.",
+};
+
+/** One line for an event: {kind, text}; kind colours it. */
+export function eventWords(topic, data) {
+  if (topic === "slip") {
+    const way = data.direction_sd_deg < 90 ? `, ${data.direction_deg.toFixed(0)}° ± ${data.direction_sd_deg.toFixed(0)}°` : "";
+    const why = data.suppressed ? ` (suppressed: ${data.suppressed})` : data.valid ? "" : " (not valid)";
+    const kind = data.suppressed || !data.valid ? "suppressed" : data.state === "end" ? "end" : data.kind;
+    if (data.state === "end") return { kind, text: `${data.kind} slip ended${why}` };
+    return { kind, text: `${data.kind} slip${way}, ${(1000 * (data.detected - data.onset)).toFixed(0)} ms after its onset (± ${(1000 * data.onset_sd_s).toFixed(0)} ms)${why}` };
+  }
+  if (topic === "contact") return { kind: "contact", text: `contact ${data.previous} → ${data.state}` };
+  if (topic === "texture") {
+    if (data.status === "ok") return { kind: "texture", text: `grooves ${pm(data.period_mm, data.period_sd_mm, "mm")}, ${pm(data.angle_deg, data.angle_sd_deg, "°")}` };
+    if (data.status === "period-only") return { kind: "texture", text: `ripple ${pm(data.period_mm, data.period_sd_mm, "mm")}, angle unknown` };
+    return { kind: "refusal", text: `no groove estimate: ${data.status}` };
+  }
+  if (topic === "command") {
+    let text = `${data.command} by ${data.who || "?"}`;
+    try { const fields = JSON.parse(data.arguments); if (fields.text) text = `mark: ${fields.text}`; } catch { /* shown without arguments */ }
+    return { kind: data.ok ? "command" : "refused", text: data.ok ? text : `${text} refused: ${data.reason}` };
+  }
+  if (topic === "gap") return { kind: "gap", text: `${data.words}` };
+  return { kind: "notice", text: data.words || topic };
+}

@@ -1,0 +1,118 @@
+"""Frames and history of the page server."""
+
+import json
+import math
+from typing import Any
+
+from tactiled.array import load_array
+from tactiled.client import Lost, Message, Recovered, Restarted
+from tactiled.resources import shipped_names
+from tactiled.web.feed import HISTORY_S, Feed
+from tactiled.web.geometry import geometry_of
+
+NOW_S = 1000.0
+
+
+def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message:
+    data = {"timestamp": at_s, "seq": seq, "board": "TS1", "run": 1, **fields}
+    return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0)
+
+
+def rows(text: str | None) -> list[list[Any]]:
+    return [] if text is None else list(json.loads(text)["m"])
+
+
+def test_events_and_live_messages_are_in_two_frames() -> None:
+    feed = Feed()
+    for item in (message("scan", 0), message("slip", 0), Recovered(message("slip", 1)), message("status", 0)):
+        feed.take(0, item)
+    frames = feed.frames(NOW_S, 5.0)
+    assert [(row[1], row[3]) for row in rows(frames.kept)] == [("slip", False), ("slip", True)]
+    assert [row[1] for row in rows(frames.live)] == ["scan", "status"]
+    assert feed.frames(NOW_S, 5.0) == (None, None)
+
+
+def test_losses_and_restarts_are_notices() -> None:
+    feed = Feed()
+    feed.take(2, Lost("slip", "TS1", 3))
+    feed.take(2, Restarted("TS1"))
+    assert [(row[0], row[2]["kind"]) for row in rows(feed.frames(NOW_S, 0.0).kept)] == [
+        (2, "lost"),
+        (2, "restart"),
+    ]
+
+
+def test_what_no_json_can_hold_costs_only_itself() -> None:
+    feed = Feed()
+    for item in (message("scan", 0, volts=[math.nan]), message("scan", 1, volts=[b"x"]), message("scan", 2)):
+        feed.take(0, item)
+    assert [row[2]["seq"] for row in rows(feed.frames(NOW_S, 0.0).live)] == [2]
+    assert feed.unreadable == 2
+
+
+def test_the_history_has_the_newest_state_once_and_scans_thinned() -> None:
+    feed = Feed()
+    for n in range(200):
+        feed.take(0, message("scan", n, NOW_S + 0.01 * n))
+    feed.take(0, message("contact", 0, state="loading"))
+    feed.take(0, message("contact", 1, state="holding"))
+    feed.take(0, message("status", 7))
+    found = rows(feed.history(NOW_S + 2.0, 0.0))
+    assert len([row for row in found if row[1] == "scan"]) in (19, 20, 21)
+    assert [row[2]["state"] for row in found if row[1] == "contact"] == ["loading", "holding"]
+    assert found[-1][1] == "status"
+
+
+def test_the_history_forgets_what_is_older_than_the_timeline() -> None:
+    feed = Feed()
+    feed.take(0, message("contact", 0, state="holding"))
+    feed.take(0, message("slip", 0))
+    found = rows(feed.history(NOW_S + HISTORY_S + 1.0, 0.0))
+    assert [row[1] for row in found] == ["contact"]  # the newest contact still holds, the slip is over
+
+
+def test_the_history_is_bounded() -> None:
+    feed = Feed()
+    for n in range(10_000):
+        feed.take(0, message("slip", n))
+    assert len(rows(feed.history(NOW_S, 0.0))) <= 4000
+
+
+def info(array_id: str, channels: int, names: list[str], taxels: int) -> dict[str, Any]:
+    return {
+        "array_id": array_id,
+        "channels": channels,
+        "channel_names": names,
+        "taxels": taxels,
+        "x_mm": [0.0],
+        "y_mm": [0.0],
+    }
+
+
+def test_weights_of_every_shipped_array_give_its_load_and_shear() -> None:
+    for name in shipped_names("config/arrays"):
+        array = load_array(name)
+        found = geometry_of(info(name, array.n_channels, list(array.channel_name), array.n_taxels))
+        assert found["words"] == ""
+        for rows_of, weights in (
+            (found["pressure"], array.normal_weights()),
+            (found["shear_x"], array.shear_weights()[0]),
+            (found["shear_y"], array.shear_weights()[1]),
+        ):
+            assert [dict(map(tuple, pairs)) for pairs in rows_of] == [
+                {int(c): float(row[c]) for c in range(array.n_channels) if row[c]} for row in weights
+            ]
+
+
+def test_an_unknown_array_shows_load_and_says_what_is_missing() -> None:
+    found = geometry_of(info("mine", 4, ["t0.a", "t0.b", "t1.a", "odd"], 2))
+    assert found["pressure"] == [[[0, 1 / 3], [1, 1 / 3], [3, 1 / 3]], [[2, 1.0]]]
+    assert found["shear_x"] == [[], []]
+    assert "--array" in found["words"]
+
+
+def test_a_changed_board_gets_a_new_geometry_once() -> None:
+    feed = Feed()
+    for seq in range(3):
+        feed.take(0, message("info", seq, **info("mine", 1, ["t0.a"], 1)))
+    assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)].count("geometry") == 1

@@ -1,0 +1,104 @@
+"""The page in a real browser, with a real daemon and an emulated board."""
+
+import json
+import time
+from typing import Any
+
+import pytest
+from pages import Robot
+from playwright.sync_api import Page, expect
+
+from tactiled.client import Message, Subscription
+
+pytestmark = pytest.mark.system
+
+
+def open_page(page: Page, url: str) -> None:
+    page.goto(url)
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+
+
+def messages(subscription: Subscription, topic: str, until_s: float) -> list[dict[str, Any]]:
+    """Messages of a topic that have arrived or arrive until then."""
+    found = []
+    while (item := subscription.next_item(until_s)) is not None:
+        if isinstance(item, Message) and item.topic == topic:
+            found.append(item.data)
+    return found
+
+
+def test_the_lamp_follows_the_board(live: Robot, page: Page) -> None:
+    open_page(page, live.serve())
+    assert page.locator(".lamp .word").inner_text() == "FRESH"
+    live.stop("board")
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "none")
+    expect(page.locator(".lamp .advice")).to_contain_text("no such port", ignore_case=True)
+    assert page.locator(".contact .state").inner_text().lower() == "unknown"
+    live.plug()
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+
+
+def test_silence_is_stale_and_a_new_daemon_is_found_again(live: Robot, page: Page) -> None:
+    open_page(page, live.serve())
+    live.stop("daemon")
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "stale")
+    expect(page.locator(".lamp .advice")).to_contain_text("is tactiled running")
+    age_s = page.locator(".lamp .age").inner_text()
+    page.wait_for_timeout(1200)
+    assert page.locator(".lamp .age").inner_text() != age_s  # the age grows without any message
+    live.run()
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+    expect(page.locator(".events .list")).to_contain_text("the daemon was restarted")
+
+
+def test_a_page_finds_its_server_again(live: Robot, page: Page) -> None:
+    url = live.serve("--array", "wang2019-3x3")
+    open_page(page, url)
+    live.stop("web")
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "stale")
+    expect(page.locator(".lamp .advice")).to_contain_text("No connection")
+    live.start("web", "web", "--port", url.rstrip("/").rsplit(":", 1)[1], "--events", live.endpoint)
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+
+
+def test_numbers_on_the_page_equal_the_messages(live: Robot, page: Page) -> None:
+    open_page(page, live.serve())
+    page.locator(".readings summary").click()
+    expect(page.locator(".readings tbody tr")).to_have_count(36)
+    with Subscription(live.endpoint) as subscription:
+        page.wait_for_timeout(2000)
+        table = page.evaluate("({...document.querySelector('.readings table').dataset})")
+        cells = page.locator(".readings tbody tr td:nth-child(2)").all_inner_texts()
+        sequence, strip = page.evaluate(
+            "[Number(document.querySelector('.strip').dataset.seq),"
+            " [...document.querySelectorAll('.fact')].map(f => [f.dataset.key, f.dataset.value])]"
+        )
+        scans, statuses = [], []
+        until_s = time.monotonic() + 2.0
+        while (item := subscription.next_item(until_s)) is not None:
+            if isinstance(item, Message) and item.topic == "scan":
+                scans.append(item.data)
+            elif isinstance(item, Message) and item.topic == "status":
+                statuses.append(item.data)
+    (scan,) = [row for row in scans if row["index"] == int(table["index"])]
+    assert json.loads(table["values"]) == scan["volts"]
+    assert len(cells) == len(scan["volts"])
+    (status,) = [row for row in statuses if row["seq"] == sequence]
+    shown = dict(strip)
+    assert float(shown["rate_hz"]) == status["rate_hz"]
+    assert int(shown["frames_corrupt"]) == status["frames_corrupt"]
+
+
+def test_every_slip_message_is_on_the_page(live: Robot, page: Page) -> None:
+    open_page(page, live.serve())
+    live.stop("board")
+    with Subscription(live.endpoint, topics=("slip",)) as subscription:
+        live.plug("prescribed")
+        expect(page.locator("li[data-topic=slip]").first).to_be_visible()
+        page.wait_for_timeout(3000)
+        shown = page.locator("li[data-topic=slip]").evaluate_all(
+            "rows => rows.map(r => Number(r.dataset.seq))"
+        )
+        published = [row["seq"] for row in messages(subscription, "slip", time.monotonic() + 0.5)]
+    assert set(shown) <= set(published)
+    assert set(published[:1]) <= set(shown)
