@@ -101,6 +101,7 @@ class TunedSuite:
         if self._force is not None:
             self._force.reset()
         self._recent: deque[ScanBlock] = deque()
+        self._n_recent = 0  # scans in them
         self._inhibited = _AnnouncedIntervals()
         self._load_changes = _AnnouncedIntervals()
         self._in_contact = False
@@ -110,7 +111,7 @@ class TunedSuite:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; mark slips in announced intervals as suppressed."""
         if isinstance(item, Gap):
-            self._recent.clear()
+            self._forget_recent()
         else:
             self._remember(item)
             self.next_index = int(item.index[-1]) + 1
@@ -223,7 +224,7 @@ class TunedSuite:
 
     def _insert_gap(self) -> list[Event]:
         """Pass a gap to the detectors, so that no window spans the change."""
-        self._recent.clear()
+        self._forget_recent()
         return (
             self._mark_suppressed(self._suite.process(Gap(0, "command", self.next_index)))
             if self.next_index
@@ -232,10 +233,14 @@ class TunedSuite:
 
     def _remember(self, block: ScanBlock) -> None:
         self._recent.append(block)
+        self._n_recent += len(block)
         wanted = max(_LEAST_TARE_SCANS, round(TARE_S * block.rate_hz))
-        have = sum(len(b) for b in self._recent)
-        while have - len(self._recent[0]) >= wanted:
-            have -= len(self._recent.popleft())
+        while self._n_recent - len(self._recent[0]) >= wanted:
+            self._n_recent -= len(self._recent.popleft())
+
+    def _forget_recent(self) -> None:
+        self._recent.clear()
+        self._n_recent = 0
 
     def _mark_suppressed(self, events: list[Event]) -> list[Event]:
         out: list[Event] = []

@@ -6,18 +6,21 @@ monotonic clock to epoch seconds (0 offline: instants stay in the clock of the f
 """
 
 import dataclasses
-from typing import Any, get_args
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple, get_args, get_origin
 
 import msgpack
 
 from tactiled.errors import ContractError
-from tactiled.events.types import Event
+from tactiled.events.types import EVENT_TYPES, Event
 
 MESSAGE_VERSION = 1
 # Instants become epoch seconds, under names without the unit.
 _RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected", "answered_s": "answered"}
 
 
+@functools.lru_cache(maxsize=256)  # boards times topics; a board that renames itself costs no memory for ever
 def topic_of(board: str, event_topic: str) -> str:
     """Return ``tactile/<board>/<topic>``; characters at which viewers split filters become ``-``."""
     safe = "".join("-" if c in " ,;/\t" or not c.isprintable() else c for c in board) or "-"
@@ -27,30 +30,54 @@ def topic_of(board: str, event_topic: str) -> str:
 def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> dict[str, Any]:
     """Return the message map of an event; `run` identifies the run of the daemon, 0 for files."""
     message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board, "run": run}
-    for field in dataclasses.fields(event):
-        value = getattr(event, field.name)
-        if field.name in _RENAMED:
-            message[_RENAMED[field.name]] = float(value) + unix_offset_s
-        else:
-            message[field.name] = _plain(value, field.type)
+    for name, key, convert in _FIELDS[type(event)]:
+        value = getattr(event, name)
+        message[key] = float(value) + unix_offset_s if convert is None else convert(value)
     return message
 
 
-def _plain(value: Any, kind: Any) -> Any:
-    """Plain value of the declared type: 0 becomes 0.0 in a float field, a numpy integer an int."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name), f.type) for f in dataclasses.fields(value)}
-    if isinstance(value, tuple):
-        inner = get_args(kind)[0]
-        return [_plain(v, inner) for v in value]
+class _Field(NamedTuple):
+    """Field of an event, its key in the map, and its conversion; None for an instant."""
+
+    name: str
+    key: str
+    convert: Callable[[Any], Any] | None
+
+
+def _converter(name: str, kind: Any) -> Callable[[Any], Any] | None:
+    return None if name in _RENAMED else _plain(kind)
+
+
+def _plain(kind: Any) -> Callable[[Any], Any]:
+    """Make the conversion to a declared type: 0 becomes 0.0 in a float field, a numpy integer an int."""
+    if dataclasses.is_dataclass(kind):
+        parts = [(field.name, _plain(field.type)) for field in dataclasses.fields(kind)]
+        return lambda value: {name: convert(getattr(value, name)) for name, convert in parts}
+    if get_origin(kind) is tuple:
+        inner = _plain(get_args(kind)[0])
+        return lambda value: [inner(one) for one in value]
     if kind in (bool, int, float, str):
-        return kind(value)
-    return value  # a Literal: the string itself
+        made: Callable[[Any], Any] = kind
+        return made
+    return lambda value: value  # a Literal: the string itself
+
+
+def _fields(kind: type[Event]) -> tuple[_Field, ...]:
+    return tuple(
+        _Field(field.name, _RENAMED.get(field.name, field.name), _converter(field.name, field.type))
+        for field in dataclasses.fields(kind)
+    )
+
+
+# Walking the fields for each event took most of the time of encoding.
+_FIELDS = {kind: _fields(kind) for kind in EVENT_TYPES.values()}
+# A packer allocates its buffer of 256 kB once.
+_pack = msgpack.Packer().pack
 
 
 def encode(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> tuple[bytes, bytes]:
-    """Return the two frames of a message: topic and payload."""
-    payload = msgpack.packb(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=run))
+    """Return the two frames of a message: topic and payload. One thread alone may call it."""
+    payload = _pack(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=run))
     return topic_of(board, event.topic).encode(), payload
 
 

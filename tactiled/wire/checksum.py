@@ -12,11 +12,13 @@ class Checksum:
 
     n_bytes: int
     compute: Callable[[bytes], int]
+    crc16_start: int | None = None
+    """First remainder, where the polynomial is that of `compiled.c`."""
 
 
 # Check values over b"123456789": 0x29B1, 0x31C3, 0xCBF43926.
 CHECKSUMS: dict[str, Checksum] = {
-    "crc-16/ibm-3740": Checksum(2, lambda data: binascii.crc_hqx(data, 0xFFFF)),
-    "crc-16/xmodem": Checksum(2, lambda data: binascii.crc_hqx(data, 0)),
+    "crc-16/ibm-3740": Checksum(2, lambda data: binascii.crc_hqx(data, 0xFFFF), 0xFFFF),
+    "crc-16/xmodem": Checksum(2, lambda data: binascii.crc_hqx(data, 0), 0),
     "crc-32/iso-hdlc": Checksum(4, zlib.crc32),
 }

@@ -22,8 +22,11 @@ surely detects).
 
 from collections import defaultdict
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
+import numpy as np
+
+from tactiled import compiled
 from tactiled.wire import cobs
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
@@ -70,14 +73,55 @@ class _Checker:
             covered = len(body).to_bytes(self._length_bytes, self._order) + body
         if self._checksum.compute(covered) != int.from_bytes(tail, self._order):
             return "checksum"
-        if self.body_bytes.get(int.from_bytes(body[: self._type_bytes], self._order)) != len(body):
-            return "type"
-        return None
+        return None if self.knows(body) else "type"
+
+    def knows(self, body: bytes) -> bool:
+        """Return True where the layout has a message of this type and length."""
+        return self.body_bytes.get(int.from_bytes(body[: self._type_bytes], self._order)) == len(body)
 
 
 # Both ends accept frames of later protocol versions up to this number of stuffed bytes, to report them
 # (board.md).
 _LEAST_TAKEN = 32
+
+
+class _GoodFrames:
+    """Compiled decoder of the good COBS frames at the beginning of a buffer.
+
+    Parameters
+    ----------
+    library : ctypes.CDLL
+    layout : Layout
+    crc16_start : int
+    """
+
+    MOST_BYTES, MOST_FRAMES = 1 << 16, 1024  # of one call
+
+    def __init__(self, library: Any, layout: Layout, crc16_start: int) -> None:
+        self._frames = library.tactiled_frames
+        self._start, self._is_little = crc16_start, layout.byte_order == "little"
+        self._bodies = np.empty(self.MOST_BYTES, dtype=np.uint8)
+        self._ends = np.empty((self.MOST_FRAMES, 2), dtype=np.int64)
+
+    def take(self, buffer: bytearray, limit: int, checker: "_Checker") -> tuple[list[bytes], int]:
+        """Return the bodies of the good frames at the beginning, and the bytes that they take."""
+        data = bytes(buffer[: self.MOST_BYTES])
+        n = self._frames(
+            data, len(data), limit, self._start, self._is_little,
+            compiled.address(self._bodies), compiled.address(self._ends), self.MOST_FRAMES,
+        )  # fmt: skip
+        bodies: list[bytes] = []
+        used = start = 0
+        if n:
+            ends = self._ends[:n].tolist()
+            decoded = self._bodies[: ends[-1][1]].tobytes()
+            for next_used, end in ends:
+                body = decoded[start:end]
+                if not checker.knows(body):
+                    break
+                bodies.append(body)
+                used, start = next_used, end
+        return bodies, used
 
 
 class CobsFramer:
@@ -97,6 +141,12 @@ class CobsFramer:
         # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
+        crc16_start = layout.checksum.crc16_start
+        library = compiled.library()
+        self._good: _GoodFrames | None = None
+        whole = layout.file.checksum.covers != "length-and-body"
+        if library is not None and crc16_start is not None and whole:
+            self._good = _GoodFrames(library, layout, crc16_start)
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
@@ -111,6 +161,13 @@ class CobsFramer:
         buffer += data
         limit = self._limit
         while buffer:
+            if self._good is not None:
+                bodies, used = self._good.take(buffer, limit, self._checker)
+                self.bytes_framed += used
+                del buffer[:used]
+                yield from bodies
+                if used:
+                    continue
             end = buffer.find(0, 0, limit)
             if end < 0 and len(buffer) < limit:
                 return

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.noise import GROUP_SCANS, RestNoise
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
@@ -105,14 +106,18 @@ class _Levels:
         self._release = params.release_volts or (own.below if own else None)
         self._loading = params.loading_volts_s or (own.loading_per_s if own else None)
         self._least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
-        is_derived = None in (self._contact, self._release, self._loading)
-        self._rest = RestNoise(array.n_channels) if is_derived else None
+        self.given: tuple[float, float, float] | None = None
+        """Levels of contact, release and loading, where none is derived."""
+        if self._contact is not None and self._release is not None and self._loading is not None:
+            self.given = self._contact, self._release, self._loading
+        is_derived = self.given is None
+        self._rest = RestNoise(array.n_channels)
         self.n_blind = GROUP_SCANS if is_derived else 0
         """Scans at the beginning for which the noise is not known."""
 
     def noise(self, held: HeldReadings) -> FloatArray:
-        """Standard deviation (n, channels) of the noise in steps; 0 where all levels are given."""
-        return np.zeros((1, held.steps.shape[1])) if self._rest is None else self._rest.process(held)
+        """Standard deviation (n, channels) of the noise in steps."""
+        return self._rest.process(held)
 
     def contact(self, noise: FloatArray) -> FloatArray | float:
         """Return the level of contact for the noise (n, taxels)."""
@@ -128,6 +133,17 @@ class _Levels:
             return np.full(len(load), self._loading)
         least = _LOADING_OF_CONTACT * self._least_contact
         return np.maximum(np.maximum(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
+
+
+class _Touch(NamedTuple):
+    """Pressure (n, taxels) of n scans and what of it exceeds the levels; see `PressureMeasurement`."""
+
+    pressure: FloatArray
+    taxel_touches: NDArray[np.bool_]
+    touches: NDArray[np.bool_]
+    released: NDArray[np.bool_]
+    n_touching: FloatArray
+    slope_volts_s: FloatArray
 
 
 class ContactTracker:
@@ -161,6 +177,9 @@ class ContactTracker:
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         self._line = 2.0 * np.arange(n) - (n - 1)
+        self._compiled = compiled.library()
+        self._signs_of_taxels = self._signs.T.copy()
+        self._all_readings = self._counted.sum(axis=0)
         self._slope_scale = (
             self._grid.volts_per_step / self._denominator * rate_hz * 2 / float(self._line @ self._line)
         )
@@ -184,29 +203,99 @@ class ContactTracker:
         be `stuck` (n, channels). The slope uses held readings, since a channel that drops out is no change
         of load.
         """
-        if held.ok.all():
-            steps, readings = held.steps, self._counted.sum(axis=0)
+        if held.all_ok:
+            steps, readings = held.steps, self._all_readings
         else:
             counts = ~np.isnan(block.volts) if stuck is None else ~(np.isnan(block.volts) | stuck)
             steps = np.where(counts, self._grid.round(block.volts), 0.0)
             readings = counts.astype(np.float64) @ self._counted
-        pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
+        if self._levels.given is not None:
+            contact, release, loading = self._levels.given
+            touch = self._touch(steps, readings, held.steps, contact, release)
+            loading_volts_s = np.full(len(steps), loading)
+        else:
+            touch, loading_volts_s = self._touch_over_noise(steps, readings, held)
+        return PressureMeasurement(
+            taxel_touches=touch.taxel_touches,
+            touches=touch.touches,
+            released=touch.released,
+            slope_volts_s=touch.slope_volts_s,
+            loading_volts_s=loading_volts_s,
+        )
+
+    def _touch_over_noise(
+        self, steps: FloatArray, readings: FloatArray, held: HeldReadings
+    ) -> tuple["_Touch", FloatArray]:
+        """Compare the pressure with levels that follow from the noise; return that and the loading slope."""
         levels = self._levels
         noise = levels.noise(held)
         taxel_noise = noise[:, self._own].max(axis=2) * self._grid.volts_per_step
-        taxel_touches = pressure > levels.contact(taxel_noise)
-        n_touching = np.maximum(taxel_touches.sum(axis=1), 1)
-        total_noise = np.sqrt(((noise * self._total_weights) ** 2).sum(axis=1))
-        return PressureMeasurement(
-            taxel_touches=taxel_touches,
-            touches=taxel_touches.any(axis=1),
-            released=(pressure < levels.release(taxel_noise)).all(axis=1),
-            slope_volts_s=self._slope(held.steps) / n_touching,
-            loading_volts_s=levels.loading(
-                load=np.where(taxel_touches, pressure, 0.0).sum(axis=1) / n_touching,
-                slope_sd=total_noise * self._slope_noise / n_touching,
-            ),
+        touch = self._touch(
+            steps, readings, held.steps, levels.contact(taxel_noise), levels.release(taxel_noise)
         )
+        total_noise = np.sqrt(((noise * self._total_weights) ** 2).sum(axis=1))
+        loading = levels.loading(
+            load=np.where(touch.taxel_touches, touch.pressure, 0.0).sum(axis=1) / touch.n_touching,
+            slope_sd=total_noise * self._slope_noise / touch.n_touching,
+        )
+        return touch, loading
+
+    def _touch(
+        self,
+        steps: FloatArray,
+        readings: FloatArray,
+        held: FloatArray,
+        contact: FloatArray | float,
+        release: FloatArray | float,
+    ) -> "_Touch":
+        """Compare the pressure of steps (n, channels) with levels; the slope is that of the held steps."""
+        if self._compiled is not None:
+            return self._touch_compiled(steps, readings, held, contact, release)
+        pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
+        taxel_touches = pressure > contact
+        n_touching = np.maximum(taxel_touches.sum(axis=1), 1).astype(np.float64)
+        return _Touch(
+            pressure,
+            taxel_touches,
+            taxel_touches.any(axis=1),
+            (pressure < release).all(axis=1),
+            n_touching,
+            self._slope(held) / n_touching,
+        )
+
+    def _touch_compiled(
+        self,
+        steps: FloatArray,
+        readings: FloatArray,
+        held: FloatArray,
+        contact: FloatArray | float,
+        release: FloatArray | float,
+    ) -> "_Touch":
+        steps, held = compiled.dense(steps, np.float64), compiled.dense(held, np.float64)
+        n, channels = steps.shape
+        taxels, sides = self._own.shape
+        each = readings.ndim == 2 or isinstance(contact, np.ndarray)
+        shape = (n, taxels) if each else (taxels,)
+        levels = np.empty((3, *shape))  # readings, contact, release
+        levels[0], levels[1], levels[2] = readings, contact, release
+        reals, flags = np.empty(n * (taxels + 2)), np.empty(n * (taxels + 2), dtype=np.bool_)
+        pressure, n_touching, slope = reals[: n * taxels].reshape(n, taxels), reals[-2 * n : -n], reals[-n:]
+        taxel_touches = flags[: n * taxels].reshape(n, taxels)
+        touches, released = flags[-2 * n : -n], flags[-n:]
+        n_before = len(self._line) - 1
+        totals = np.empty(n_before + n)
+        totals[:n_before] = held[0] @ self._total_weights if self._totals is None else self._totals
+        at = compiled.address
+        assert self._compiled is not None
+        self._compiled.tactiled_contact(
+            n, channels, taxels, sides, len(self._line), at(steps), at(held), at(self._own),
+            at(self._signs_of_taxels), at(self._sign), at(self._total_weights), at(self._line),
+            at(levels[0]), at(levels[1]), at(levels[2]), each, _ONE_SIDE, _LEAST_SIDES,
+            self._grid.volts_per_step, self._slope_scale, at(totals), at(pressure), at(taxel_touches),
+            at(touches), at(released), at(n_touching), at(slope),
+        )  # fmt: skip
+        self._totals = totals[n:]
+        return _Touch(pressure, taxel_touches, touches, released, n_touching, slope)
 
     def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
         """Sum the steps of each taxel (n, taxels); whole numbers except where one side was clipped."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.samples.block import ScanBlock
 
@@ -28,10 +29,12 @@ class HeldReadings:
         Whole numbers within +-2^23.
     ok : (n, channels) bool
         False where the reading was NaN, invalid or outside full scale and an older one stands in.
+    all_ok : bool
     """
 
     steps: FloatArray
     ok: NDArray[np.bool_]
+    all_ok: bool
 
 
 class Quantiser:
@@ -48,6 +51,7 @@ class Quantiser:
         self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
         self.volts_per_step = self.full_scale_volts / 2**READING_BITS
         self._n_channels = array.n_channels
+        self._compiled = compiled.library()
         self.reset()
 
     def reset(self) -> None:
@@ -56,12 +60,31 @@ class Quantiser:
 
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
+        if self._compiled is not None:
+            return self._process_compiled(block)
         ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
         steps = self.round(block.volts)
-        if not ok.all():
+        all_ok = bool(ok.all())
+        if not all_ok:
             steps = self._hold(steps, ok)
         self._last = steps[-1].copy()
-        return HeldReadings(steps, ok)
+        return HeldReadings(steps, ok, all_ok)
+
+    def _process_compiled(self, block: ScanBlock) -> HeldReadings:
+        volts, valid = compiled.dense(block.volts, np.float64), compiled.dense(block.valid, np.bool_)
+        steps, ok = np.empty(volts.shape), np.empty(volts.shape, dtype=np.bool_)
+        assert self._compiled is not None
+        all_ok = self._compiled.tactiled_hold(
+            *volts.shape,
+            compiled.address(volts),
+            compiled.address(valid),
+            self.full_scale_volts,
+            1.0 / self.volts_per_step,
+            compiled.address(self._last),
+            compiled.address(steps),
+            compiled.address(ok),
+        )
+        return HeldReadings(steps, ok, bool(all_ok))
 
     def round(self, volts: FloatArray) -> FloatArray:
         """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""

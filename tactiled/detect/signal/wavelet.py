@@ -22,6 +22,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.samples.block import Gap, ScanBlock
@@ -147,6 +148,9 @@ class SwtBank:
         for row, matrix in zip(self._one_scan, self._toeplitz, strict=True):
             n_taps = matrix.shape[1] - (_ROWS - 1)
             row[-n_taps:] = matrix[0, :n_taps]
+        self._compiled = compiled.library()
+        self._lengths = np.array([len(taps(level)) for level in self.levels])
+        self._taps = np.concatenate([taps(level) * scale for level in self.levels])
         self.reset()
 
     def reset(self) -> None:
@@ -154,7 +158,8 @@ class SwtBank:
         self._quantiser.reset()
         self._steps = np.zeros((self._border + 2 * PIECE_SCANS, self._n_channels))
         self._end = self._border  # rows of `_steps` before it are history
-        self._n_seen = 0
+        self._is_begun = False
+        self._n_usable = 0  # scans whose usability was asked for
         # Before the start stand copies of the first scan, which are not readings.
         self._newest_bad = np.full(self._n_channels, -1, dtype=np.int64)
 
@@ -168,7 +173,9 @@ class SwtBank:
         held = self._quantiser.process(item)
         parts = [
             self.filter(
-                HeldReadings(held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS])
+                HeldReadings(
+                    held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS], held.all_ok
+                )
             )
             for start in range(0, len(item), PIECE_SCANS)
         ]
@@ -180,15 +187,30 @@ class SwtBank:
 
     def filter(self, held: HeldReadings) -> WaveletCoefficients:
         """Return the coefficients of readings already on the grid, at most `PIECE_SCANS` of them."""
-        n = len(held.steps)
-        self._append(held.steps)
+        volts = self.filter_steps(held.steps)
+        return WaveletCoefficients(volts, self._usable(held.ok, all_ok=held.all_ok))
+
+    def filter_steps(self, steps: FloatArray) -> FloatArray:
+        """Return the coefficients (n, levels, channels) of readings on the grid, usable or not."""
+        n = len(steps)
+        self._append(steps)
         volts = np.empty((n, len(self.levels), self._n_channels))
-        if n == 1:
+        if self._compiled is not None:
+            self._compiled.tactiled_bank(
+                n,
+                self._n_channels,
+                compiled.address(self._steps) + (self._end - n) * self._n_channels * self._steps.itemsize,
+                len(self._lengths),
+                compiled.address(self._lengths),
+                compiled.address(self._taps),
+                compiled.address(volts),
+            )
+        elif n == 1:
             np.matmul(self._one_scan, self._steps[self._end - self._border - 1 : self._end], out=volts[0])
         else:
             for row, matrix in enumerate(self._toeplitz):
                 self._filter_level(matrix, volts[:, row])
-        return WaveletCoefficients(volts, self._usable(held.ok))
+        return volts
 
     def recent_steps(self, n: int) -> FloatArray:
         """Return the held readings (n + border, channels) behind the last `n` outputs, in grid steps.
@@ -198,7 +220,8 @@ class SwtBank:
         return self._steps[self._end - n - self._border : self._end]
 
     def _append(self, steps: FloatArray) -> None:
-        if self._n_seen == 0:
+        if not self._is_begun:
+            self._is_begun = True
             self._steps[: self._border] = steps[0]
         if self._end + len(steps) > len(self._steps):
             self._steps[: self._border] = self._steps[self._end - self._border : self._end].copy()
@@ -218,12 +241,12 @@ class SwtBank:
         if rest := n - n_grouped:
             out[n_grouped:] = matrix[:rest, : n_taps - 1 + rest] @ seen[n_grouped:]
 
-    def _usable(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _usable(self, ok: NDArray[np.bool_], *, all_ok: bool) -> NDArray[np.bool_]:
         n = len(ok)
-        scans = np.arange(self._n_seen, self._n_seen + n)[:, np.newaxis]
-        self._n_seen += n
+        scans = np.arange(self._n_usable, self._n_usable + n)[:, np.newaxis]
+        self._n_usable += n
         newest_bad = self._newest_bad
-        if not ok.all():
+        if not all_ok:
             bad = np.where(ok, self._newest_bad, scans)
             newest_bad = np.maximum.accumulate(bad, axis=0)
             self._newest_bad = newest_bad[-1].copy()

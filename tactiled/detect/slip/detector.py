@@ -30,6 +30,7 @@ from tactiled.detect.signal.contact import (
     ContactParams,
     ContactTracker,
     ContactTransition,
+    PressureMeasurement,
     contact_event,
     lost_contact_event,
 )
@@ -38,6 +39,7 @@ from tactiled.detect.slip.alarm_rate import NOISE_PART, shear_at
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings
 from tactiled.detect.slip.scan_evidence import ScanEvidence
+from tactiled.detect.slip.segments import PIECE_SCANS, TaxelSetSegment
 from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.detect.slip.tracker import SlipTracker
 from tactiled.events.types import ContactState, Event
@@ -53,7 +55,6 @@ _GROSS_OF_PAIRS = 0.45
 # resistor pairs show.
 _LOAD_MOVES = 1 / 6
 _UNSEEN = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
-_PIECE_SCANS = 256  # filtered at once: bounds the memory of long blocks
 
 
 class CoherentParams(Params):
@@ -175,8 +176,8 @@ class CoherentSlip:
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
         if not self._rate_hz:
             self._start(item.rate_hz)
-        starts = range(0, len(item), _PIECE_SCANS)
-        for piece in [item] if len(starts) == 1 else [item[n : n + _PIECE_SCANS] for n in starts]:
+        starts = range(0, len(item), PIECE_SCANS)
+        for piece in [item] if len(starts) == 1 else [item[n : n + PIECE_SCANS] for n in starts]:
             events += self._process_piece(piece)
         self._last_time_s = float(item.time_s[-1])
         return events
@@ -194,26 +195,58 @@ class CoherentSlip:
         held = self._quantiser.process(block)
         stuck = self._stuck.process(held.steps)
         if stuck.any():
-            held = HeldReadings(held.steps, held.ok & ~stuck)
+            held = HeldReadings(held.steps, held.ok & ~stuck, False)
         pressure = self._tracker.measure(block, held, stuck)
         gate = pressure.rows()
         events: list[Event] = []
-        for segment in self._evidence.segments(held):
-            self._slips.shift(segment.jump)
-            for row in range(segment.scans.stop - segment.scans.start):
-                scan = segment.scans.start + row
-                if change := self._tracker.step(*next(gate)):
-                    events.append(contact_event(block, scan, pressure, change))
-                now = ScanEvidence(self._array, self._evidence, block, segment, row, self._n_seen)
-                if (state := self._tracker.state) == "none":
-                    slips = self._slips.lift(now)
-                else:
-                    slips = self._slips.look(now, segment, row, is_sure=state != "unknown")
-                self._evidence.learn(segment, row, disturbed=self._slips.is_active)
-                events += slips
-                if change := self._follow():
-                    events.append(contact_event(block, scan, pressure, change))
+        evidence, slips = self._evidence, self._slips
+        for segment in evidence.segments(held):
+            slips.shift(segment.jump)
+            last = len(segment.fits) - 1
+            n_quiet, n_to_group = 0, evidence.n_to_group  # quiet scans that are not taken in yet
+            for row in range(last + 1):
+                change = self._tracker.step(*next(gate))
+                state = self._tracker.state
                 self._n_seen += 1
+                if change is None and slips.is_quiet(segment, row, self._n_seen - 1, state):
+                    n_quiet += 1
+                    if n_quiet < n_to_group and row < last:
+                        continue
+                    self._pass_quiet(segment, row + 1, n_quiet, self._n_seen, state)
+                else:
+                    before = state if change is None else change.previous
+                    self._pass_quiet(segment, row, n_quiet, self._n_seen - 1, before)
+                    events += self._look(block, segment, row, pressure, change)
+                n_quiet, n_to_group = 0, evidence.n_to_group
+        return events
+
+    def _pass_quiet(
+        self, segment: TaxelSetSegment, row: int, n: int, index: int, state: ContactState
+    ) -> None:
+        """Take in the n quiet scans before a row of a segment, which is scan `index`."""
+        if n:
+            self._slips.pass_quiet(segment, row - n, n, index - n, state)
+            self._evidence.learn(segment, row - n, n, disturbed=False)
+
+    def _look(
+        self,
+        block: ScanBlock,
+        segment: TaxelSetSegment,
+        row: int,
+        pressure: PressureMeasurement,
+        change: ContactTransition | None,
+    ) -> list[Event]:
+        """Return the events of a scan in which something may happen, with those of a change of contact."""
+        scan, state = segment.scans.start + row, self._tracker.state
+        events: list[Event] = [contact_event(block, scan, pressure, change)] if change else []
+        now = ScanEvidence(self._array, self._evidence, block, segment, row, self._n_seen - 1)
+        if state == "none":
+            events += self._slips.lift(now)
+        else:
+            events += self._slips.look(now, segment, row, is_sure=state != "unknown")
+        self._evidence.learn(segment, row, disturbed=self._slips.is_active)
+        if change := self._follow():
+            events.append(contact_event(block, scan, pressure, change))
         return events
 
     def _follow(self) -> ContactTransition | None:

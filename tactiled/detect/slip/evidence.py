@@ -14,8 +14,8 @@ slip:
    of the signal gives the friction coefficient beforehand: `least_shear` trades early against certain. A
    rise against the shear already present must be twice as large (Masing 1926: on reversal, a loaded joint
    follows its first curve, doubled).
-3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it:
-   `_LEAKED_PART` of it through unequal resistors, and the shear already present, which is proportional to
+3. Opposed. The rise is larger than what the rise of pressure over the same ramp can leak into it: a part of
+   it (`slip.rises`) through unequal resistors, and the shear already present, which is proportional to
    pressure.
 4. New. The ramp also passes the first test with the noise of the scans just before it, so that a hum that
    swells, an arm that shakes, and noise that grew suddenly are compared with themselves before the noise
@@ -38,23 +38,16 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.slip.filters import N_BASELINE, lasting
 from tactiled.detect.slip.friction_limit import FrictionLimitTest
-from tactiled.detect.slip.response import AXES, UNEQUAL_SHEAR, motion, moved
+from tactiled.detect.slip.response import AXES, motion, moved
+from tactiled.detect.slip.rises import RiseTest, length
 from tactiled.detect.slip.segments import BEFORE_SCANS, ResponseSegmenter, TaxelSetSegment
 
 # Ramps of all lengths overlap from scan to scan: measured on white noise
 # (tests/detect/test_detect_slip_parts.py).
 _LOOKS_A_SCAN = 1.5
-# Resistors of a hand-made array are 5 % unequal; one taxel alone then leaks 0.07 of the pressure, and a
-# tilting load leaks more than an even one.
-_LEAKED_PART = 0.25
-# A rise during which pressure doubles is a press; where it is oblique, shear grows with it without slip.
-_PRESS = 0.5
 # Of 1575 onsets of the physical families, seeds 1001 to 1006, at 0.3 to 10 mV, the least kept 0.90; of 16
 # that spikes raised in holds of the same seeds the most kept 0.69.
 _LASTS = 0.8
-_LEAST_NEW_PART = (
-    0.2  # a load that has grown slowly, over more than the longest ramp, still grows by so much of it
-)
 # A spike on all channels has no common direction: of nine random ones a third agrees, seldom more than this.
 _AGREE = 0.6
 _MEAN_OF_NORMAL = 0.798  # mean size over standard deviation
@@ -113,8 +106,7 @@ class ShearEvidence:
         self.shear_weights = array.shear_weights()
         self._normal_weights = array.normal_weights()
         self._chance = noise_per_hour / (3600 * rate_hz * _LOOKS_A_SCAN)
-        self._least = least_shear
-        self._segmenter = ResponseSegmenter(array, rate_hz, self._fits)
+        self._segmenter = ResponseSegmenter(array, rate_hz, RiseTest(least_shear))
         self._filters = self._segmenter.filters
         self.window, self.longest = self._filters.window, self._filters.longest
         self._ramp_sd = self._filters.ramp_sd(self._segmenter.axes_sd)
@@ -144,22 +136,6 @@ class ShearEvidence:
         """Take in the scans of a block, each of which must be learnt from before the next segment."""
         return self._segmenter.cut(held)
 
-    def _fits(self, rises: FloatArray, now: FloatArray) -> NDArray[np.bool_]:
-        rise = rises[:, :AXES]
-        pressure = np.maximum(now[:, AXES:], 1.0)
-        start = now[:, :AXES, np.newaxis] - rise
-        size, there = _size(rise), _size(start)
-        along = (start * rise).sum(axis=1) / np.maximum(size * there, 1.0)  # cosine
-        is_back = (along < -0.5) & (there > self._least * pressure)
-        reached = size + np.where(along > 0.5, np.maximum(there - UNEQUAL_SHEAR * pressure, 0.0), 0.0)
-        leak = _LEAKED_PART + there / np.maximum(pressure - rises[:, AXES], 1.0)
-        return np.asarray(
-            (reached >= self._least * pressure * np.where(is_back, 2.0, 1.0))
-            & (size >= _LEAST_NEW_PART * self._least * pressure)
-            & (size >= leak * np.abs(rises[:, AXES]))
-            & (rises[:, AXES] <= _PRESS * pressure)
-        )
-
     def growth(self, segment: TaxelSetSegment, scan: int, since: int, least: float) -> ShearGrowth | None:
         """Return the growth of shear at a scan of a segment, or None.
 
@@ -172,11 +148,13 @@ class ShearEvidence:
         least : float
             Least rise, in steps.
         """
+        if not segment.any_fits[scan]:
+            return None
         fits = segment.fits[scan] & (self._filters.lengths + N_BASELINE <= since)
         if not fits.any():
             return None
         rises = segment.rises[scan]
-        fits &= _size(rises[np.newaxis, :AXES])[0] >= least
+        fits &= length(rises[np.newaxis, :AXES])[0] >= least
         power = segment.ramps[scan] ** 2
         statistic = np.where(fits, (power / self._ramp_sd**2).sum(axis=0), 0.0)
         threshold = self.threshold
@@ -190,7 +168,7 @@ class ShearEvidence:
         seen = segment.seen[scan : scan + self.window]
         scans = int(self._filters.lengths[best])
         # A ramp laid through a swing is a fifth steeper than the swing is high.
-        if least > 0 and _size(moved(seen[-1 - scans], seen[-1])[np.newaxis])[0] < least:
+        if least > 0 and length(moved(seen[-1 - scans], seen[-1])[np.newaxis])[0] < least:
             return None
         whole = self._filters.rise(best, seen)
         lasts, is_of = motion(self._filters.rise(best, lasting(seen))), motion(whole)
@@ -257,9 +235,17 @@ class ShearEvidence:
         taking_part = total**2 / float(shares @ shares)
         return n_loaded < 2 or taking_part >= 1 + _TAKE_PART * (n_loaded - 1)
 
-    def learn(self, segment: TaxelSetSegment, row: int, *, disturbed: bool) -> None:
-        """Update the noise floor by a scan of a segment; `disturbed` while a slip is active."""
-        if self._segmenter.learn(segment, row, disturbed=disturbed):
+    @property
+    def n_to_group(self) -> int:
+        """Scans until the noise floor changes."""
+        return self._segmenter.n_to_group
+
+    def learn(self, segment: TaxelSetSegment, row: int, n: int = 1, *, disturbed: bool) -> None:
+        """Update the noise floor by n scans of a segment; `disturbed` while a slip is active.
+
+        Not more than `n_to_group` scans.
+        """
+        if self._segmenter.learn(segment, row, n, disturbed=disturbed):
             self._ramp_sd = self._filters.ramp_sd(self._segmenter.axes_sd)
 
     def noise(self, along: FloatArray) -> float:
@@ -271,8 +257,3 @@ class ShearEvidence:
 @functools.cache
 def _threshold(chance: float, axes: int) -> float:
     return float(special.chdtri(axes, chance))
-
-
-def _size(axes: FloatArray) -> FloatArray:
-    """Return the length of vectors (n, 3, ramps)."""
-    return np.asarray(np.sqrt((axes**2).sum(axis=1)))

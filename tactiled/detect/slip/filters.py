@@ -59,7 +59,9 @@ class RampFilters:
         # Newest scan last; each row ends at the newest scan.
         rows = [*ramps, *(taps(level)[::-1] for level in LEVELS)]
         self._matrix = np.stack([np.concatenate([np.zeros(self.window - len(r)), r]) for r in rows], axis=1)
-        self._n_ramps = len(ramps)
+        self.n_ramps = len(ramps)
+        self.backwards = np.array([len(r) for r in rows]), np.concatenate([r[::-1] for r in rows])
+        """Lengths of all filters, and their taps one after the other, each with the newest scan first."""
         rises = [r[N_BASELINE:] @ np.arange(1, len(r) - N_BASELINE + 1) for r in ramps]
         self.rise_scale = self.lengths / np.array(rises)
         """(ramps,) a ramp's output times this is how far the response has risen along it, in its own unit."""
@@ -78,12 +80,16 @@ class RampFilters:
         ramps : (n, columns, ramps)
         details : (n, columns, levels)
         """
+        out = self.filter(seen)
+        return out[..., : self.n_ramps], out[..., self.n_ramps :]
+
+    def filter(self, seen: FloatArray) -> FloatArray:
+        """Apply all filters as `apply` does, and return ramps and details (n, columns, both) in one array."""
         seen = np.ascontiguousarray(seen)
         scan, column = seen.strides
         # As `sliding_window_view` has it, which takes longer than the filters of one scan.
         shape = (len(seen) - self.window + 1, seen.shape[1], self.window)
-        out = np.ndarray(shape, seen.dtype, seen, strides=(scan, column, scan)) @ self._matrix
-        return out[..., : self._n_ramps], out[..., self._n_ramps :]
+        return np.asarray(np.ndarray(shape, seen.dtype, seen, strides=(scan, column, scan)) @ self._matrix)
 
     def rise(self, ramp: int, seen: FloatArray) -> FloatArray:
         """Return the rise (columns,) of responses (window, columns) along one ramp."""

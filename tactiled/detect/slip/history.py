@@ -40,12 +40,13 @@ class ResponseHistory:
         self._each = max(1, round(_EACH_S * rate_hz))
         self._means: deque[_ResponseMean] = deque(maxlen=round(_KEPT_S * rate_hz / self._each))
         self._n_taken = 0
-        self.forget()
+        self._sum, self._n = np.zeros(COLUMNS), 0
 
     def forget(self) -> None:
         """Clear the history."""
         self._means.clear()
-        self._sum, self._n = np.zeros(COLUMNS), 0
+        if self._n:
+            self._sum, self._n = np.zeros(COLUMNS), 0
 
     def shift(self, jump: FloatArray) -> None:
         """Correct the history for a change of the taxel set, by which the response jumps by (7,)."""
@@ -55,14 +56,18 @@ class ResponseHistory:
         for k, mean in enumerate(self._means):
             self._means[k] = mean._replace(row=mean.row + jump)
 
-    def take(self, row: FloatArray) -> None:
-        """Add a scan's response (7,)."""
-        self._sum = self._sum + row
-        self._n += 1
-        self._n_taken += 1
-        if self._n == self._each:
-            self._means.append(_ResponseMean(self._n_taken, self._sum / self._n))
-            self._sum, self._n = np.zeros(COLUMNS), 0
+    def take(self, rows: FloatArray) -> None:
+        """Add the responses (n, 7) of scans; sums of whole numbers, exact in any order."""
+        done = 0
+        while done < len(rows):
+            n = min(len(rows) - done, self._each - self._n)
+            self._sum = self._sum + rows[done : done + n].sum(axis=0)
+            self._n += n
+            self._n_taken += n
+            done += n
+            if self._n == self._each:
+                self._means.append(_ResponseMean(self._n_taken, self._sum / self._n))
+                self._sum, self._n = np.zeros(COLUMNS), 0
 
     def at(self, seen: FloatArray, scans: float) -> FloatArray:
         """Return the response (7,) `scans` ago, or the oldest that is kept."""

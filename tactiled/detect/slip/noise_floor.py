@@ -36,7 +36,7 @@ class GroupedNoiseFloor:
     """
 
     def __init__(self, levels: int, columns: int, rate_hz: float) -> None:
-        self._details = np.zeros((columns, levels, GROUP_SCANS))
+        self._details = np.zeros((GROUP_SCANS, levels, columns))
         self._freeze_groups = max(1, round(_LONGEST_FREEZE_S * rate_hz / GROUP_SCANS))
         self._log = np.full((levels, columns), np.log(_LEAST_STEPS))
         self._n_groups = 0
@@ -46,17 +46,34 @@ class GroupedNoiseFloor:
         self._set()
         self.newest = self.sd
 
-    def take(self, details: FloatArray, disturbed: bool) -> bool:
-        """Add one scan's details (columns, levels); return True if a group is complete."""
-        self._details[..., self._n_rows] = details
-        self._n_rows += 1
+    @property
+    def n_to_group(self) -> int:
+        """Scans until the group is complete."""
+        return GROUP_SCANS - self._n_rows
+
+    def add(self, common: FloatArray, channels: FloatArray, disturbed: bool) -> bool:
+        """Add scans, at most `n_to_group` of them; return True if the group is complete.
+
+        Parameters
+        ----------
+        common : (n, first columns, levels) float64
+            Details of the first columns.
+        channels : (n, levels, other columns) float64
+            Those of the others.
+        disturbed : bool
+        """
+        n, n_common = common.shape[:2]
+        rows = self._details[self._n_rows : self._n_rows + n]
+        rows[..., :n_common] = common.swapaxes(1, 2)
+        rows[..., n_common:] = channels
+        self._n_rows += n
         self._disturbed |= disturbed
         if self._n_rows < GROUP_SCANS:
             return False
         disturbed, self._disturbed, self._n_rows = self._disturbed, False, 0
         self._n_frozen = self._n_frozen + 1 if disturbed else 0
-        middle = np.sort(np.abs(self._details))[..., GROUP_SCANS // 2 - 1 : GROUP_SCANS // 2 + 1]
-        median = middle.mean(axis=-1).T / _MEDIAN_OF_NORMAL
+        middle = np.sort(np.abs(self._details), axis=0)[GROUP_SCANS // 2 - 1 : GROUP_SCANS // 2 + 1]
+        median = middle.mean(axis=0) / _MEDIAN_OF_NORMAL
         self.newest = np.maximum(median, _LEAST_STEPS)
         if 0 < self._n_frozen <= self._freeze_groups and self._n_groups:
             return True

@@ -30,7 +30,7 @@ RISING, FALLING, PRESSURE = slice(0, 3), slice(3, 6), 6  # columns of `responses
 COLUMNS = 7
 # Readings are whole within 2^23 and an axis weighs at most a few of them; what is larger is clipped, so that
 # filters of whole weights stay exact (`slip.filters`).
-_LARGEST = 2.0**24
+LARGEST = 2.0**24
 # A side that has lost all its load still reads what spreads under its electrodes from the opposite side: 0.41
 # to 0.45 of the reading there, on scenes of 8 to 16 N.
 _UNLOADED_PART = 0.5
@@ -48,6 +48,8 @@ class ResponseModel:
     ----------
     has_direction : bool
         The array has shear channels: x and y are those of the motion.
+    needs : (taxels, channels) float64
+        1 for the channels that a taxel's response needs.
     pressed : (channels,) float64
         Readings under an even pressure of 1.
     """
@@ -58,7 +60,7 @@ class ResponseModel:
         self._shear = array.shear_weights()
         self._normal = array.normal_weights()
         needed = (self._shear != 0).any(axis=0) | (self._normal != 0)  # (taxels, channels)
-        self._needs = needed.astype(np.float64)
+        self.needs = needed.astype(np.float64)
         kinds = np.array(array.channel_kind)
         self.pressed = np.where((kinds == "side") | (kinds == "normal"), array.sign, 0.0)
         # A side channel belongs to one half; a shear channel, which goes both ways, half to each.
@@ -66,11 +68,11 @@ class ResponseModel:
 
     def whole_taxels(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the taxels (..., taxels) whose channels are all valid, from (..., channels)."""
-        return np.asarray((~ok).astype(np.float64) @ self._needs.T == 0)
+        return np.asarray((~ok).astype(np.float64) @ self.needs.T == 0)
 
     def worst(self, of_channels: FloatArray) -> FloatArray:
         """Return the largest value (taxels,) over each taxel's needed channels."""
-        return np.asarray((self._needs * of_channels).max(axis=1))
+        return np.asarray((self.needs * of_channels).max(axis=1))
 
     def weights(self, taxels: NDArray[np.bool_]) -> FloatArray:
         """Return the weights (7, channels) of the means over some taxels (taxels,); zero without taxels.
@@ -102,7 +104,7 @@ def responses(weights: FloatArray, steps: FloatArray) -> FloatArray:
     (n, 7) float64
         The rising half of x, y and turn, their falling half, pressure. Motion is rising less falling.
     """
-    return np.asarray(np.clip(np.rint(steps @ weights.T), -_LARGEST, _LARGEST))
+    return np.asarray(np.clip(np.rint(steps @ weights.T), -LARGEST, LARGEST))
 
 
 def motion(rows: FloatArray) -> FloatArray:

@@ -15,20 +15,21 @@ by no more than that explains, all floors are raised at once.
 """
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import READING_BITS, HeldReadings, Quantiser
+from tactiled.detect.signal.rolling import RollingRows
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.detect.slip.filters import LEVELS, RampFilters
 from tactiled.detect.slip.noise_floor import GROUP_SCANS, GroupedNoiseFloor
-from tactiled.detect.slip.response import AXES, PRESSURE, ResponseModel, motion, responses
-
-Fits = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
+from tactiled.detect.slip.response import AXES, COLUMNS, LARGEST, PRESSURE, ResponseModel, motion, responses
+from tactiled.detect.slip.rises import RiseTest
 
 _RESPONSES = AXES + 1  # axes of motion, and pressure
 BEFORE_SCANS = 16  # before a ramp, in which noise is looked at (`slip.evidence`)
@@ -40,6 +41,7 @@ _NOISY, _QUIET_AGAIN = 5.0, 3.0
 _GREW, _INCOHERENT = 2.0, 1.6
 # Steps of noise that never matter: a 13th bit of full scale. The last bit of a 12-bit ADC comes and goes.
 _NO_NOISE = 2.0 ** (READING_BITS - 13)
+PIECE_SCANS = 256  # filtered at once, at most: bounds the memory of long blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +62,14 @@ class TaxelSetSegment:
         Rise along each ramp; the last axis is the pressure.
     fits : (n, ramps) bool
         True where the ramp may count as evidence.
+    any_fits : list of bool
+        For each scan, True where some ramp may.
     details : (history + n, 4, levels) float64
         Wavelet details of the axes and of pressure, with those of earlier scans.
-    channels : (n, channels, levels) float64
+    channels : (n, levels, channels) float64
         Details of each channel.
+
+    Arrays are good until the next segment.
     """
 
     scans: slice
@@ -73,8 +79,14 @@ class TaxelSetSegment:
     ramps: FloatArray
     rises: FloatArray
     fits: NDArray[np.bool_]
+    any_fits: list[bool]
     details: FloatArray
     channels: FloatArray
+
+    def newest(self, row: int, n: int) -> FloatArray:
+        """Return the responses (n, 7) of the scans from a row on."""
+        at = len(self.seen) - len(self.any_fits) + row
+        return self.seen[at : at + n]
 
 
 class ResponseSegmenter:
@@ -84,8 +96,8 @@ class ResponseSegmenter:
     ----------
     array : Array
     rate_hz : float
-    fits : callable
-        Rises (n, 4, ramps) and responses (n, 4) to what may count as evidence.
+    test : RiseTest
+        Finds the rises that may count as evidence.
 
     Attributes
     ----------
@@ -99,15 +111,21 @@ class ResponseSegmenter:
         Noise of the response along each axis.
     """
 
-    def __init__(self, array: Array, rate_hz: float, fits: Fits) -> None:
+    def __init__(self, array: Array, rate_hz: float, test: RiseTest) -> None:
         self._response = ResponseModel(array)
-        self._fits = fits
+        self._test = test
+        self._compiled = compiled.library()
         self.filters = RampFilters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
         self._floor = GroupedNoiseFloor(len(LEVELS), _RESPONSES + array.n_channels, rate_hz)
-        self._steps = np.zeros((0, array.n_channels))
-        self._details = np.zeros((self.filters.longest + BEFORE_SCANS, _RESPONSES, len(LEVELS)))
+        n_before = self.filters.window - 1
+        self._steps = RollingRows(n_before, (array.n_channels,), PIECE_SCANS)
+        self._seen = RollingRows(n_before, (COLUMNS,), PIECE_SCANS)
+        self._axes = RollingRows(n_before, (_RESPONSES,), PIECE_SCANS)
+        n_filters = self.filters.n_ramps + len(LEVELS)
+        self._n_details = self.filters.longest + BEFORE_SCANS  # scans whose details are kept
+        self._filtered = RollingRows(self._n_details, (_RESPONSES, n_filters), PIECE_SCANS)
         self._newest_bad = np.full(array.n_taxels, -self.filters.window - 1)
         self._n_seen = 0
         self._noisy = np.zeros(array.n_taxels, dtype=np.bool_)
@@ -125,27 +143,46 @@ class ResponseSegmenter:
 
     def cut(self, held: HeldReadings) -> Iterator[TaxelSetSegment]:
         """Yield the segments of a block; call `learn` for each scan of one before taking the next."""
-        if not len(self._steps):
-            self._steps = np.repeat(held.steps[:1], self.filters.window - 1, axis=0)
         first = self._n_seen
-        clean = self._clean(held.ok)
-        changes = np.flatnonzero((clean[1:] != clean[:-1]).any(axis=1)) + 1
+        if first == 0:
+            self._steps.newest(self.filters.window - 1)[:] = held.steps[0]
+        clean, changes = self._clean(held.ok)
         choices = range(-first % _CHOOSE_SCANS, len(clean), _CHOOSE_SCANS)
-        bounds = sorted({0, *changes.tolist(), *choices, len(clean)})
-        channels = self._bank.filter(held).volts.swapaxes(1, 2) * self._steps_per_volt
+        bounds = sorted({0, *changes, *choices, len(clean)})
+        channels = self._bank.filter_steps(held.steps) * self._steps_per_volt
         for a, b in itertools.pairwise(bounds):
             if (first + a) % _CHOOSE_SCANS == 0:
                 self._find_noisy(clean[a])
             yield self._segment(slice(a, b), held.steps[a:b], clean[a] & ~self._noisy, channels[a:b])
 
-    def _clean(self, ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return the taxels (n, taxels) whose channels are valid over the whole filter window."""
-        whole = self._response.whole_taxels(ok)
-        scans = np.arange(self._n_seen, self._n_seen + len(ok))[:, np.newaxis]
-        self._n_seen += len(ok)
-        newest_bad = np.maximum.accumulate(np.where(whole, self._newest_bad, scans), axis=0)
-        self._newest_bad = newest_bad[-1].copy()
-        return np.asarray(scans - newest_bad > self.filters.window)
+    def _clean(self, ok: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], list[int]]:
+        """Return the taxels (n, taxels) whose channels are valid over the whole filter window.
+
+        And the scans at which they change.
+        """
+        first, self._n_seen = self._n_seen, self._n_seen + len(ok)
+        if self._compiled is not None:
+            needs, ok = self._response.needs, compiled.dense(ok, np.bool_)
+            clean = np.empty((len(ok), len(needs)), dtype=np.bool_)
+            is_same = self._compiled.tactiled_clean(
+                *ok.shape,
+                len(needs),
+                first,
+                self.filters.window,
+                compiled.address(ok),
+                compiled.address(needs),
+                compiled.address(self._newest_bad),
+                compiled.address(clean),
+            )
+            if is_same:
+                return clean, []
+        else:
+            whole = self._response.whole_taxels(ok)
+            scans = np.arange(first, self._n_seen)[:, np.newaxis]
+            newest_bad = np.maximum.accumulate(np.where(whole, self._newest_bad, scans), axis=0)
+            self._newest_bad = newest_bad[-1].copy()
+            clean = np.asarray(scans - newest_bad > self.filters.window)
+        return clean, (np.flatnonzero((clean[1:] != clean[:-1]).any(axis=1)) + 1).tolist()
 
     def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
         """Find taxels with far more noise than the median, with hysteresis."""
@@ -155,42 +192,111 @@ class ResponseSegmenter:
 
     def newest(self, n: int) -> FloatArray:
         """Return the last n readings (n, channels)."""
-        return self._steps[-n:].copy()
+        return self._steps.newest(n).copy()
 
     def _segment(
         self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
     ) -> TaxelSetSegment:
-        jump = np.zeros(self.weights.shape[0])
-        if (taxels != self.taxels).any():
-            before, noise = responses(self.weights, self._steps[-1:]), self._made_of(self._floor.sd)
-            self._choose(taxels)
-            jump = (responses(self.weights, self._steps[-1:]) - before)[0]
-            now = self._made_of(self._floor.sd)
-            known = (noise > 0) & (now > 0)
-            self._floor.scale(
-                np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _RESPONSES)
-            )
-        n = len(steps)
-        steps = np.concatenate([self._steps, steps])
-        self._steps = steps[n:]
-        seen = responses(self.weights, steps)
-        axes = np.concatenate([motion(seen), seen[:, PRESSURE:]], axis=1)
-        ramps, details = self.filters.apply(axes)
-        details = np.concatenate([self._details, details])
-        self._details = details[n:]
-        rises = ramps * self.filters.rise_scale
-        fits = self._fits(rises, axes[self.filters.window - 1 :])
-        return TaxelSetSegment(scans, jump, steps, seen, ramps[:, :AXES], rises, fits, details, channels)
+        n, window = len(steps), self.filters.window
+        jump = np.zeros(COLUMNS)
+        if taxels.tobytes() != self.taxels.tobytes():
+            jump = self._change(taxels)
+        self._steps.append(n)[:] = steps
+        seen, axes, filtered = self._seen.append(n), self._axes.append(n), self._filtered.append(n)
+        n_ramps = self.filters.n_ramps
+        if self._compiled is not None:
+            self._respond_compiled(steps, seen, axes)
+            rises, fits, any_fits = self._evidence_compiled(axes, filtered)
+        else:
+            self._respond(steps, seen, axes)
+            filtered[:] = self.filters.filter(self._axes.newest(window - 1 + n))
+            rises = filtered[..., :n_ramps] * self.filters.rise_scale
+            fits = self._test.fits(rises, axes)
+            any_fits = [bool(row.any()) for row in fits]
+        return TaxelSetSegment(
+            scans,
+            jump,
+            self._steps.newest(window - 1 + n),
+            self._seen.newest(window - 1 + n),
+            filtered[:, :AXES, :n_ramps],
+            rises,
+            fits,
+            any_fits,
+            self._filtered.newest(self._n_details + n)[..., n_ramps:],
+            channels,
+        )
+
+    def _change(self, taxels: NDArray[np.bool_]) -> FloatArray:
+        """Change the set of taxels, and return the jump (7,) of the newest response."""
+        newest = self._steps.newest(1)
+        before, noise = responses(self.weights, newest), self._made_of(self._floor.sd)
+        self._choose(taxels)
+        jump = (responses(self.weights, newest) - before)[0]
+        now = self._made_of(self._floor.sd)
+        known = (noise > 0) & (now > 0)
+        self._floor.scale(
+            np.where(known, now, 1.0) / np.where(known, noise, 1.0), columns=slice(0, _RESPONSES)
+        )
+        n_before = self.filters.window - 1
+        kept = self._steps.newest(n_before), self._seen.newest(n_before), self._axes.newest(n_before)
+        self._respond(*kept)
+        return np.asarray(jump)
+
+    def _respond(self, steps: FloatArray, seen: FloatArray, axes: FloatArray) -> None:
+        """Fill in the responses (n, 7) of steps (n, channels), and their axes and pressure (n, 4)."""
+        seen[:] = responses(self.weights, steps)
+        axes[:, :AXES] = motion(seen)
+        axes[:, AXES] = seen[:, PRESSURE]
+
+    def _respond_compiled(self, steps: FloatArray, seen: FloatArray, axes: FloatArray) -> None:
+        assert self._compiled is not None
+        self._compiled.tactiled_respond(
+            *steps.shape,
+            compiled.address(steps),
+            compiled.address(self.weights),
+            LARGEST,
+            compiled.address(seen),
+            compiled.address(axes),
+        )
+
+    def _evidence_compiled(
+        self, axes: FloatArray, filtered: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_], list[bool]]:
+        """Fill in what the filters make of axes (n, 4); return rises, fits and whether any fits."""
+        assert self._compiled is not None
+        n, n_ramps, (lengths, taps) = len(axes), self.filters.n_ramps, self.filters.backwards
+        rises = np.empty((n, _RESPONSES, n_ramps))
+        fits, any_fits = np.empty((n, n_ramps), dtype=np.bool_), np.empty(n, dtype=np.bool_)
+        self._compiled.tactiled_evidence(
+            n,
+            compiled.address(axes),
+            len(lengths),
+            compiled.address(lengths),
+            compiled.address(taps),
+            n_ramps,
+            compiled.address(self.filters.rise_scale),
+            *self._test.constants,
+            compiled.address(filtered),
+            compiled.address(rises),
+            compiled.address(fits),
+            compiled.address(any_fits),
+        )
+        return rises, fits, any_fits.tolist()
 
     def _made_of(self, noise: FloatArray) -> FloatArray:
         """Return the noise (levels, 4) of axes and pressure if the noise of channels is independent."""
         weights = np.concatenate([motion(self.weights.T), self.weights[PRESSURE:].T], axis=1)
         return np.asarray(np.sqrt(noise[:, _RESPONSES:] ** 2 @ weights**2))
 
-    def learn(self, segment: TaxelSetSegment, row: int, *, disturbed: bool) -> bool:
-        """Update the noise floor by a scan of a segment; return True if a group of scans is complete."""
-        common = segment.details[len(segment.details) - len(segment.channels) + row]
-        if not self._floor.take(np.concatenate([common, segment.channels[row]]), disturbed):
+    @property
+    def n_to_group(self) -> int:
+        """Scans until the noise floor changes."""
+        return self._floor.n_to_group
+
+    def learn(self, segment: TaxelSetSegment, row: int, n: int, *, disturbed: bool) -> bool:
+        """Update the noise floor by n scans of a segment; return True if a group of scans is complete."""
+        at = self._n_details + row
+        if not self._floor.add(segment.details[at : at + n], segment.channels[row : row + n], disturbed):
             return False
         newest = self._floor.newest
         grew = np.median((newest / self._floor.sd)[:, _RESPONSES:], axis=1)

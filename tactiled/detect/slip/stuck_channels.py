@@ -19,6 +19,7 @@ A channel works again with its first reading that differs, and not because the p
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import Quantiser
 
@@ -42,7 +43,8 @@ class StuckChannelDetector:
             _PRESSED_OF_RANGE * (array.high - array.low) if array.contact is None else array.contact.below
         )
         self._pressed_steps = pressed / Quantiser(array).volts_per_step
-        self._sign = array.sign
+        self._sign = array.sign.astype(np.float64)
+        self._compiled = compiled.library()
         n = array.n_channels
         self._sides = _sides(array)
         """(channels, others): the other sides of a channel's taxel, itself where it has none."""
@@ -52,7 +54,8 @@ class StuckChannelDetector:
         self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
         self._last: FloatArray | None = None
         self._way = np.zeros((1, n))  # of the newest change
-        self._turns = np.zeros((_HISTORY, n), dtype=np.bool_)
+        self._turns = np.zeros((_HISTORY, n), dtype=np.bool_)  # a ring where compiled
+        self._position = np.zeros(1, dtype=np.int64)
         self._n_turns = np.zeros(n, dtype=np.int64)
         self._noisy = np.zeros(n, dtype=np.bool_)  # before the code began to repeat
         self._stayed = np.zeros(n, dtype=np.bool_)  # in a press since the code began
@@ -61,8 +64,10 @@ class StuckChannelDetector:
         """Return which readings (n, channels) are stuck; the result does not depend on chunking."""
         n = len(steps)
         if self._last is None:
-            self._last = steps[0]
+            self._last = steps[0].copy()
             self._began = (steps[0] * self._sign)[self._sides]
+        if self._compiled is not None:
+            return self._process_compiled(steps)
         seen = np.concatenate([self._last[np.newaxis], steps])
         self._last = seen[-1]
         way = np.concatenate([self._way, np.sign(seen[1:] - seen[:-1])])
@@ -91,6 +96,22 @@ class StuckChannelDetector:
         stayed = (newest_press >= at) | (~in_block & self._stayed)
         self._stayed = stayed[-1]
         return np.asarray(stuck | stayed)
+
+    def _process_compiled(self, steps: FloatArray) -> NDArray[np.bool_]:
+        assert self._compiled is not None
+        assert self._last is not None
+        n, channels = steps.shape
+        steps = compiled.dense(steps, np.float64)
+        stuck = np.empty(steps.shape, dtype=np.bool_)
+        address = compiled.address
+        self._compiled.tactiled_stuck(
+            n, channels, self._sides.shape[1], _HISTORY, address(steps), address(self._sign),
+            address(self._sides), address(self._judged), self._pressed_steps, _TURNED, _LONG,
+            _MOST * channels, address(self._position), address(self._last), address(self._way),
+            address(self._run), address(self._began), address(self._turns), address(self._n_turns),
+            address(self._noisy), address(self._stayed), address(stuck),
+        )  # fmt: skip
+        return stuck
 
     def _pressed(self, moved: FloatArray) -> NDArray[np.bool_]:
         up, down = moved >= self._pressed_steps, moved <= -self._pressed_steps

@@ -24,7 +24,7 @@ from tactiled.detect.slip.response import PRESSURE, motion, unit
 from tactiled.detect.slip.scan_evidence import ScanEvidence, SlipDescription
 from tactiled.detect.slip.segments import TaxelSetSegment
 from tactiled.detect.slip.swings import OUTGROWS_S, ShakeTracker, SwingHistory, extent
-from tactiled.events.types import SlipEvent
+from tactiled.events.types import ContactState, SlipEvent
 
 _SWING_S = 2.0  # a whole swing of 0.5 Hz
 
@@ -88,6 +88,28 @@ class SlipTracker:
             return []
         return [slip_events.ended(self._slip.event, time_s, time_s, valid=False)]
 
+    def is_quiet(self, segment: TaxelSetSegment, row: int, index: int, state: ContactState) -> bool:
+        """Return True where `lift` or `look` would do no more with scan `index` than `pass_quiet` does."""
+        if self._slip is not None:
+            return False
+        if state == "none":
+            return True
+        if self._recoil is not None or self._shake is not None or self._unreported is not None:
+            return False
+        is_after_gap = self._before is not None and index == LOOK_SCANS - 1
+        return not is_after_gap and not segment.any_fits[row]
+
+    def pass_quiet(
+        self, segment: TaxelSetSegment, row: int, n: int, first_index: int, state: ContactState
+    ) -> None:
+        """Process n scans that are quiet, from a row of the segment on, in one state of the contact."""
+        if state != "none":
+            self._history.take(segment.newest(row, n))
+            return
+        self._reported_until = first_index + n - 1
+        self._recoil = self._shake = self._unreported = None
+        self._history.forget()
+
     def lift(self, now: ScanEvidence) -> list[SlipEvent]:
         """Process a scan without contact; an active slip ends."""
         self._reported_until = now.index
@@ -102,7 +124,7 @@ class SlipTracker:
 
         With a mean pressure of zero or less there is no load: the scan is kept but not evaluated.
         """
-        self._history.take(now.seen[-1])
+        self._history.take(now.seen[-1:])
         if self._before is not None and now.index == LOOK_SCANS - 1 and self._slip is None:
             return self._look_back(self._before, now)
         if now.seen[-1, PRESSURE] <= 0:

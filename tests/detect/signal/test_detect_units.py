@@ -91,7 +91,7 @@ def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> No
     rng = np.random.default_rng(2)
     sd = np.where(np.arange(3000) < 1000, 10.0, 200.0)[:, np.newaxis]
     steps = np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis])
-    found = RestNoise(4).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_)))
+    found = RestNoise(4).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True))
     assert (found[:15] == 2.0**23).all()  # unknown
     assert (found[15:] < 14.0).all()
     assert (found[15:] > 3.0).all()

@@ -29,7 +29,7 @@ def test_what_grew_since_long_before_the_window_began_then() -> None:
             rows(np.maximum(scans - (1499 - delay), 0) + rng.normal(size=1500)),
         )
         for row in course:
-            past.take(row)
+            past.take(row[np.newaxis])
         kink = past.began(course[-WINDOW:], LONGEST_RAMP, 1500, ALONG, 1.0)
         errors.append((kink.delay_scans - delay) / kink.sd_scans)
         assert kink.sd_scans < 20
@@ -42,7 +42,7 @@ def test_what_is_told_already_has_nothing_to_do_with_it() -> None:
     course = rows(np.where(scans < 1000, scans, 0.0) + np.maximum(scans - 1300, 0))
     past = ResponseHistory(100.0, LONGEST_RAMP)
     for row in course:
-        past.take(row)
+        past.take(row[np.newaxis])
     kink = past.began(course[-WINDOW:], LONGEST_RAMP, 400, ALONG, 1.0)
     assert kink.delay_scans == pytest.approx(199, abs=3)
 
@@ -53,13 +53,13 @@ def test_other_taxels_shift_the_past_too_and_a_lift_clears_it(forgets: bool) -> 
     course = np.maximum(scans - 900, 0)
     past, before = ResponseHistory(100.0, LONGEST_RAMP), rows(course[:1003])
     for row in before:
-        past.take(row)
+        past.take(row[np.newaxis])
     if forgets:
         past.forget()
     past.shift(rows(np.array([5000.0]))[0])
     after = rows(course + 5000.0)
     for row in after[1003:]:
-        past.take(row)
+        past.take(row[np.newaxis])
     kink = past.began(after[-WINDOW:], LONGEST_RAMP, 1500, ALONG, 1.0)
     if forgets:
         assert kink.delay_scans <= 497

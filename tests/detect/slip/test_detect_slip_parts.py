@@ -101,12 +101,17 @@ def test_the_noise_of_every_ramp_follows_from_its_octaves(smooth: float) -> None
     assert np.all(ramps[:, 0].std(axis=0) > 0.6 * stated)
 
 
+def add(floor: GroupedNoiseFloor, row: FloatArray, *, disturbed: bool) -> None:
+    """Add the details (columns, levels) of one scan."""
+    floor.add(row[np.newaxis], np.zeros((1, len(LEVELS), 0)), disturbed)
+
+
 def floor_of(sd: FloatArray, seed: int, **disturbed: bool) -> FloatArray:
     """The floor after details of white noise with these standard deviations, scan by scan."""
     floor = GroupedNoiseFloor(len(LEVELS), 1, 100.0)
     rng = np.random.default_rng(seed)
     for row in sd[:, np.newaxis, np.newaxis] * rng.normal(size=(len(sd), 1, len(LEVELS))):
-        floor.take(row, **({"disturbed": False} | disturbed))
+        add(floor, row, **({"disturbed": False} | disturbed))
     return np.asarray(floor.sd[:, 0])
 
 
@@ -127,9 +132,9 @@ def test_the_floor_is_frozen_while_something_happens_but_not_for_ever() -> None:
         floor = GroupedNoiseFloor(len(LEVELS), 1, 100.0)
         rng = np.random.default_rng(5)
         for row in 500.0 * rng.normal(size=(2000, 1, len(LEVELS))):
-            floor.take(row, disturbed=False)
+            add(floor, row, disturbed=False)
         for row in 5000.0 * rng.normal(size=(scans, 1, len(LEVELS))):
-            floor.take(row, disturbed=True)
+            add(floor, row, disturbed=True)
         assert np.array_equal(floor.sd[:, 0], before) == is_frozen
 
 
@@ -144,7 +149,7 @@ def alarms_per_hour(allowed: float, smooth: float, scans: int, seed: int) -> flo
         for row in steps if smooth else ():
             row += smooth * state
             state = row.copy()
-        held = HeldReadings(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_))
+        held = HeldReadings(np.rint(1e6 + 3000 * steps), np.ones(steps.shape, dtype=np.bool_), True)
         for stretch in evidence.segments(held):
             for row in range(len(stretch.fits)):
                 if index > 400 and evidence.growth(stretch, row, 10**6, 0.0) is not None:
@@ -393,7 +398,9 @@ def test_ramps_have_a_baseline_of_their_own() -> None:
     steps = np.full((120, ARRAY.n_channels), 1e6)
     steps += 1e5 * np.clip((np.arange(120)[:, np.newaxis] - 60) / 5, 0, 1) * shown(20.0)
     grown = {}
-    for stretch in evidence.segments(HeldReadings(np.rint(steps), np.ones(steps.shape, dtype=np.bool_))):
+    for stretch in evidence.segments(
+        HeldReadings(np.rint(steps), np.ones(steps.shape, dtype=np.bool_), True)
+    ):
         for scan, since in ((64, 64), (90, 90), (90, 90 - 66), (64, N_BASELINE + 1)):
             if stretch.scans.start <= scan < stretch.scans.stop:
                 grown[scan, since] = evidence.growth(stretch, scan - stretch.scans.start, since, 0.0)

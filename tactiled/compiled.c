@@ -1,0 +1,284 @@
+/* The path of a scan, from bytes to filtered responses: arrays in, arrays out, nothing kept here.
+ *
+ * Every function does what numpy or plain Python does beside its call (`tactiled.compiled` loads this file), bit
+ * for bit: sums are of whole numbers below 2^53, so that their order does not matter; all else is one operation
+ * on one element, in the order in which numpy has it, without fused multiply-add (-ffp-contract=off) and without
+ * functions other than rint and sqrt, which IEEE 754 defines exactly.
+ *
+ * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels, r ramps.
+ */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#define API __attribute__((visibility("default")))
+
+typedef double real;
+typedef uint8_t flag;
+
+API const char *tactiled_source(void)
+{
+    return TACTILED_SOURCE; /* hash of this file, from hatch_build.py: a stale library is refused */
+}
+
+static real least(real a, real b) { return b < a ? b : a; }
+static real most(real a, real b) { return b > a ? b : a; }
+
+/* ---- bytes to frames (tactiled.wire) ---------------------------------------------------------------------- */
+
+/* CRC-16 of polynomial x^16 + x^12 + x^5 + 1, most significant bit first. */
+static unsigned crc16(unsigned crc, const uint8_t *octets, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        unsigned x = (crc >> 8 ^ octets[i]) & 0xFF;
+        x ^= x >> 4;
+        crc = (crc << 8 ^ x << 12 ^ x << 5 ^ x) & 0xFFFF;
+    }
+    return crc;
+}
+
+/* Decode the good COBS frames at the beginning of `in`, each closed by a zero and ended by its CRC (little-endian
+ * where `little`). Stops before the first chunk that is empty, longer than `limit` - 1 octets or no good frame,
+ * before an incomplete one, and after `n_most` frames. Bodies without CRC go to `out`. Returns
+ * the number of frames; `ends` (frames, 2) are the ends of each in `in` and of its body in `out`. */
+API ptrdiff_t tactiled_frames(const uint8_t *in, ptrdiff_t n, ptrdiff_t limit, unsigned crc, int little,
+                              uint8_t *out, int64_t *ends, ptrdiff_t n_most)
+{
+    ptrdiff_t n_frames = 0, at = 0, size = 0;
+    while (n_frames < n_most && at < n) {
+        const uint8_t *zero = memchr(in + at, 0, (size_t)(n - at < limit ? n - at : limit));
+        ptrdiff_t end = zero ? zero - in : at, body = size, k = at;
+        while (k < end) {
+            ptrdiff_t code = in[k];
+            if (k + code > end)
+                break;
+            memcpy(out + body, in + k + 1, (size_t)(code - 1));
+            body += code - 1;
+            k += code;
+            if (code < 255 && k < end)
+                out[body++] = 0;
+        }
+        if (!zero || end == at || k != end || body < size + 3)
+            break;
+        unsigned tail = little ? out[body - 2] | out[body - 1] << 8 : out[body - 2] << 8 | out[body - 1];
+        if (crc16(crc, out + size, (size_t)(body - 2 - size)) != tail)
+            break;
+        *ends++ = at = end + 1;
+        *ends++ = size = body - 2;
+        n_frames++;
+    }
+    return n_frames;
+}
+
+/* ---- readings (tactiled.detect.signal) ---------------------------------------------------------------------- */
+
+/* Round readings to whole steps; where a reading is not ok, repeat the last good one (`last`, kept).
+ * Returns whether all are ok. */
+API int tactiled_hold(ptrdiff_t n, ptrdiff_t channels, const real *volts, const flag *valid, real limit,
+                      real steps_per_volt, real *last, real *steps, flag *ok)
+{
+    int all = 1;
+    for (ptrdiff_t i = 0; i < n; i++)
+        for (ptrdiff_t c = 0; c < channels; c++, volts++, valid++, steps++, ok++) {
+            *ok = *valid && fabs(*volts) <= limit; /* not for NaN */
+            if (*ok)
+                last[c] = rint(*volts * steps_per_volt);
+            *steps = last[c];
+            all &= *ok;
+        }
+    return all;
+}
+
+/* Filters of several lengths on n scans of several columns. `newest` is the first of the n scans in a history
+ * (scans, columns) that goes back far enough; a filter's taps begin with that of the newest scan.
+ * out (n, filters, columns), or (n, columns, filters) where `last_filter`. */
+static void fir(ptrdiff_t n, ptrdiff_t columns, const real *newest, ptrdiff_t filters, const int64_t *lengths,
+                const real *taps, int last_filter, real *out)
+{
+    enum { WIDE = 4 };
+    for (ptrdiff_t i = 0; i < n; i++, newest += columns, out += filters * columns) {
+        const real *tap = taps;
+        for (ptrdiff_t f = 0; f < filters; tap += lengths[f++])
+            for (ptrdiff_t c = 0; c < columns; c += WIDE) {
+                real sum[WIDE] = {0};
+                const real *x = newest + c;
+                if (c + WIDE <= columns)
+                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
+                        for (int w = 0; w < WIDE; w++)
+                            sum[w] += tap[k] * x[w];
+                else
+                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
+                        for (int w = 0; w < columns - c; w++)
+                            sum[w] += tap[k] * x[w];
+                for (int w = 0; w < WIDE && c + w < columns; w++)
+                    out[last_filter ? (c + w) * filters + f : f * columns + c + w] = sum[w];
+            }
+    }
+}
+
+/* Wavelet bank of all channels: out (n, levels, channels). */
+API void tactiled_bank(ptrdiff_t n, ptrdiff_t channels, const real *newest, ptrdiff_t levels,
+                       const int64_t *lengths, const real *taps, real *out)
+{
+    fir(n, channels, newest, levels, lengths, taps, 0, out);
+}
+
+/* Contact of n scans.
+ *
+ * Pressure of a taxel: the sum of the `steps` of its channels `own` (taxels, sides), the largest one bounded by
+ * `one_side` times the mean of the others where there are `least_sides` readings. `readings`, `contact` and
+ * `release` are (taxels), or (n, taxels) where `each`.
+ * Slope: `line` (n_line) on the totals of `held` (n, channels); `totals` holds n_line - 1 older ones, then n.
+ */
+API void tactiled_contact(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, ptrdiff_t sides, ptrdiff_t n_line,
+                          const real *steps, const real *held, const int64_t *own, const real *signs,
+                          const real *sign, const real *total_weights, const real *line, const real *readings,
+                          const real *contact, const real *release, int each, real one_side, real least_sides,
+                          real volts_per_step, real slope_scale, real *totals, real *pressure, flag *touches,
+                          flag *touched, flag *released, real *n_touching, real *slope)
+{
+    for (ptrdiff_t i = 0; i < n; i++, steps += channels, held += channels) {
+        ptrdiff_t level = each ? i * taxels : 0, n_touch = 0;
+        real total = 0, risen = 0;
+        released[i] = 1;
+        for (ptrdiff_t t = 0; t < taxels; t++, pressure++, touches++) {
+            real sum = 0, largest = -INFINITY, n_read = readings[level + t];
+            for (ptrdiff_t c = 0; c < channels; c++)
+                sum += signs[t * channels + c] * steps[c];
+            for (ptrdiff_t s = 0; s < sides; s++)
+                largest = most(largest, steps[own[t * sides + s]] * sign[own[t * sides + s]]);
+            real rest = sum - largest;
+            if (n_read >= least_sides)
+                sum = rest + least(largest, one_side / most(n_read - 1, 1) * rest);
+            *pressure = sum * volts_per_step / most(n_read, 1);
+            *touches = *pressure > contact[level + t];
+            n_touch += *touches;
+            released[i] &= *pressure < release[level + t];
+        }
+        for (ptrdiff_t c = 0; c < channels; c++)
+            total += held[c] * total_weights[c];
+        totals[n_line - 1 + i] = total;
+        for (ptrdiff_t k = 0; k < n_line; k++)
+            risen += totals[i + k] * line[k];
+        touched[i] = n_touch > 0;
+        n_touching[i] = n_touch > 0 ? (real)n_touch : 1;
+        slope[i] = risen * slope_scale / n_touching[i];
+    }
+}
+
+/* ---- slip (tactiled.detect.slip) ---------------------------------------------------------------------------- */
+
+/* Stuck channels: `stuck_channels` states the rule. All arrays from `position` on are kept between calls; the
+ * turns of the last `history` scans are a ring. Returns whether any reading is stuck. */
+API int tactiled_stuck(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, const real *steps,
+                       const real *sign, const int64_t *others, const flag *judged, real pressed, int64_t n_turned,
+                       int64_t n_long, real most_resting, int64_t *position, real *last, real *way, int64_t *run,
+                       real *began, flag *turns, int64_t *n_turns, flag *noisy, flag *stayed, flag *stuck)
+{
+    int any = 0;
+    for (ptrdiff_t i = 0; i < n; i++, steps += channels, stuck += channels) {
+        flag *turn = turns + *position * channels;
+        int64_t resting = 0;
+        *position = (*position + 1) % history;
+        for (ptrdiff_t c = 0; c < channels; c++) {
+            real now = (real)(steps[c] > last[c]) - (real)(steps[c] < last[c]), *origin = began + c * sides;
+            int up = judged[c], down = judged[c];
+            n_turns[c] -= turn[c];
+            n_turns[c] += turn[c] = now * way[c] < 0;
+            way[c] = now;
+            last[c] = steps[c];
+            run[c] = now != 0 ? 0 : run[c] + 1;
+            if (now != 0)
+                noisy[c] = n_turns[c] >= n_turned;
+            resting += run[c] >= n_long / 2;
+            for (ptrdiff_t s = 0; s < sides; s++) {
+                ptrdiff_t other = others[c * sides + s];
+                real reading = steps[other] * sign[other];
+                if (now != 0)
+                    origin[s] = reading;
+                up &= reading - origin[s] >= pressed;
+                down &= reading - origin[s] <= -pressed;
+            }
+            stayed[c] = (now == 0 && stayed[c]) || up || down;
+        }
+        for (ptrdiff_t c = 0; c < channels; c++) {
+            stuck[c] = stayed[c] || (noisy[c] && run[c] >= n_long && (real)resting <= most_resting);
+            any |= stuck[c];
+        }
+    }
+    return any;
+}
+
+/* Taxels (n, taxels) whose needed channels have been ok for more than `window` scans; scans count from `first`.
+ * Returns whether they are the same in all scans. */
+API int tactiled_clean(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, int64_t first, int64_t window,
+                       const flag *ok, const real *needs, int64_t *newest_bad, flag *clean)
+{
+    int same = 1;
+    for (ptrdiff_t i = 0; i < n; i++, ok += channels)
+        for (ptrdiff_t t = 0; t < taxels; t++) {
+            for (ptrdiff_t c = 0; c < channels; c++)
+                if (!ok[c] && needs[t * channels + c] != 0)
+                    newest_bad[t] = first + i;
+            clean[i * taxels + t] = first + i - newest_bad[t] > window;
+            same &= clean[i * taxels + t] == clean[t];
+        }
+    return same;
+}
+
+/* Responses of n scans of `steps`: seen (n, 7), and axes (n, 4) of motion and pressure. */
+API void tactiled_respond(ptrdiff_t n, ptrdiff_t channels, const real *steps, const real *weights, real largest,
+                          real *seen, real *axes)
+{
+    enum { AXES = 3, PRESSURE = 6, COLUMNS = 7 };
+    for (ptrdiff_t i = 0; i < n; i++, steps += channels, seen += COLUMNS, axes += AXES + 1) {
+        for (ptrdiff_t k = 0; k < COLUMNS; k++) {
+            real sum = 0;
+            for (ptrdiff_t c = 0; c < channels; c++)
+                sum += steps[c] * weights[k * channels + c];
+            seen[k] = least(most(rint(sum), -largest), largest);
+        }
+        for (ptrdiff_t a = 0; a < AXES; a++)
+            axes[a] = seen[a] - seen[AXES + a];
+        axes[AXES] = seen[PRESSURE];
+    }
+}
+
+static real size(const real *v)
+{
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+/* Filter n scans of axes (n, 4), of which `newest` is the first, by ramps and wavelets: filtered (n, 4, filters);
+ * rises (n, 4, ramps) of the first `ramps` filters; fits (n, ramps), whether a rise may count as evidence
+ * (`evidence` states the rule); any (n), whether any does. */
+API void tactiled_evidence(ptrdiff_t n, const real *newest, ptrdiff_t filters, const int64_t *lengths,
+                           const real *taps, ptrdiff_t ramps, const real *rise_scale, real least_shear,
+                           real unequal, real leaked, real least_new, real press, real *filtered, real *rises,
+                           flag *fits, flag *any)
+{
+    enum { AXES = 3 };
+    fir(n, AXES + 1, newest, filters, lengths, taps, 1, filtered);
+    for (ptrdiff_t i = 0; i < n; i++, newest += AXES + 1, filtered += (AXES + 1) * filters) {
+        real pressure = most(newest[AXES], 1);
+        any[i] = 0;
+        for (ptrdiff_t r = 0; r < ramps; r++, fits++) {
+            real rise[AXES + 1], start[AXES], along = 0;
+            for (ptrdiff_t a = 0; a <= AXES; a++)
+                rise[a] = rises[a * ramps + r] = filtered[a * filters + r] * rise_scale[r];
+            for (ptrdiff_t a = 0; a < AXES; a++)
+                start[a] = newest[a] - rise[a];
+            for (ptrdiff_t a = 0; a < AXES; a++)
+                along = a ? along + start[a] * rise[a] : start[a] * rise[a];
+            real grown = size(rise), there = size(start), cosine = along / most(grown * there, 1);
+            real wanted = least_shear * pressure * (cosine < -0.5 && there > least_shear * pressure ? 2 : 1);
+            real reached = grown + (cosine > 0.5 ? most(there - unequal * pressure, 0) : 0);
+            real leak = leaked + there / most(pressure - rise[AXES], 1);
+            *fits = reached >= wanted && grown >= least_new * least_shear * pressure &&
+                    grown >= leak * fabs(rise[AXES]) && rise[AXES] <= press * pressure;
+            any[i] |= *fits;
+        }
+        rises += (AXES + 1) * ramps;
+    }
+}

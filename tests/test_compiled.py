@@ -1,0 +1,244 @@
+"""The compiled path: the same bits as numpy, built by the hook, refused where it is stale."""
+
+import importlib.util
+import itertools
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import Touch, pieces, run, splits
+
+from tactiled import compiled
+from tactiled.array import Array, load_array
+from tactiled.detect.signal.contact import ContactParams, ContactTracker
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.wavelet import SwtBank
+from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
+from tactiled.detect.slip.evidence import ShearEvidence
+from tactiled.detect.slip.segments import TaxelSetSegment
+from tactiled.detect.slip.stuck_channels import StuckChannelDetector
+from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Scan
+from tactiled.wire.layout import load_layout
+
+ROOT = Path(__file__).resolve().parent.parent
+ARRAYS = [load_array(name) for name in ("wang2019-3x3", "normal-4x4", "xyz-two-pads-4x4")]
+
+needs_library = pytest.mark.skipif(
+    compiled.path.functions is None, reason=f"no compiled path: {compiled.path.words}"
+)
+every_array = pytest.mark.parametrize("array", ARRAYS, ids=[array.name for array in ARRAYS])
+
+
+@contextmanager
+def on_numpy() -> Iterator[None]:
+    """Make objects without the compiled path."""
+    before, compiled.path = compiled.path, compiled.CompiledPath(None, "a test")
+    try:
+        yield
+    finally:
+        compiled.path = before
+
+
+def of_both(make: Callable[[], Any]) -> tuple[Any, Any]:
+    """Return what `make` makes, with the compiled path and on numpy."""
+    with on_numpy():
+        plain = make()
+    return make(), plain
+
+
+def touched(array: Array, seed: int) -> ScanBlock:
+    """Return a slide with noise, missing and impossible readings, and a channel that sticks."""
+    rng = np.random.default_rng(seed)
+    rate_hz = float(rng.choice([35.7, 100.0, 400.0]))
+    block = Touch(grooves=(2.0, 20.0), speed_mm_s=4.0, ripple=0.1).block(
+        array, rate_hz, np.linspace(0, 0.5 / rate_hz, array.n_channels)
+    )
+    volts = block.volts + rng.choice([0.0, 1e-4, 5e-3]) * rng.standard_normal(block.volts.shape)
+    spoiled = rng.random(volts.shape) < rng.choice([0.0, 1e-4, 1e-2])
+    volts[spoiled] = rng.choice([np.nan, np.inf, -np.inf, 1e308, -5.0, 0.0], spoiled.sum())
+    if rng.random() < 0.5:
+        channel, since = rng.integers(array.n_channels), rng.integers(1, len(volts))
+        volts[since:, channel] = volts[since, channel]
+    return regular_block(volts, rate_hz, valid=rng.random(volts.shape) > rng.choice([0.0, 1e-3]))
+
+
+def is_same(one: Any, other: Any) -> bool:
+    """Compare numbers by their bits, except that there is one zero."""
+    return np.array_equal(np.asarray(one), np.asarray(other), equal_nan=np.asarray(one).dtype.kind == "f")
+
+
+@needs_library
+@every_array
+@given(seed=st.integers(0, 2**32), data=st.data())
+@settings(max_examples=6, deadline=None)
+def test_readings_contact_bank_and_stuck_channels_have_the_bits_of_numpy(
+    array: Array, seed: int, data: st.DataObject
+) -> None:
+    block = touched(array, seed)
+    params = ContactParams(contact_volts=0.2, release_volts=0.1, loading_volts_s=0.05)
+    given_levels = data.draw(st.booleans())
+    quantisers = of_both(lambda: Quantiser(array))
+    stuck_channels = of_both(lambda: StuckChannelDetector(array))
+    gates = of_both(lambda: ContactTracker(array, params if given_levels else ContactParams(), block.rate_hz))
+    banks = of_both(lambda: SwtBank(array))
+    for piece in pieces(block, data.draw(splits(len(block)))):
+        held, plain = (quantiser.process(piece) for quantiser in quantisers)
+        assert is_same(held.steps, plain.steps)
+        assert is_same(held.ok, plain.ok)
+        assert held.all_ok == plain.all_ok
+        stuck, plain_stuck = (detector.process(plain.steps) for detector in stuck_channels)
+        assert is_same(stuck, plain_stuck)
+        found, wanted = (gate.measure(piece, plain, stuck) for gate in gates)
+        for name, value in vars(wanted).items():
+            assert is_same(getattr(found, name), value), name
+        for start in range(0, len(piece), 1024):
+            one, other = (bank.filter_steps(plain.steps[start : start + 1024]) for bank in banks)
+            assert is_same(one, other)
+
+
+@needs_library
+@every_array
+@given(seed=st.integers(0, 2**32), data=st.data())
+@settings(max_examples=6, deadline=None)
+def test_evidence_has_the_bits_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
+    block = touched(array, seed)
+    held = Quantiser(array)
+    both = of_both(lambda: ShearEvidence(array, block.rate_hz, 1.0, 0.05))
+    cuts = sorted({*data.draw(splits(len(block))), *range(256, len(block), 256)})
+    for piece in pieces(block, cuts):
+        readings = held.process(piece)
+        segments = zip(*(evidence.segments(readings) for evidence in both), strict=True)
+        for found, wanted in segments:
+            for name in vars(wanted):
+                assert is_same_field(found, wanted, name), name
+            for row in range(len(wanted.fits)):
+                for evidence, segment in zip(both, (found, wanted), strict=True):
+                    evidence.learn(segment, row, disturbed=False)
+
+
+def is_same_field(found: TaxelSetSegment, wanted: TaxelSetSegment, name: str) -> bool:
+    one, other = getattr(found, name), getattr(wanted, name)
+    return one == other if name == "scans" else is_same(one, other)
+
+
+@needs_library
+@every_array
+@given(seed=st.integers(0, 2**32), data=st.data())
+@settings(max_examples=4, deadline=None)
+def test_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
+    block = touched(array, seed)
+    detector, plain = of_both(lambda: CoherentSlip(array, CoherentParams(false_alarms_per_hour=300.0)))
+    assert run(detector, pieces(block, data.draw(splits(len(block))))) == plain.process(block)
+
+
+@needs_library
+@given(data=st.data())
+@settings(max_examples=100, deadline=None)
+def test_frames_are_those_of_python(data: st.DataObject) -> None:
+    layout = load_layout("board-v1")
+    decoders = of_both(lambda: Decoder(layout))
+    stream = data.draw(streams())
+    for piece in data.draw(st.lists(st.integers(0, max(len(stream), 1))).map(lambda cuts: cut(stream, cuts))):
+        found, wanted = (decoder.feed(piece) for decoder in decoders)
+        assert found == wanted
+    counted = [(d.bytes_in, d.bytes_framed, d.bytes_discarded, d.bytes_pending) for d in decoders]
+    assert counted[0] == counted[1]
+
+
+def cut(stream: bytes, cuts: list[int]) -> list[bytes]:
+    bounds = [0, *sorted(cuts), len(stream)]
+    return [stream[a:b] for a, b in itertools.pairwise(bounds)]
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> bytes:
+    """Draw good frames, damaged ones, and noise."""
+    encoder = Encoder(load_layout("board-v1"))
+    counts = st.lists(st.sampled_from([0, 1, 255, 256, 4095]), min_size=36, max_size=36)
+    parts = []
+    for number in range(draw(st.integers(0, 6))):
+        frame = encoder.encode(Scan(number, np.array(draw(counts)), ticks=number * 1000))
+        kind = draw(st.sampled_from(["good", "damaged", "short", "noise", "idle"]))
+        if kind == "damaged":
+            at = draw(st.integers(0, len(frame) - 1))
+            frame = frame[:at] + bytes([draw(st.integers(0, 255))]) + frame[at + 1 :]
+        elif kind == "short":
+            frame = frame[: draw(st.integers(0, len(frame)))]
+        parts.append(draw(st.binary(max_size=200)) if kind == "noise" else b"\0" if kind == "idle" else frame)
+    return b"".join(parts)
+
+
+def hook() -> ModuleType:
+    """Return `hatch_build.py` as a module."""
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """Folder with the C source where the hook looks for it."""
+    (tmp_path / "tactiled").mkdir()
+    shutil.copy(compiled.SOURCE, tmp_path / "tactiled")
+    return tmp_path
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_hook_builds_a_library_that_loads_and_one_of_another_source_is_refused(tree: Path) -> None:
+    build = hook()
+    assert build.compile_library(tree)
+    library, source = tree / build.LIBRARY, tree / build.SOURCE
+    assert compiled.load(library, source).words == "compiled"
+    source.write_text(source.read_text() + "/* changed */\n")
+    assert "install again" in compiled.load(library, source).words
+    assert build.compile_library(tree)
+
+
+@pytest.mark.parametrize("compiler", ["no-such-compiler", "false"])
+def test_without_a_compiler_the_hook_leaves_no_library(
+    tree: Path, compiler: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    build = hook()
+    (tree / build.LIBRARY).write_bytes(b"of an older build")
+    monkeypatch.setenv("CC", compiler)
+    assert not build.compile_library(tree)
+    assert [path.name for path in (tree / "tactiled").iterdir()] == ["compiled.c"]
+    assert "numpy" in capsys.readouterr().err
+    assert compiled.load(tree / build.LIBRARY, tree / build.SOURCE).words == (
+        "numpy (built without a C compiler)"
+    )
+
+
+def test_a_file_that_is_no_library_is_refused(tree: Path) -> None:
+    library = tree / "tactiled" / "_compiled.so"
+    library.write_bytes(b"\x7fELF of nothing")
+    found = compiled.load(library, tree / "tactiled" / "compiled.c")
+    assert found.functions is None
+    assert "does not load" in found.words
+
+
+def test_the_environment_forces_numpy() -> None:
+    script = "from tactiled import compiled; import json; print(json.dumps(compiled.path.words))"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={"TACTILED_COMPILED": "0", "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == "numpy (TACTILED_COMPILED=0)"
