@@ -2,8 +2,11 @@
 
 import hashlib
 import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -12,7 +15,7 @@ from tactiled.array import Array, ArrayFile, build
 from tactiled.daemon.board.terms import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.service import ServiceParams
+from tactiled.daemon.served import ServiceParams
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker
@@ -68,11 +71,12 @@ class Config(Params):
 
 @dataclass(frozen=True)
 class Setup:
-    """Checked configuration with the layout, array and calibration that it names."""
+    """Checked configuration with the layout, array and calibration that it names, and its file."""
 
     config: Config
     layout: Layout
     array: Array
+    source: str
     calibration: CalibrationFile | None = None
 
     @property
@@ -120,6 +124,137 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
     return _set_up(tomlfile.parse(document, Config, str(path)), str(path))
 
 
+def config_files(paths: Sequence[Path]) -> list[Path]:
+    """Return the configurations that files and directories name.
+
+    A directory stands for each ``*.toml`` in it. Hidden files of a directory are left out, and so are arrays
+    and layouts, which may lie beside the configurations that name them.
+
+    Raises
+    ------
+    ConfigError
+        A directory has no configuration, a file is not TOML, or a file is named twice.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        files = sorted(file for file in path.glob("*.toml") if not file.name.startswith("."))
+        configs = [file for file in files if kind_of(tomlfile.read(file)) == "configuration"]
+        if not configs:
+            raise ConfigError(str(path), ["no configuration (*.toml) in this directory"])
+        found += configs
+    for path in found:
+        if [other.absolute() for other in found].count(path.absolute()) > 1:
+            raise ConfigError(str(path), ["is named twice"])
+    return found
+
+
+def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "layout"]:
+    """Return what a TOML file describes, by its keys."""
+    if "framing" in document or "messages" in document:
+        return "layout"
+    # In a layout file, `channels` is a number.
+    if {"grids", "taxels", "taxel_channels"} & document.keys() or isinstance(document.get("channels"), list):
+        return "array"
+    return "configuration"
+
+
+def load_configs(files: Sequence[Path]) -> list[Setup]:
+    """Load the configurations of all boards of one process; report the faults of all files at once.
+
+    Raises
+    ------
+    ConfigError
+        A file has faults, or the files do not fit together.
+    """
+    setups: list[Setup] = []
+    wrong: list[ConfigError] = []
+    for file in files:
+        try:
+            setups.append(load_config(file))
+        except ConfigError as error:
+            wrong.append(error)
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        faults = [f"{error.source}: {fault}" for error in wrong for fault in error.faults]
+        raise ConfigError(f"{len(wrong)} of {len(files)} configurations", faults)
+    check_together(setups)
+    return setups
+
+
+def check_together(setups: Sequence[Setup]) -> None:
+    """Check that one process can serve these boards.
+
+    Raises
+    ------
+    ConfigError
+        Two boards have the same serial number, port or directory of recordings, one has no serial number, or
+        a setting of the whole process differs; names the files and the keys.
+    """
+    if len(setups) == 1:
+        return
+    faults = [
+        f"{setup.source}: session.board_serial: missing; of several boards each needs its own, so that "
+        "no data can be taken for those of another"
+        for setup in setups
+        if setup.config.session.board_serial is None
+    ]
+    for key, value in _OWN.items():
+        faults += [
+            f"{key}: {_shown(value(one.config))} in both {one.source} and {other.source}"
+            for one, other in combinations(setups, 2)
+            if value(one.config) is not None and value(one.config) == value(other.config)
+        ]
+    first = setups[0]
+    for setup in setups[1:]:
+        faults += [
+            f"{key}: {_shown(value(first.config))} in {first.source}, but {_shown(value(setup.config))} in "
+            f"{setup.source}; it holds for the whole process"
+            for key, value in _COMMON.items()
+            if value(first.config) != value(setup.config)
+        ]
+    for one, other in combinations(setups, 2):
+        faults += _endpoint_faults(one, other)
+    if faults:
+        raise ConfigError("several boards in one process", list(dict.fromkeys(faults)))
+
+
+_Value = Callable[["Config"], object]
+_OWN: Mapping[str, _Value] = {
+    "session.board_serial": lambda config: config.session.board_serial,
+    "port.url": lambda config: config.port.url,
+    "record.directory": lambda config: config.record.directory,
+}
+"""Options that each board has for itself."""
+_COMMON: Mapping[str, _Value] = {
+    "metrics.port": lambda config: config.metrics.port,
+    "publish.keys": lambda config: config.publish.keys,
+}
+"""Options that hold for the whole process: one metrics page, one identity towards clients."""
+
+
+def _endpoint_faults(one: Setup, other: Setup) -> list[str]:
+    """Return the differences of two `publish` tables with an endpoint in common."""
+    tables = one.config.publish, other.config.publish
+    ends = [{*table.endpoints, *table.control} for table in tables]
+    if tables[0] == tables[1] or not (shared := ends[0] & ends[1]):
+        return []
+    return [
+        f"publish.{key}: {_shown(getattr(tables[0], key))} in {one.source}, but "
+        f"{_shown(getattr(tables[1], key))} in {other.source}; they share {', '.join(sorted(shared))}"
+        for key in PublishParams.model_fields
+        if getattr(tables[0], key) != getattr(tables[1], key)
+    ]
+
+
+def _shown(value: object) -> str:
+    """Return a value as TOML has it, or nearly so."""
+    return "left out" if value is None else json.dumps(value)
+
+
 def _beside(path: Path, name_or_path: object) -> object:
     """Return a relative path of a configuration as a path that holds in any working directory."""
     if not isinstance(name_or_path, str) or resources.is_name(name_or_path):
@@ -155,7 +290,7 @@ def _set_up(config: Config, source: str) -> Setup:
             f"but a scan of {layout_file.name} has {layout_file.channels}"
         )
         raise ConfigError(source, [fault])
-    return Setup(config, compile_layout(layout_file), array, calibration)
+    return Setup(config, compile_layout(layout_file), array, source, calibration)
 
 
 def _calibration(board: BoardFiles, array: Array, source: str) -> CalibrationFile | None:

@@ -8,7 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from tactiled import resources
-from tactiled.config import Config, load_config
+from tactiled.config import Config, config_files, load_config, load_configs
 from tactiled.errors import ConfigError
 
 SHIPPED = resources.shipped("config", "tactiled.toml")
@@ -138,3 +138,86 @@ def test_a_missing_or_invalid_file_is_reported(tmp_path: Path) -> None:
 
 def test_the_port_of_the_command_line_wins() -> None:
     assert load_config(SHIPPED, "/dev/ttyACM7").config.port.url == "/dev/ttyACM7"
+
+
+def board_file(folder: Path, serial: str | None, text: str = "", url: str = "") -> Path:
+    path = folder / f"{serial}.toml"
+    pinned = f'[session]\nboard_serial = "{serial}"\n' if serial else ""
+    path.write_text(f'[port]\nurl = "{url or f"/dev/{serial}"}"\n{pinned}{text}')
+    return path
+
+
+def test_a_directory_stands_for_the_configurations_in_it(tmp_path: Path) -> None:
+    one, two = (board_file(tmp_path, serial) for serial in ("TS0001", "TS0002"))
+    (tmp_path / "skin.toml").write_text(
+        resources.shipped("config", "arrays", "wang2019-3x3.toml").read_text()
+    )
+    (tmp_path / "frames.toml").write_text(resources.shipped("protocols", "legacy-9.toml").read_text())
+    (tmp_path / ".TS0003.toml").write_text("not TOML")
+    (tmp_path / "TS0004.toml~").write_text("not TOML")
+    assert config_files([tmp_path]) == [one, two]
+    assert [setup.config.session.board_serial for setup in load_configs([one, two])] == ["TS0001", "TS0002"]
+    with pytest.raises(ConfigError, match="is named twice"):
+        config_files([tmp_path, two])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match="no configuration"):
+        config_files([tmp_path / "empty"])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "says"),
+    [
+        ("[metrics]\nport = 9874", "[metrics]\nport = 9875", "metrics.port: 9874 in {0}, but 9875 in {1}"),
+        ("[metrics]\nport = 9874", "", "metrics.port: 9874 in {0}, but 0 in {1}"),
+        ('[publish]\nkeys = "/k"', "", 'publish.keys: "/k" in {0}, but left out in {1}'),
+        (
+            "[publish]\nhistory_mb = 1.0",
+            "",
+            "publish.history_mb: 1.0 in {0}, but 4.0 in {1}; they share ipc://{{runtime}}/control.ipc, ",
+        ),
+        (
+            '[publish]\nendpoints = ["tcp://127.0.0.1:9872"]',
+            '[publish]\nendpoints = ["tcp://127.0.0.1:9872", "ipc:///tmp/a.ipc"]',
+            'publish.endpoints: ["tcp://127.0.0.1:9872"] in {0}, but ',
+        ),
+        (
+            '[record]\ndirectory = "/var/lib/tactiled"',
+            '[record]\ndirectory = "/var/lib/tactiled"',
+            'record.directory: "/var/lib/tactiled" in both {0} and {1}',
+        ),
+    ],
+)
+def test_what_boards_of_one_process_must_agree_on_is_named(
+    tmp_path: Path, first: str, second: str, says: str
+) -> None:
+    files = [board_file(tmp_path, "TS0001", first), board_file(tmp_path, "TS0002", second)]
+    with pytest.raises(ConfigError) as caught:
+        load_configs(files)
+    assert says.format(*files) in str(caught.value)
+
+
+def test_boards_of_one_process_may_have_endpoints_of_their_own(tmp_path: Path) -> None:
+    files = [
+        board_file(tmp_path, "TS0001"),
+        board_file(tmp_path, "TS0002", '[publish]\nendpoints = ["ipc:///tmp/a.ipc"]\nhistory_mb = 1.0\n'),
+    ]
+    assert len(load_configs(files)) == 2
+
+
+def test_boards_of_one_process_have_names_and_ports_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    one, same = board_file(tmp_path, "TS0001"), board_file(tmp_path / "other", "TS0001")
+    unnamed = board_file(tmp_path, None, url="/dev/ttyUSB0")
+    with pytest.raises(ConfigError) as caught:
+        load_configs([one, same, unnamed])
+    text = str(caught.value)
+    assert f'session.board_serial: "TS0001" in both {one} and {same}' in text
+    assert f'port.url: "/dev/TS0001" in both {one} and {same}' in text
+    assert f"{unnamed}: session.board_serial: missing" in text
+
+
+def test_the_faults_of_all_configurations_are_reported_together(tmp_path: Path) -> None:
+    files = [board_file(tmp_path, serial, "[nonsense]\n") for serial in ("TS0001", "TS0002")]
+    with pytest.raises(ConfigError) as caught:
+        load_configs([*files, board_file(tmp_path, "TS0003")])
+    assert all(f"{file}: nonsense: unknown key" in str(caught.value) for file in files)

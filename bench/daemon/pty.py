@@ -10,6 +10,7 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +18,8 @@ from tactiled.array import load_array
 from tactiled.client import Client, Message
 from tactiled.daemon.board.terms import SessionParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
@@ -137,7 +139,7 @@ class DaemonOnPty:
             session=SessionParams(rate_hz=RATE_HZ, board_serial=SERIAL),
             publish=PublishParams(endpoints=(self._endpoint,)),
         )
-        self._service = Service(params, Pipeline(LAYOUT, array), LAYOUT, array)
+        self._service = Service([ServedBoard(params, partial(Pipeline, LAYOUT, array))])
         self._serving = asyncio.create_task(self._service.run())
         self._listening = asyncio.create_task(self._listen())
         return self

@@ -3,55 +3,68 @@
 import json
 import logging
 import sys
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIG, FILE, KEYS, PORT, need_board, need_toml
+from tactiled.cli.options import CONFIGS, FILE, KEYS, PORT, need_board, need_toml
 
 
 @click.command()
-@CONFIG
+@CONFIGS
 @PORT
-@click.option("--record", "recording", type=FILE, help="Also record into this file (.mcap).")
+@click.option("--record", "recording", type=FILE, help="Also record into this file (.mcap); for one board.")
 @click.option("-v", "--verbose", is_flag=True, help="Log debug messages too.")
-def run(config: Path | None, port: str | None, recording: Path | None, verbose: bool) -> None:
-    """Read the board and publish events until stopped.
+def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, verbose: bool) -> None:
+    """Read one or several boards and publish events until stopped.
 
-    Example: tactiled run --config /etc/tactiled/left.toml
+    Several boards share one process, its sockets and its metrics page; each has a configuration of its own.
+
+    Example: tactiled run --config /etc/tactiled/left.toml --config /etc/tactiled/right.toml
     """
-    need_board(config, port)
-    need_toml(config)
-    from tactiled.config import Setup, default_config, load_config
+    need_board(configs[0] if configs else None, port)
+    need_toml(*(path for path in configs if not path.is_dir()))
+    from tactiled.config import Setup, config_files, default_config, load_config, load_configs
     from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.service import ServiceParams, run_service
-
-    def load() -> Setup:
-        return default_config(port or "") if config is None else load_config(config, port)
-
-    def again() -> ServiceParams:
-        new = load().config
-        for name in ("board", "samples", "detect"):
-            if getattr(new, name) != getattr(setup.config, name):
-                logging.getLogger("tactiled").warning("[%s] changed: takes effect at the next start", name)
-        return new.service
+    from tactiled.daemon.served import ServedBoard, ServiceParams
+    from tactiled.daemon.service import run_service
 
     set_up(10 if verbose else 20)
-    setup = load()
-    with (
-        BackgroundWorker() as worker,
-        Recorder(setup.config.record, setup.recording_header(), recording) as recorder,
-    ):
-        code = run_service(
-            setup.config.service,
-            setup.make_pipeline(worker),
-            setup.layout,
-            setup.array,
-            None if config is None else again,
-            recorder,
-        )
+    files = config_files(configs)
+    if len(files) > 1 and port is not None:
+        raise click.UsageError(f"--port is for one board, and there are {len(files)} configurations")
+    if len(files) > 1 and recording is not None:
+        raise click.UsageError("--record is for one board: set record.directory in each configuration")
+
+    def reload(file: Path, old: Setup) -> ServiceParams:
+        new = load_config(file, port).config
+        for name in ("board", "samples", "detect"):
+            if getattr(new, name) != getattr(old.config, name):
+                logging.getLogger("tactiled").warning(
+                    "%s: [%s] changed: takes effect at the next start", file, name
+                )
+        return new.service
+
+    if not files:
+        setups = [default_config(port or "")]
+    else:
+        setups = [load_config(files[0], port)] if len(files) == 1 else load_configs(files)
+    with ExitStack() as stack:
+        worker = stack.enter_context(BackgroundWorker())
+        boards = [
+            ServedBoard(
+                setup.config.service,
+                partial(setup.make_pipeline, worker.queue()),
+                stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
+                partial(reload, files[number], setup) if files else None,
+            )
+            for number, setup in enumerate(setups)
+        ]
+        code = run_service(boards)
     sys.exit(code)
 
 
@@ -87,11 +100,14 @@ def listen(
 @click.option(
     "--endpoint", help="Endpoint where the daemon publishes. [default: ipc of the only daemon on this host]"
 )
+@click.option("--board", default="", help="Serial number of the board, where the daemon reads several.")
 @click.option(
     "--who", default="command line", show_default=True, help="Name of the requester, for log and recording."
 )
 @KEYS
-def command(name: str, fields: tuple[str, ...], endpoint: str | None, who: str, keys: Path | None) -> None:
+def command(
+    name: str, fields: tuple[str, ...], endpoint: str | None, board: str, who: str, keys: Path | None
+) -> None:
     """Send a request to a running daemon and print its reply as JSON; exit code 1 if it is refused.
 
     NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; for
@@ -102,6 +118,8 @@ def command(name: str, fields: tuple[str, ...], endpoint: str | None, who: str, 
     from tactiled.client.commander import Commander, fields_of
 
     arguments = fields_of(name, fields)
+    if board:
+        arguments["board"] = board
     with Commander(endpoint, who, keys=keys) as daemon:
         reply = daemon.send(name, **arguments)
     click.echo(json.dumps(reply.data))

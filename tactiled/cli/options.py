@@ -15,9 +15,19 @@ from tactiled.errors import DataError, OperatorError
 
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
+FILES = click.Path(path_type=Path)  # a directory too, which stands for the files in it
 SPEED = click.FloatRange(0, 1000)  # mm/s, as in the configuration; never negative: directions are found
 
 CONFIG = click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
+CONFIGS = click.option(
+    "-c",
+    "--config",
+    "configs",
+    type=FILES,
+    multiple=True,
+    envvar=CONFIG_ENV,
+    help="Configuration of a board, or a directory with one for each board; may be repeated.",
+)
 PORT = click.option("-p", "--port", help="Serial port or pyserial URL; overrides port.url.")
 KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `tactiled keys make`.")
 

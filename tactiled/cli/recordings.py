@@ -31,6 +31,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
+    from tactiled.daemon.served import ServedBoard
     from tactiled.daemon.service import run_service
 
     set_up(20)
@@ -40,9 +41,9 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
         BackgroundWorker() as worker,
         Recorder(setup.config.record, setup.recording_header(), file) as recorder,
     ):
-        pipeline = setup.make_pipeline(worker)
+        pipeline = setup.make_pipeline(worker.queue())
         recorder.check()
-        run_service(service, pipeline, setup.layout, setup.array, recorder=recorder, duration_s=duration_s)
+        run_service([ServedBoard(service, lambda: pipeline, recorder)], duration_s)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)
     sys.exit(0 if n_scans else 1)

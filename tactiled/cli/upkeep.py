@@ -3,21 +3,33 @@
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
 
 from tactiled import tomltext
-from tactiled.cli.options import CONFIG, CONFIG_ENV, FILE, PORT, SPEED, need_board, need_readable
+from tactiled.cli.options import (
+    CONFIG,
+    CONFIG_ENV,
+    FILE,
+    FILES,
+    PORT,
+    SPEED,
+    need_board,
+    need_readable,
+    need_toml,
+)
 
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
 
 
 @click.command("check-config")
-@click.argument("file", type=FILE, required=False, envvar=CONFIG_ENV)
+@click.argument("files", type=FILES, nargs=-1, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
-def check_config(file: Path | None, schema: bool) -> None:
+def check_config(files: tuple[Path, ...], schema: bool) -> None:
     """Check a configuration and the files it names without opening the port, an array file, or a layout file.
+
+    Of several configurations, or of those in a directory, it is also checked that one process can serve their
+    boards, as `tactiled run` does. Prints one JSON line for each.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
@@ -26,10 +38,19 @@ def check_config(file: Path | None, schema: bool) -> None:
 
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return
-    if file is None:
+    if not files:
         raise click.UsageError("give a FILE, or --schema")
-    document = tomltext.read(file)
-    if "framing" in document or "messages" in document:
+    need_toml(*(path for path in files if not path.is_dir()))
+    from tactiled.config import config_files, kind_of, load_config, load_configs
+
+    paths = config_files(files)
+    kinds = [kind_of(tomltext.read(path)) for path in paths]
+    if len(paths) > 1 and (
+        others := [str(p) for p, kind in zip(paths, kinds, strict=True) if kind != "configuration"]
+    ):
+        raise click.UsageError(f"check arrays and layouts one by one: {', '.join(others)}")
+    file, kind = paths[0], kinds[0]
+    if kind == "layout":
         from tactiled.wire.layout import load_layout
 
         layout = load_layout(str(file.absolute()))
@@ -41,7 +62,7 @@ def check_config(file: Path | None, schema: bool) -> None:
         )
         click.echo(f"{file}: valid (layout {layout.name}: {words})", err=True)
         return
-    if _describes_array(document):
+    if kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
 
@@ -49,24 +70,16 @@ def check_config(file: Path | None, schema: bool) -> None:
         click.echo(json.dumps(array.summary()))
         click.echo(f"{file}: valid ({array.in_words()})", err=True)
         return
-    from tactiled.config import load_config
     from tactiled.doctor.unplugged import check_files, resolved_in_words
 
-    setup = load_config(file)
-    warnings = check_files(setup, str(file))
-    click.echo(json.dumps(setup.config.model_dump(mode="json")))
-    click.echo(f"{file}: valid ({setup.array.name}, {setup.layout.name})", err=True)
-    for warning in warnings:
-        click.echo(f"warning: {warning}", err=True)
-    for line in resolved_in_words(setup):
-        click.echo(line, err=True)
-
-
-def _describes_array(document: dict[str, Any]) -> bool:
-    """Return True for an array file; in a layout file, `channels` is a number."""
-    return bool({"grids", "taxels", "taxel_channels"} & document.keys()) or isinstance(
-        document.get("channels"), list
-    )
+    for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
+        warnings = check_files(setup, setup.source)
+        click.echo(json.dumps(setup.config.model_dump(mode="json")))
+        click.echo(f"{setup.source}: valid ({setup.array.name}, {setup.layout.name})", err=True)
+        for warning in warnings:
+            click.echo(f"warning: {warning}", err=True)
+        for line in resolved_in_words(setup):
+            click.echo(line, err=True)
 
 
 @click.command()

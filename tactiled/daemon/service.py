@@ -1,75 +1,49 @@
-"""Service: port, pipeline, session and publisher in one event loop.
+"""Service: all boards of a process in one event loop, with shared sockets, wall clock and metrics page.
 
-This module builds the parts, runs them, stops them and reloads the configuration. `datapath` handles bytes
-and deadlines, `report` makes status and info events, and `outlets` distributes events. Beside the data path
-run the connection, which opens the port again after a loss, and the status at 10 Hz.
+Boards whose configurations have the same `publish` table share its sockets. Each board has a runner
+(`daemon/runner.py`). When a bug of tactiled ends the only runner, the process ends with it, and the service
+manager restarts it; among several boards, that board alone is started again.
 """
 
 import asyncio
 import logging
+import os
 import signal
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Self
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
 
-from tactiled.array import Array
-from tactiled.daemon.board.datapath import DataPath
-from tactiled.daemon.board.diagnosis import other_layouts
-from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.report import Report
-from tactiled.daemon.board.terms import SessionParams
-from tactiled.daemon.operations.exporter import Exporter, MetricsParams
-from tactiled.daemon.operations.metrics import Metrics
-from tactiled.daemon.operations.outlets import Outlets
-from tactiled.daemon.operations.recorder import Recorder
-from tactiled.daemon.serial.connection import Connection
-from tactiled.daemon.serial.port import PortParams, check_url
-from tactiled.daemon.zmq.commands import Commands, Done
+from tactiled.daemon.board.load import LoopTurns
+from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.operations.exporter import Exporter
+from tactiled.daemon.operations.limited_log import RateLimitedLog
+from tactiled.daemon.operations.metrics import metrics_text
+from tactiled.daemon.operations.notify import Notifier
+from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, SharedParts
+from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
-from tactiled.errors import TactiledError
-from tactiled.events.types import Event
-from tactiled.pipeline import Pipeline
-from tactiled.tomlfile import Params
-from tactiled.wire.codec import Encoder
-from tactiled.wire.layout import Layout
+from tactiled.errors import ConfigError, TactiledError
 
 logger = logging.getLogger(__name__)
 
-STATUS_PERIOD_S = 0.1
-
-
-class ServiceParams(Params):
-    """Parameters of the daemon."""
-
-    port: PortParams
-    session: SessionParams = SessionParams()
-    publish: PublishParams = PublishParams()
-    metrics: MetricsParams = MetricsParams()
-
-    def without_publishing(self) -> Self:
-        """Return a copy without endpoints, for a program that only records."""
-        return self.model_copy(update={"publish": PublishParams(endpoints=())})
-
-
-Reload = Callable[[], ServiceParams]
+CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
+RESTART_S = 0.5  # pause after a fault of one board among several, as RestartSec= of the unit; doubled ...
+_LONGEST_RESTART_S = 60.0  # ... at each further fault up to this, so that the log and the disk do not fill
+_NAMED = 3  # boards that the line of status names; the log has all of them
 
 
 class Service:
-    """Run one daemon for one port.
+    """Run the daemon for one or several boards.
 
     Parameters
     ----------
-    params : ServiceParams
-    pipeline : Pipeline
-        Made for `layout` and `array`.
-    layout : Layout
-    array : Array
-    reload : callable, optional
-        Reads the configuration again (SIGHUP) and returns its parameters.
-    recorder : Recorder, optional
-        Takes every read of the port with its outputs, and all events that the daemon itself makes.
+    boards : sequence of ServedBoard
+        They agree on `metrics`; of several boards, each has a serial number and a port of its own.
 
     Raises
     ------
@@ -77,142 +51,198 @@ class Service:
         The parameters can never work. `UnavailableError`: not now, for example an endpoint in use.
     """
 
-    def __init__(
-        self,
-        params: ServiceParams,
-        pipeline: Pipeline,
-        layout: Layout,
-        array: Array,
-        reload: Reload | None = None,
-        recorder: Recorder | None = None,
-    ) -> None:
-        check_url(params.port.url)
-        self._params = params
-        self._layout = layout
-        self._reload = reload
-        link = make_link(pipeline, params.session, self._baud, other_layouts(layout))
-        self._link = link
-        session = link.session
-        self._connection = connection = Connection(params.port.url, self._baud)
-        switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
-        self._commands = Commands(pipeline, session, self._tuned, switch)
-        metrics = Metrics(pipeline.health, connection.errors)
-        self._network = Network(params.publish, self._asked, self._commands.settings)
-        self._exporter = Exporter(params.metrics, metrics.text) if params.metrics.port else None
-        self._outlets = Outlets(pipeline, session, self._network.publisher, metrics, recorder)
-        self._report = Report(session, link, connection, layout, array, self._outlets)
-        self._path = DataPath(link, connection, Encoder(layout), self._outlets, self._changed, self._failed)
+    def __init__(self, boards: Sequence[ServedBoard]) -> None:
+        self._boards = tuple(boards)
+        self._clock = EpochClock()
+        self._turns = LoopTurns()
+        self._log = RateLimitedLog(logger)
+        self._status = ""
+        self._runners: list[BoardRunner] = []
+        self._networks: dict[PublishParams, Network] = {}
+        self._notifier = Notifier()
+        metrics = boards[0].params.metrics
+        self._exporter = Exporter(metrics, self._metrics) if metrics.port else None
+        try:
+            publish = [board.params.publish for board in boards]
+            for params in dict.fromkeys(publish):
+                self._networks[params] = Network(
+                    params,
+                    partial(self._asked, params),
+                    partial(self._settings, params),
+                    partial(self._serials, params),
+                    publish.count(params),
+                )
+            self._runners = [self._runner(number, board.params) for number, board in enumerate(boards)]
+        except BaseException:
+            self._close()
+            raise
 
     async def run(self) -> None:
-        """Serve until `stop`; an error in the data path ends the service."""
+        """Serve until `stop`; an error in the data path of the only board ends the service."""
         self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        notifier = self._outlets.notifier
-        parts = (self._connection.run(self._path), self._watch(), self._network.run())
-        tasks = [asyncio.create_task(part) for part in parts]
+        boards = [asyncio.create_task(self._read(number)) for number in range(len(self._boards))]
+        tasks = [*boards, asyncio.create_task(self._follow())]
+        tasks += [asyncio.create_task(network.run()) for network in self._networks.values()]
         if self._exporter is not None:
             tasks.append(asyncio.create_task(self._exporter.run()))
         try:
-            notifier.ready()
+            self._notifier.ready()
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
-            notifier.stopping()
+            self._notifier.stopping()
             for finished in (self._end, *tasks):
                 if finished.done():
                     finished.result()
-            await self._path.drain()
+            for runner in self._runners:
+                runner.stop()
+            await asyncio.gather(*boards)
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            self._path.close()
-            self._network.close()
-            if self._exporter is not None:
-                self._exporter.close()
-            notifier.close()
+            self._close()
 
     def stop(self) -> None:
-        """Drain the line and end."""
+        """Drain the lines and end."""
         if not self._end.done():
             self._end.set_result(None)
 
     def reload(self) -> None:
-        """Read the configuration again, and apply the parameters that can change while running."""
-        if self._reload is None:
+        """Read the configurations again, and apply the parameters that can change while running."""
+        if all(board.reload is None for board in self._boards):
             logger.info("nothing to reload: there is no configuration file")
             return
-        self._outlets.notifier.reloading()
-        try:
-            new = self._reload()
-            check_url(new.port.url)
-            self._commands.configure(new.session)
-        except TactiledError as error:
-            # An operator needs the message of a TactiledError, and no traceback.
-            logger.error("configuration not reloaded, the old one stays: %s", error)  # noqa: TRY400
-        else:
-            for table in ("publish", "metrics"):
-                if getattr(new, table) != getattr(self._params, table):
-                    logger.warning("%s has changed: restart tactiled for it to take effect", table)
-            moved = new.port != self._params.port
-            self._params = new
-            if moved:
-                self._connection.move(new.port.url, self._baud)
-            logger.info("configuration reloaded")
-        self._outlets.notifier.ready()
-        self._path.act()
+        self._notifier.reloading()
+        for number, (board, runner) in enumerate(zip(self._boards, self._runners, strict=True)):
+            if board.reload is None:
+                continue
+            try:
+                new = board.reload()
+                self._check_apart(number, new)
+                runner.apply(new)
+            except TactiledError as error:
+                # An operator needs the message of a TactiledError, and no traceback.
+                logger.error("configuration not reloaded, the old one stays: %s", error)  # noqa: TRY400
+            else:
+                logger.info("configuration reloaded%s", f": board {runner.serial}" if runner.serial else "")
+        self._notifier.ready()
+        for runner in self._runners:
+            runner.act()
 
-    async def _watch(self) -> None:
-        """Check the line and publish the status, at 10 Hz in every state."""
-        link = self._link
-        next_s = time.monotonic()
+    async def _read(self, number: int) -> None:
+        """Run a board until stopped; among several boards, start it again after a fault of tactiled."""
+        loop = asyncio.get_running_loop()
+        fault, pause_s = "", 0.0
+        while True:
+            runner, begin_s = self._runners[number], loop.time()
+            try:
+                await runner.run(fault, pause_s)
+            except Exception as error:
+                if len(self._boards) == 1:
+                    raise
+                logger.exception("board %s: a fault of tactiled, it is started again", runner.serial)
+                is_first = loop.time() - begin_s > _LONGEST_RESTART_S or not pause_s
+                pause_s = RESTART_S if is_first else min(2 * pause_s, _LONGEST_RESTART_S)
+                fault = f"a fault of tactiled itself, see the log ({error!r:.80}): started again"
+                runner.abandon(fault)
+                self._runners[number] = self._runner(number, runner.params)
+            else:
+                return
+
+    async def _follow(self) -> None:
+        """Follow the wall clock, and keep the service manager informed."""
         while True:
             now_s = time.monotonic()
-            self._path.watch(now_s)
-            self._report.regular(now_s)
-            self._outlets.notifier.alive(now_s)
-            next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ticks are skipped
-            await asyncio.sleep(next_s - time.monotonic())
-            link.load.turn(time.monotonic() - next_s)
+            if step_s := self._clock.follow():
+                words = f"the wall clock was set by {step_s:+.3f} s; timestamps follow it"
+                self._log.add(words, now_s, kind="wall clock")
+            self._log.write_counts(now_s)
+            self._notifier.alive(now_s)
+            self._announce()
+            await asyncio.sleep(CLOCK_PERIOD_S)
 
-    def _changed(self, now_s: float) -> None:
-        self._report.changed(now_s, leaving=self._end.done())
-        self._commands.look(now_s)
+    def _runner(self, number: int, params: ServiceParams) -> BoardRunner:
+        board = self._boards[number]
+        publisher = self._networks[board.params.publish].publisher
+        shared = SharedParts(publisher, self._clock, self._turns, self._notifier.alive, self._announce)
+        phase_s = STATUS_PERIOD_S * number / len(self._boards)
+        return BoardRunner(board, params, shared, phase_s)
 
-    def _failed(self, error: Exception) -> None:
-        if not self._end.done():
-            self._end.set_exception(error)
+    def _check_apart(self, number: int, new: ServiceParams) -> None:
+        """Refuse a serial number or a port that another board has."""
+        for other, runner in enumerate(self._runners):
+            if other == number:
+                continue
+            if new.session.board_serial in (None, runner.params.session.board_serial):
+                raise ConfigError(
+                    "session.board_serial",
+                    [f"{new.session.board_serial}: each of several boards needs one of its own"],
+                )
+            if new.port.url == runner.params.port.url:
+                raise ConfigError("port.url", [f"{new.port.url}: board {runner.serial} has this port"])
 
-    def _asked(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Carry out a command, publish its outcome, and answer the client."""
+    def _announce(self) -> None:
+        """Set the line of status that the service manager shows."""
+        if len(self._runners) == 1:
+            status = self._runners[0].words
+        else:
+            others = [runner.words for runner in self._runners if not runner.is_fresh and runner.words]
+            more = [f"and {len(others) - _NAMED} more"] if len(others) > _NAMED else []
+            fresh = sum(runner.is_fresh for runner in self._runners)
+            status = "; ".join([f"{fresh} of {len(self._runners)} boards fresh", *others[:_NAMED], *more])
+        if status and status != self._status:
+            self._status = status
+            self._notifier.status(status)
 
-        def finish(reason: str) -> None:
-            self._outlets.publish_and_record(
-                self._commands.event(request, requester, reason, time.monotonic())
-            )
-            done(reason)
+    def _metrics(self) -> str:
+        return metrics_text(runner.metrics for runner in self._runners)
 
-        self._commands.do(request, now_s, finish)
-        self._path.act()
+    def _runners_at(self, publish: PublishParams) -> list[BoardRunner]:
+        """Return the runners of the boards that share these endpoints."""
+        pairs = zip(self._boards, self._runners, strict=True)
+        return [runner for board, runner in pairs if board.params.publish == publish]
 
-    def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
-        self._outlets.tuned(name, arguments, events, now_s)
+    def _serials(self, publish: PublishParams) -> list[str]:
+        return [runner.serial for runner in self._runners_at(publish)]
 
-    @property
-    def _baud(self) -> int:
-        return self._params.port.baud or self._layout.file.baud
+    def _addressed(self, publish: PublishParams, serial: str) -> BoardRunner | None:
+        """Return the runner of the board that a request names; without a name, the only one."""
+        runners = self._runners_at(publish)
+        if not serial:
+            return runners[0] if len(runners) == 1 else None
+        return next((runner for runner in runners if runner.serial == serial), None)
+
+    def _settings(self, publish: PublishParams, serial: str, now_s: float) -> Mapping[str, Any]:
+        runner = self._addressed(publish, serial)
+        return {} if runner is None else runner.settings(now_s)
+
+    def _asked(
+        self, publish: PublishParams, request: CommandRequest, requester: Requester, now_s: float, done: Done
+    ) -> None:
+        runner = self._addressed(publish, request.board)
+        if runner is not None:
+            runner.do(request, requester, now_s, done)
+            return
+        known = ", ".join(self._serials(publish)) or "none yet"
+        what = f"{request.board} is not read here" if request.board else "say which one is meant"
+        done(f"board: {what}; there are: {known}")
+
+    def _close(self) -> None:
+        for network in self._networks.values():
+            network.close()
+        if self._exporter is not None:
+            self._exporter.close()
+        self._notifier.close()
 
 
-async def serve(
-    params: ServiceParams,
-    pipeline: Pipeline,
-    layout: Layout,
-    array: Array,
-    reload: Reload | None = None,
-    recorder: Recorder | None = None,
-    duration_s: float | None = None,
-) -> None:
-    """Run the daemon for `duration_s`, or until SIGTERM or SIGINT; SIGHUP reloads the configuration."""
-    service = Service(params, pipeline, layout, array, reload, recorder)
+async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) -> None:
+    """Run the daemon for `duration_s`, or until SIGTERM or SIGINT; SIGHUP reloads the configurations."""
+    service = Service(boards)
     loop = asyncio.get_running_loop()
-    handlers = {signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload}
+    # Closing a port may block its thread for a while, which must not delay the ports of other boards.
+    loop.set_default_executor(ThreadPoolExecutor(len(boards) + (os.cpu_count() or 1)))
+    handlers: dict[int, Callable[[], None]] = {
+        signal.SIGTERM: service.stop, signal.SIGINT: service.stop, signal.SIGHUP: service.reload
+    }  # fmt: skip
     for number, handler in handlers.items():
         loop.add_signal_handler(number, handler)
     if duration_s is not None:
@@ -224,15 +254,7 @@ async def serve(
             loop.remove_signal_handler(number)
 
 
-def run_service(
-    params: ServiceParams,
-    pipeline: Pipeline,
-    layout: Layout,
-    array: Array,
-    reload: Reload | None = None,
-    recorder: Recorder | None = None,
-    duration_s: float | None = None,
-) -> int:
+def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) -> int:
     """Run the daemon in a new event loop; returns exit code 0 after a requested end.
 
     Raises
@@ -242,5 +264,5 @@ def run_service(
     UnavailableError
         Something is not available now, for example an endpoint in use.
     """
-    asyncio.run(serve(params, pipeline, layout, array, reload, recorder, duration_s))
+    asyncio.run(serve(boards, duration_s))
     return 0

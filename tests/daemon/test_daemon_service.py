@@ -9,20 +9,22 @@ import socket
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from boards import LAYOUT, PtyBoard, SimBoard
-from daemons import ARRAY, Daemon, play
+from boards import PtyBoard, SimBoard
+from daemons import Daemon, play
 from mcap.reader import make_reader
 
+from tactiled.daemon import service as service_module
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.terms import SessionParams
-from tactiled.daemon.operations import outlets as outlets_module
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.service import Service, ServiceParams, serve
+from tactiled.daemon.served import ServiceParams
+from tactiled.daemon.service import Service, serve
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
 from tactiled.recording.contents import Header, load_board
@@ -189,7 +191,7 @@ def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(
     monkeypatch.setattr(daemon.pipeline, "receive_data", broken)
 
     async def main() -> None:
-        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY)
+        service = Service([daemon.served()])
         with PtyBoard(daemon.link), pytest.raises(ZeroDivisionError, match="a bug"):
             await service.run()
 
@@ -257,7 +259,7 @@ def test_reload_applies_what_can_change_and_logs_the_rest(
         return new[0]
 
     async def main() -> None:
-        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, read_again)
+        service = Service([replace(daemon.served(), reload=read_again)])
         listening = asyncio.create_task(daemon.listen())
         serving = asyncio.create_task(service.run())
         with PtyBoard(daemon.link) as board, PtyBoard(other, SimBoard(serial="TS0002")) as second:
@@ -294,7 +296,7 @@ def test_signals_end_the_daemon_cleanly(tmp_path: Path, number: signal.Signals) 
 
     async def main() -> None:
         with PtyBoard(daemon.link) as board:
-            serving = asyncio.create_task(serve(daemon.params, daemon.pipeline, LAYOUT, ARRAY))
+            serving = asyncio.create_task(serve([daemon.served()]))
             while not board.sim.streaming:
                 await asyncio.sleep(0.01)
             os.kill(os.getpid(), signal.SIGHUP)  # without a file to read again: noted, survived
@@ -308,13 +310,13 @@ def test_signals_end_the_daemon_cleanly(tmp_path: Path, number: signal.Signals) 
 
 
 def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outlets_module, "CLOCK_PERIOD_S", 0.1)
+    monkeypatch.setattr(service_module, "CLOCK_PERIOD_S", 0.1)
     daemon = Daemon(tmp_path)
 
     async def story(service: Service) -> None:
         await daemon.until(lambda: bool(daemon.rows("status")), "a status")
         real = time.time
-        monkeypatch.setattr(service._outlets._clock, "_wall", lambda: real() + 3600.0)  # noqa: SLF001  the wall clock is stepped
+        monkeypatch.setattr(service._clock, "_wall", lambda: real() + 3600.0)  # noqa: SLF001  the wall clock is stepped
         await daemon.until(lambda: daemon.status["timestamp"] > real() + 3590.0, "the new time")
 
     play(daemon, story)

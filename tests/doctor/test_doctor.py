@@ -204,7 +204,7 @@ def test_a_silent_board_and_a_wrong_board_have_different_findings(
     assert any("no bytes arrive: is the board powered" in fault for fault in faults)
     with emulated(tmp_path / "board", board=EmulatedBoardParams(board_serial="TS0009")):
         pinned = setup.config.session.model_copy(update={"board_serial": "TS0001"})
-        other = Setup(setup.config.model_copy(update={"session": pinned}), setup.layout, setup.array)
+        other = replace(setup, config=setup.config.model_copy(update={"session": pinned}))
         (fault,) = failed(check_board(other)[0])
     assert "board TS0009 is plugged in, board TS0001 is configured" in fault
 

@@ -15,7 +15,8 @@ from tactiled.array import load_array
 from tactiled.daemon.board.terms import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.pipeline import Pipeline
 
@@ -37,6 +38,9 @@ class Daemon:
         self.pipeline = Pipeline(LAYOUT, ARRAY)
         self.heard: dict[str, list[Row]] = {}
         self._changed = asyncio.Event()
+
+    def served(self, recorder: Recorder | None = None) -> ServedBoard:
+        return ServedBoard(self.params, lambda: self.pipeline, recorder)
 
     def rows(self, topic: str) -> list[Row]:
         return self.heard.get(topic, [])
@@ -87,7 +91,7 @@ def play(
     """Run the service beside a story; nothing may be left over."""
 
     async def main() -> None:
-        service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
+        service = Service([daemon.served(recorder)])
         listening = asyncio.create_task(daemon.listen())
         serving = asyncio.create_task(service.run())
         try:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from tactiled.daemon.board.link import BoardLink
+from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.codec import Encoder
@@ -31,6 +32,8 @@ class DataPath:
         Commands are written to it. Its `run` is given this object.
     encoder : Encoder
     outlets : Outlets
+    turns : LoopTurns
+        Told how long the handling of each read takes.
     changed : callable
         Called with the time (host monotonic seconds) whenever the session may have changed.
     failed : callable
@@ -43,6 +46,7 @@ class DataPath:
         connection: Connection,
         encoder: Encoder,
         outlets: Outlets,
+        turns: LoopTurns,
         changed: Callable[[float], None],
         failed: Callable[[Exception], None],
     ) -> None:
@@ -51,6 +55,7 @@ class DataPath:
         self._connection = connection
         self._encoder = encoder
         self._outlets = outlets
+        self._turns = turns
         self._changed = changed
         self._failed = failed
         self._handover_s: float | None = None
@@ -74,9 +79,7 @@ class DataPath:
 
     def lost(self, reason: str) -> None:
         """Handle a port that was lost or could not be opened."""
-        if self._link.lost(reason):
-            self._outlets.disconnected(time.monotonic())
-        self.act()
+        self._guarded(lambda: self._handle_loss(reason))
 
     # ---- called as time passes ---------------------------------------------------------------------
 
@@ -119,11 +122,15 @@ class DataPath:
     def _handle(self, data: bytes) -> None:
         now_s = time.monotonic()
         commands = self._link.received(data, now_s, self._outlets.publish, self._outlets.received)
-        self._outlets.notifier.alive(now_s)
         self.act(commands)
-        turn_s = time.monotonic() - now_s
-        self._outlets.metrics.handled(turn_s)
-        self._link.load.turn(turn_s)
+        end_s = time.monotonic()
+        self._outlets.metrics.handled(end_s - now_s)
+        self._turns.add(end_s, end_s - now_s)
+
+    def _handle_loss(self, reason: str) -> None:
+        if self._link.lost(reason):
+            self._outlets.disconnected(time.monotonic())
+        self.act()
 
     def _deadline(self) -> None:
         self._timer = None
@@ -132,7 +139,7 @@ class DataPath:
     def _guarded(self, step: Callable[[], None]) -> None:
         try:
             step()
-        except Exception as error:  # a bug: the daemon ends with it, and the service manager restarts it
+        except Exception as error:  # a bug: it ends this board's part of the daemon, which begins anew
             self._failed(error)
 
     def _framing_errors(self) -> int | None:

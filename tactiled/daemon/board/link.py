@@ -10,7 +10,7 @@ from typing import Any
 
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
 from tactiled.daemon.board.health import status_event
-from tactiled.daemon.board.load import HostLoad
+from tactiled.daemon.board.load import HostLoad, LoopTurns
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import Event, ScanEvent, StatusEvent
@@ -42,17 +42,16 @@ class BoardLink:
     session : Session
     line : LineWatch
         The one that `session` was made with.
-
-    Attributes
-    ----------
-    load : HostLoad
-        Takes the turns of the event loop.
+    turns : LoopTurns, optional
+        Takes the turns of the event loop; left out: status and warnings know of none.
     """
 
-    def __init__(self, pipeline: Pipeline, session: Session, line: LineWatch) -> None:
+    def __init__(
+        self, pipeline: Pipeline, session: Session, line: LineWatch, turns: LoopTurns | None = None
+    ) -> None:
         self.pipeline = pipeline
         self.session = session
-        self.load = HostLoad()
+        self._load = HostLoad(turns or LoopTurns())
         self._line = line
         self._patience_s = SILENT_S
 
@@ -160,14 +159,14 @@ class BoardLink:
             "line": self._line.warning(),
             "clock": self.pipeline.health().clock_warning,
             "port": port_warning,
-            "host": self.load.warning(),
+            "host": self._load.warning(),
         }
         return {cause: words for cause, words in found.items() if words}
 
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
         """Make the status event; `warning` is the warning of the port."""
         health = self.pipeline.health()
-        loop_lag_s = self.load.status(now_s, health.fits_late)
+        loop_lag_s = self._load.status(now_s, health.fits_late)
         return status_event(
             self.session,
             health,
@@ -199,6 +198,7 @@ def make_link(
     params: SessionParams,
     baud: int,
     others: Mapping[str, Layout] = MappingProxyType({}),
+    turns: LoopTurns | None = None,
 ) -> BoardLink:
     """Make the link to the board that `pipeline` was made for.
 
@@ -210,6 +210,8 @@ def make_link(
         Named in diagnoses.
     others : mapping of str to Layout
         Layouts that a diagnosis tries on bytes that are no frames of the pipeline's layout.
+    turns : LoopTurns, optional
+        See `BoardLink`.
 
     Raises
     ------
@@ -219,4 +221,4 @@ def make_link(
     layout, array = pipeline.layout, pipeline.array
     line = LineWatch(layout.name, baud, others)
     terms = Terms(params, layout, lambda hello: check_hello(hello, layout, array))
-    return BoardLink(pipeline, Session(terms, line), line)
+    return BoardLink(pipeline, Session(terms, line), line, turns)

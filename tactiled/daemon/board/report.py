@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from tactiled.array import Array
@@ -29,6 +30,8 @@ class Report:
     layout : Layout
     array : Array
     outlets : Outlets
+    announce : callable
+        Takes the words for a new state or reason.
     """
 
     def __init__(
@@ -39,6 +42,7 @@ class Report:
         layout: Layout,
         array: Array,
         outlets: Outlets,
+        announce: Callable[[str], None],
     ) -> None:
         self._session = session
         self._link = link
@@ -46,6 +50,9 @@ class Report:
         self._layout = layout
         self._array = array
         self._outlets = outlets
+        self._announce = announce
+        self.is_fresh = False
+        """Whether the newest status says that data are fresh."""
         self._logged = (session.state, session.reason(0.0))
         self._warned: dict[str, str] = {}
         self._log = RateLimitedLog(logger)
@@ -54,7 +61,7 @@ class Report:
         self._described = session.hello
 
     def changed(self, now_s: float, *, leaving: bool) -> None:
-        """Report a change of state or reason to log and service manager, and a new state to subscribers.
+        """Report a change of state or reason to the log and `announce`, and a new state to subscribers.
 
         With `leaving` the daemon is ending, and no state is logged as a warning.
         """
@@ -63,14 +70,12 @@ class Report:
             return
         new_state = state != self._logged[0]
         self._logged = state_and_reason
-        hello = self._session.hello
-        board = f"board {hello.board_serial}" if hello is not None else "board"
-        text = f"{board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
+        text = f"{self._board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
         expected = state in ("running", "syncing") or leaving
         self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
-        self._outlets.notifier.status(text)
         if new_state:
             self._publish_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
+        self._announce(text)
 
     def regular(self, now_s: float) -> None:
         """Publish a status, and an info event each second and at once for a new board."""
@@ -94,6 +99,11 @@ class Report:
         )
         warnings = self._link.warnings(port_warning)
         for cause in warnings.keys() - self._warned.keys():  # each cause once, whatever its numbers do
-            self._log.add(warnings[cause], now_s, kind=cause)
+            self._log.add(f"{self._board}: {warnings[cause]}", now_s, kind=cause)
         self._warned = warnings
+        self.is_fresh = event.valid
         self._outlets.publish_and_record(replace(event, sent=self._outlets.sent))
+
+    @property
+    def _board(self) -> str:
+        return f"board {self._session.board_serial}".rstrip()

@@ -6,7 +6,7 @@ is version 0.0.4 of prometheus.io/docs/instrumenting/exposition_formats: base un
 """
 
 import bisect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import accumulate
 from typing import Literal, get_args
@@ -35,6 +35,8 @@ _STATES = get_args(BoardState)
 Kind = Literal["counter", "gauge", "histogram"]
 Sample = tuple[str, Mapping[str, str], float]
 """Suffix of the metric name, labels, value."""
+Family = tuple[str, Kind, str, list[Sample]]
+"""Name without prefix, kind, description, samples."""
 
 
 class Histogram:
@@ -66,7 +68,7 @@ class Histogram:
 
 
 class Metrics:
-    """Collect metrics, and format them for a scrape.
+    """Collect the metrics of one board; `metrics_text` formats those of all boards for a scrape.
 
     Parameters
     ----------
@@ -74,10 +76,18 @@ class Metrics:
         Returns the counters of the pipeline.
     line_errors : callable
         Returns the counters of the UART, or None where there are none.
+    board : callable
+        Returns the serial number of the board, empty while it is unknown.
     """
 
-    def __init__(self, health: Callable[[], Health], line_errors: Callable[[], LineErrors | None]) -> None:
+    def __init__(
+        self,
+        health: Callable[[], Health],
+        line_errors: Callable[[], LineErrors | None],
+        board: Callable[[], str],
+    ) -> None:
         self._health = health
+        self._board = board
         self._line_errors = line_errors
         self._latency = Histogram(_LATENCY_S)
         self._handling = Histogram(_HANDLING_S)
@@ -104,12 +114,15 @@ class Metrics:
         """Count the handling time of a read of the port, from its arrival to its last message."""
         self._handling.add(duration_s)
 
-    def text(self) -> str:
-        """Format all metrics for one scrape."""
-        families = [*self._line(), *self._state(), *self._delivery(), *self._disk()]
-        return "".join(_family(*family) for family in families)
+    def families(self) -> Iterator[Family]:
+        """Yield all metrics, with the serial number of the board as label ``board``."""
+        board = {"board": self._board()}
+        for name, kind, words, samples in (
+            *self._line(), *self._state(), *self._delivery(), *self._disk()
+        ):  # fmt: skip
+            yield name, kind, words, [(end, {**board, **labels}, value) for end, labels, value in samples]
 
-    def _line(self) -> Iterator[tuple[str, Kind, str, list[Sample]]]:
+    def _line(self) -> Iterator[Family]:
         health = self._health()
         frames = {"good": health.frames, **health.corrupt_by_reason}
         what = "Frames by result: good, or why they were rejected."
@@ -127,8 +140,7 @@ class Metrics:
             counts = {"framing": errors.framing, "overrun": errors.overrun}
             yield "uart_errors_total", "counter", "Errors that the UART's driver counts.", _by("kind", counts)
 
-    def _state(self) -> Iterator[tuple[str, Kind, str, list[Sample]]]:
-        yield "info", "gauge", "Version of tactiled.", [("", {"version": __version__}, 1)]
+    def _state(self) -> Iterator[Family]:
         status = self._status
         if status is None:
             return
@@ -154,7 +166,7 @@ class Metrics:
         yield "connects_total", "counter", "How often the port was opened.", _one(status.connects)
         yield "uptime_seconds", "gauge", "Since the daemon started.", _one(status.uptime_s)
 
-    def _delivery(self) -> Iterator[tuple[str, Kind, str, list[Sample]]]:
+    def _delivery(self) -> Iterator[Family]:
         what = "From a scan's instant to its handling."
         yield "scan_latency_seconds", "histogram", what, list(self._latency.samples())
         what = "Longest turn of the event loop in each tenth of a second."
@@ -170,7 +182,7 @@ class Metrics:
             yield "messages_total", "counter", "Messages of this board by topic.", _by("topic", sent)
         yield "messages_refused_total", "counter", "Messages a socket did not take.", _one(self._dropped)
 
-    def _disk(self) -> Iterator[tuple[str, Kind, str, list[Sample]]]:
+    def _disk(self) -> Iterator[Family]:
         recording = self._recording
         if recording is None:
             return
@@ -184,6 +196,16 @@ class Metrics:
         yield "disk_free_bytes", "gauge", "Free disk space at the recording.", _one(1e6 * recording.free_mb)
         yield "reads_unrecorded_total", "counter", "Reads that are in no file.", _one(recording.reads_dropped)
         yield "reads_waiting", "gauge", "Items that wait for the disk.", _one(recording.reads_waiting)
+
+
+def metrics_text(boards: Iterable[Metrics]) -> str:
+    """Format the metrics of all boards for one scrape, each family once."""
+    version: Family = ("info", "gauge", "Version of tactiled.", [("", {"version": __version__}, 1)])
+    merged: dict[str, Family] = {"info": version}
+    for metrics in boards:
+        for family in metrics.families():
+            merged.setdefault(family[0], (*family[:3], []))[3].extend(family[3])
+    return "".join(_family(*family) for family in merged.values())
 
 
 def _one(value: float) -> list[Sample]:

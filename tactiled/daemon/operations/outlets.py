@@ -1,27 +1,16 @@
-"""Distribution of events and reads: to publisher, recorder, metrics and service manager.
+"""Distribution of the events and reads of one board: to publisher, recorder and metrics."""
 
-The clock kept here converts all instants to epoch seconds.
-"""
-
-import logging
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.clock import EpochClock
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.operations.metrics import Metrics
-from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.events.types import Event, Sent
 from tactiled.pipeline import Output, Pipeline
 from tactiled.recording.contents import Read
-
-logger = logging.getLogger(__name__)
-
-CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
 
 
 class Outlets:
@@ -35,6 +24,8 @@ class Outlets:
         Its `board_serial` is in every message.
     publisher : Publisher
     metrics : Metrics
+    clock : EpochClock
+        Followed by its owner.
     recorder : Recorder, optional
     """
 
@@ -44,17 +35,15 @@ class Outlets:
         session: Session,
         publisher: Publisher,
         metrics: Metrics,
+        clock: EpochClock,
         recorder: Recorder | None = None,
     ) -> None:
         self.metrics = metrics
-        self.notifier = Notifier()
         self._pipeline = pipeline
         self._session = session
         self._publisher = publisher
         self._recorder = recorder
-        self._clock = EpochClock()
-        self._log = RateLimitedLog(logger)
-        self._next_look_s = time.monotonic()
+        self._clock = clock
 
     @property
     def sent(self) -> Sent:
@@ -64,7 +53,7 @@ class Outlets:
     def publish(self, event: Event) -> None:
         """Publish an event of the pipeline; the recorder gets it through `received`, with its bytes."""
         self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
-        self.metrics.count(event, self._publisher.dropped)
+        self.metrics.count(event, self._publisher.dropped[self._session.board_serial])
 
     def publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""
@@ -95,12 +84,6 @@ class Outlets:
             self.publish(event)
 
     def look(self, now_s: float) -> None:
-        """Publish the recording event when due, and follow the wall clock; call it ten times a second."""
+        """Publish the recording event when due; call it ten times a second."""
         if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
             self.publish_and_record(recording)
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + CLOCK_PERIOD_S
-            if step_s := self._clock.follow():
-                words = f"the wall clock was set by {step_s:+.3f} s; timestamps follow it"
-                self._log.add(words, now_s, kind="wall clock")
-            self._log.write_counts(now_s)

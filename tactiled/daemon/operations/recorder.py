@@ -88,6 +88,11 @@ class Recorder:
         self.close()
 
     @property
+    def is_on(self) -> bool:
+        """True while recording is wanted, whether or not the disk takes it."""
+        return self._is_on
+
+    @property
     def reads_dropped(self) -> int:
         """Number of reads that are in no file: the disk was too slow, full, or failed."""
         return self._queue_dropped + (0 if self._session is None else self._session.dropped)

@@ -91,6 +91,12 @@ class Commands:
                 session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
             change.done(f"{reason}; the old rate stays")
 
+    def give_up(self, reason: str) -> None:
+        """Refuse the change of rate that waits for the board, if there is one."""
+        if (change := self._rate) is not None:
+            self._rate = None
+            change.done(reason)
+
     def configure(self, params: SessionParams) -> None:
         """Apply a configuration that was read again; without a rate in it, a commanded rate stays.
 

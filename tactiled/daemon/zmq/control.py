@@ -5,7 +5,7 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,6 +27,7 @@ _MOST_WAITING = 8  # repetitions of one pending command that get an answer
 Respond = Callable[[bytes], None]
 Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
 """Carries out a command: (command, requester, now_s, done); `done` takes the reason for a refusal."""
+Settings = Callable[[str, float], Mapping[str, Any]]
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
     "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
@@ -52,14 +53,18 @@ class Control:
     do : callable
         See `Do`.
     settings : callable
-        Returns the settings at a time (monotonic seconds), as a plain map.
+        Takes the serial number of a board, or an empty string for the only one, and a time (monotonic
+        seconds); returns the settings as a plain map, empty for another board.
+    boards : callable
+        Returns the serial numbers of the boards that take commands here; an empty one is not known yet.
     """
 
     def __init__(
         self,
         publisher: Publisher,
         do: Do,
-        settings: Callable[[float], Mapping[str, Any]],
+        settings: Settings,
+        boards: Callable[[], Sequence[str]] = lambda: (),
     ) -> None:
         self.answered = 0
         self.bad = RateLimitedLog(logger, "request refused")
@@ -67,6 +72,7 @@ class Control:
         self._publisher = publisher
         self._do = do
         self._settings = settings
+        self._boards = boards
         self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
@@ -92,8 +98,9 @@ class Control:
             respond(self._events(request))
         else:
             state = _pack_map(self._publisher.store.latest())
-            settings = msgpack.packb(self._settings(now_s))
-            respond(self._reply(request.id, request.do, "", messages=state, settings=settings))
+            settings = msgpack.packb(self._settings(request.board, now_s))
+            boards = msgpack.packb(list(self._boards()))
+            respond(self._reply(request.id, request.do, "", messages=state, settings=settings, boards=boards))
 
     def _events(self, request: Events) -> bytes:
         if request.topic not in EVENT_TYPES:

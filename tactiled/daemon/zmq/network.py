@@ -12,14 +12,14 @@ unit and a restart limit the damage (protocols/control.md has the numbers).
 import asyncio
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import zmq
 import zmq.asyncio
 
-from tactiled.daemon.zmq.control import Control, Do
+from tactiled.daemon.zmq.control import Control, Do, Settings
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
@@ -45,8 +45,10 @@ class Network:
     Parameters
     ----------
     params : PublishParams
-    do, settings : callable
+    do, settings, boards : callable
         See `Control`.
+    n_boards : int
+        Number of boards whose messages are published.
 
     Raises
     ------
@@ -58,7 +60,9 @@ class Network:
         self,
         params: PublishParams,
         do: Do,
-        settings: Callable[[float], Mapping[str, Any]],
+        settings: Settings,
+        boards: Callable[[], Sequence[str]] = lambda: (),
+        n_boards: int = 1,
         environ: Mapping[str, str] = os.environ,
     ) -> None:
         self._context: zmq.Context[Any] = zmq.Context()
@@ -67,8 +71,8 @@ class Network:
         try:
             if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
                 self._authenticator = CurveAuthenticator(self._context, KeyFolder(Path(params.keys or "")))
-            self.publisher = Publisher(params, environ, self._context, self._authenticator)
-            self.control = Control(self.publisher, do, settings)
+            self.publisher = Publisher(params, environ, self._context, self._authenticator, n_boards)
+            self.control = Control(self.publisher, do, settings, boards)
             self._server = ControlServer(params, self.control, self._context, self._authenticator, environ)
         except BaseException:
             self.close()

@@ -7,7 +7,7 @@ the sequence number of its topic, so that the subscriber sees its losses and can
 
 import os
 import secrets
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -120,6 +120,8 @@ class Publisher:
         Closed by its owner; left out: a context of its own.
     authenticator : CurveAuthenticator, optional
         Required for guarded endpoints.
+    n_boards : int
+        Number of boards whose messages are published here.
 
     Raises
     ------
@@ -133,12 +135,13 @@ class Publisher:
         environ: Mapping[str, str] = os.environ,
         context: zmq.Context[Any] | None = None,
         authenticator: CurveAuthenticator | None = None,
+        n_boards: int = 1,
     ) -> None:
         self.run = secrets.randbits(53)
         """Random number of this run of the daemon; a float64, as viewers use, holds it exactly."""
-        self.store = Store(round(params.history_mb * 1e6))
-        self.dropped = 0
-        """Number of messages that the sockets refused; subscribers see them as lost."""
+        self.store = Store(round(params.history_mb * 1e6), n_boards)
+        self.dropped: Counter[str] = Counter()
+        """Number of messages that the sockets refused, by board; subscribers see them as lost."""
         self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
         self._context = zmq.Context() if context is None and params.endpoints else None
         self._sockets: dict[bool, zmq.Socket[Any]] = {}
@@ -165,7 +168,7 @@ class Publisher:
             try:
                 sock.send_multipart(frames, zmq.NOBLOCK)
             except zmq.Again:
-                self.dropped += 1
+                self.dropped[board] += 1
 
     def sent(self, board: str) -> Sent:
         """Return the numbers of messages of a board so far, by topic."""

@@ -61,6 +61,11 @@ class Request(Params):
     model_config = ConfigDict(strict=True)
 
     v: Literal[1] = Field(description="version of this protocol")
+    board: str = Field(
+        default="",
+        max_length=64,
+        description="serial number of the board; left out or empty: the only one that the daemon reads",
+    )
     id: Id = Field(description="echoed in the reply; a command is done once for a session and an id")
     do: str
     session: Session = Field(
@@ -94,7 +99,7 @@ class CommandRequest(Request):
     @property
     def arguments(self) -> dict[str, Any]:
         """Fields of the command, without those of every request."""
-        return self.model_dump(exclude={"v", "id", "who", "do", "session"}, exclude_none=True)
+        return self.model_dump(exclude={"v", "id", "who", "do", "session", "board"}, exclude_none=True)
 
 
 class Tare(CommandRequest):

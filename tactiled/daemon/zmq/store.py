@@ -2,7 +2,8 @@
 
 The limit in bytes holds for each topic of a board, so that scans never displace a slip: the default of 4 MB
 is a minute of 100 Hz scans of 36 channels, ten minutes of status, or some ten thousand slips. The number of
-boards is limited too: a daemon has one, another after an exchange, and one without a name before any hello.
+boards is limited too: those that the daemon reads, another after an exchange, and one without a name before
+any hello.
 """
 
 from collections import OrderedDict, deque
@@ -11,7 +12,7 @@ from itertools import islice
 
 from tactiled.events.codec import topic_of
 
-KEPT_BOARDS = 3
+MORE_BOARDS = 2  # after an exchange, and without a name
 _OVERHEAD_BYTES = (
     64  # a bytes object (33) and its entry in the deque (8), rounded up to the granularity of malloc
 )
@@ -49,11 +50,15 @@ class Store:
     Parameters
     ----------
     bytes_per_topic : int
-        Limit, including Python's overhead. The total is at most this times topics times `KEPT_BOARDS`.
+        Limit, including Python's overhead. The total is at most this times topics times
+        (`n_boards` + `MORE_BOARDS`).
+    n_boards : int
+        Number of boards that the daemon reads.
     """
 
-    def __init__(self, bytes_per_topic: int) -> None:
+    def __init__(self, bytes_per_topic: int, n_boards: int = 1) -> None:
         self._bytes_per_topic = bytes_per_topic
+        self._most_boards = n_boards + MORE_BOARDS
         self._boards: OrderedDict[str, dict[str, _Ring]] = OrderedDict()
 
     def add(self, board: str, topic: str, seq: int, payload: bytes) -> None:
@@ -61,7 +66,7 @@ class Store:
         rings = self._boards.get(board)
         if rings is None:
             rings = self._boards[board] = {}
-            if len(self._boards) > KEPT_BOARDS:
+            if len(self._boards) > self._most_boards:
                 self._boards.popitem(last=False)
         self._boards.move_to_end(board)
         ring = rings.setdefault(topic, _Ring(seq))

@@ -260,7 +260,7 @@ def test_the_latency_timer_of_the_adapter_is_used_by_the_clock_and_recorded(
 
     async def main() -> None:
         with PtyBoard(daemon.link), Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
-            service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
+            service = Service([daemon.served(recorder)])
             serving = asyncio.create_task(service.run())
             async with asyncio.timeout(8):
                 while daemon.pipeline.health().scans < 30:
@@ -282,7 +282,7 @@ def test_pings_are_answered_recorded_and_replayed_bit_for_bit(tmp_path: Path) ->
 
     async def main() -> None:
         with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
-            service = Service(daemon.params, daemon.pipeline, LAYOUT, ARRAY, recorder=recorder)
+            service = Service([daemon.served(recorder)])
             serving = asyncio.create_task(service.run())
             await asyncio.sleep(6)
             service.stop()

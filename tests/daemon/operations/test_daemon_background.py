@@ -29,7 +29,8 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 def test_a_job_gives_its_result_and_an_error_comes_to_the_caller() -> None:
-    with BackgroundWorker() as worker:
+    with BackgroundWorker() as background:
+        worker = background.queue()
         done = threading.Event()
 
         def fail() -> None:
@@ -38,14 +39,15 @@ def test_a_job_gives_its_result_and_an_error_comes_to_the_caller() -> None:
 
         good, bad = worker.submit(lambda: 7), worker.submit(fail)
         assert done.wait(20)
-        until(lambda: not worker.is_busy, "idle")
+        until(lambda: not background.is_busy, "idle")
         assert good.result() == 7
         with pytest.raises(ZeroDivisionError):
             bad.result()
 
 
 def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
-    with BackgroundWorker() as worker:
+    with BackgroundWorker() as background:
+        worker = background.queue()
         began = threading.Event()
 
         def endless() -> int:
@@ -59,11 +61,12 @@ def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
         assert [each.result() for each in waiting] == [None] * 3
         assert job.result() is None
         assert worker.submit(lambda: 2) is not None
-        until(lambda: not worker.is_busy, "the endless job has ended")
+        until(lambda: not background.is_busy, "the endless job has ended")
 
 
 def test_leaving_the_block_ends_a_running_job() -> None:
-    with BackgroundWorker() as worker:
+    with BackgroundWorker() as background:
+        worker = background.queue()
         began = threading.Event()
 
         def endless() -> None:
@@ -105,12 +108,15 @@ def cores(request: pytest.FixtureRequest) -> Iterator[int]:
 def test_events_are_those_of_fits_in_place(reads: list[Read]) -> None:
     in_place = events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
     assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in in_place)
-    with BackgroundWorker() as worker:
+    with BackgroundWorker() as background:
+        worker = background.queue()
         pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
         beside: list[Event] = []
         for read in reads:
             beside += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
-            until(lambda: not worker.is_busy, "the fit is done")  # the scans come faster than in real time
+            until(
+                lambda: not background.is_busy, "the fit is done"
+            )  # the scans come faster than in real time
         assert pipeline.health().fits_late == 0
     assert beside == in_place
 
@@ -129,7 +135,8 @@ def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
 
     late: dict[int, list[int]] = {}
     live: list[Event] = []
-    with monkeypatch.context() as patched, BackgroundWorker() as worker:
+    with monkeypatch.context() as patched, BackgroundWorker() as background:
+        worker = background.queue()
         patched.setattr(estimator, "fit_wave", slow)
         pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
         for number, read in enumerate(reads):
@@ -138,7 +145,7 @@ def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
                 late[number] = pipeline.late_fits
             if len(late) == 3:
                 is_blocked.clear()
-                until(lambda: not worker.is_busy, "the fit is done")
+                until(lambda: not background.is_busy, "the fit is done")
     health = pipeline.health()
     assert health.fits_late == 3
     assert health.scans == sum(isinstance(e, ScanEvent) for e in live) > 1500

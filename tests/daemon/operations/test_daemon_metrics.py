@@ -18,7 +18,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from tactiled.daemon.operations import exporter as exporter_module
 from tactiled.daemon.operations.exporter import Exporter, MetricsParams
-from tactiled.daemon.operations.metrics import Histogram, Metrics
+from tactiled.daemon.operations.metrics import Histogram, Metrics, metrics_text
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.service import Service
 from tactiled.events.types import RecordingEvent, SlipEvent
@@ -36,7 +36,10 @@ def free_port() -> int:
 
 def value(families: dict[str, Metric], name: str, **labels: str) -> float:
     (sample,) = [
-        s for family in families.values() for s in family.samples if s.name == name and s.labels == labels
+        s
+        for family in families.values()
+        for s in family.samples
+        if s.name == name and s.labels == {"board": "TS0001", **labels}
     ]
     return float(sample.value)
 
@@ -95,11 +98,11 @@ def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
 
 
 def bare(errors: LineErrors | None = None) -> Metrics:
-    return Metrics(Pipeline(LAYOUT, ARRAY).health, lambda: errors)
+    return Metrics(Pipeline(LAYOUT, ARRAY).health, lambda: errors, lambda: "TS0001")
 
 
 def test_metrics_are_valid_before_the_first_event() -> None:
-    families = parse(bare().text())
+    families = parse(metrics_text([bare()]))
     assert value(families, "tactiled_frames_total", result="good") == 0
     assert "tactiled_state" not in families
     assert "tactiled_uart_errors" not in families
@@ -114,7 +117,7 @@ def test_uart_and_disk_metrics_appear_where_known() -> None:
         ),
         8,
     )  # fmt: skip
-    families = parse(metrics.text())
+    families = parse(metrics_text([metrics]))
     assert value(families, "tactiled_uart_errors_total", kind="framing") == 3
     assert value(families, "tactiled_uart_errors_total", kind="overrun") == 4
     assert value(families, "tactiled_recording") == 1
@@ -132,7 +135,7 @@ def test_onsets_of_slip_are_counted_by_what_explains_them() -> None:
     )  # fmt: skip
     for event in (onset, onset, replace(onset, suppressed="inhibit"), replace(onset, state="end")):
         metrics.count(event, 0)
-    families, name = parse(metrics.text()), "tactiled_slip_onsets_total"
+    families, name = parse(metrics_text([metrics])), "tactiled_slip_onsets_total"
     assert value(families, name, kind="incipient", suppressed="no") == 2
     assert value(families, name, kind="incipient", suppressed="inhibit") == 1
     assert value(families, name, kind="gross", suppressed="no") == 0

@@ -4,6 +4,7 @@ import asyncio
 import json
 import threading
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.service import Service, ServiceParams
+from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.commands import RATE_S, Commands
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.requests import Rate
@@ -78,7 +80,9 @@ def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> No
     """Run the service beside a story; nothing may be left over."""
 
     async def main() -> None:
-        service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY, lambda: setup.params)
+        service = Service(
+            [ServedBoard(setup.params, partial(Pipeline, LAYOUT, ARRAY), reload=lambda: setup.params)]
+        )
         setup.reload = service.reload
         serving = asyncio.create_task(service.run())
         listening = asyncio.create_task(setup.listen())
@@ -274,7 +278,7 @@ def test_a_restart_is_reported_and_no_message_of_either_run_is_lost(tmp_path: Pa
         listening = asyncio.create_task(setup.listen())
         with PtyBoard(setup.link):
             for run in range(2):
-                service = Service(setup.params, Pipeline(LAYOUT, ARRAY), LAYOUT, ARRAY)
+                service = Service([ServedBoard(setup.params, partial(Pipeline, LAYOUT, ARRAY))])
                 serving = asyncio.create_task(service.run())
                 goal = len(setup.heard.get("scan", [])) + 30
                 await setup.until(lambda goal=goal: len(setup.heard.get("scan", [])) > goal, "scans")  # type: ignore[misc]

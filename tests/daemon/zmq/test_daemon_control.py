@@ -68,7 +68,7 @@ class Desk:
         self.done: list[CommandRequest] = []
         self.refuse = ""
         self.later: list[Callable[[str], None]] | None = None
-        self.control = Control(self.publisher, self.do, lambda _: {"speed_mm_s": 0.0})
+        self.control = Control(self.publisher, self.do, lambda *_: {"speed_mm_s": 0.0})
 
     def do(
         self, command: CommandRequest, _requester: Requester, _now_s: float, done: Callable[[str], None]
@@ -325,7 +325,7 @@ class Server:
         self.control = f"ipc://{tmp_path}/control.ipc"
         self.done: list[CommandRequest] = []
         self.network = Network(
-            PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda _: {"speed_mm_s": 0.0}
+            PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda *_: {"speed_mm_s": 0.0}
         )
 
     def do(

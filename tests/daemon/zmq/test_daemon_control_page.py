@@ -25,7 +25,7 @@ def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> N
     heard = tmp_path / "heard"
 
     async def main() -> None:
-        network = Network(PublishParams(endpoints=(endpoint,)), lambda *_: None, lambda _: {})
+        network = Network(PublishParams(endpoints=(endpoint,)), lambda *_: None, lambda *_: {})
         serving = asyncio.create_task(network.run())
         with heard.open("w") as out:
             child = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stdout=out)
@@ -73,7 +73,7 @@ def test_the_command_in_the_documentation_is_done_exactly_once(
         asyncio.get_running_loop().call_later(1.2, finish, "")  # it asks twice more meanwhile
 
     async def main() -> None:
-        network = Network(PublishParams(endpoints=(f"ipc://{tmp_path}/events.ipc",)), do, lambda _: {})
+        network = Network(PublishParams(endpoints=(f"ipc://{tmp_path}/events.ipc",)), do, lambda *_: {})
         serving = asyncio.create_task(network.run())
         try:
             for _ in range(2):

@@ -39,7 +39,7 @@ import asyncio, sys
 from tactiled.daemon.zmq import network
 network.REQUESTS_PER_S = 25.0
 network._BURST = 1
-server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), lambda *_: None, lambda _: {})
+server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), lambda *_: None, lambda *_: {})
 print("up", flush=True)
 asyncio.run(server.run())
 """

@@ -21,7 +21,7 @@ class Server:
 
     def __init__(self, **params: Any) -> None:
         self.requesters: list[Requester] = []
-        self.network = Network(PublishParams(**params), self.do, lambda _: {})
+        self.network = Network(PublishParams(**params), self.do, lambda *_: {})
 
     def do(
         self, _command: CommandRequest, requester: Requester, _now_s: float, done: Callable[[str], None]

@@ -165,7 +165,7 @@ class Server:
         self.local = f"ipc://{tmp_path}/events.ipc"
         self.keys_used: list[str] = []
         params = PublishParams(endpoints=(self.wide, self.local), keys=str(folder.path))
-        self.network = Network(params, self.do, lambda _: {})
+        self.network = Network(params, self.do, lambda *_: {})
 
     def do(
         self, _command: CommandRequest, requester: Requester, _now_s: float, done: Callable[[str], None]
@@ -321,7 +321,7 @@ def test_network_endpoints_need_keys_or_an_explicit_option(tmp_path: Path) -> No
     with pytest.raises(ConfigError, match=r"tcp://0\.0\.0\.0:1 can be reached"):
         tomlfile.parse({"control_endpoints": ["tcp://0.0.0.0:1"]}, PublishParams, "t.toml")
     with pytest.raises(ConfigError, match=r"daemon\.toml: cannot be read"):
-        Network(parse(keys=str(tmp_path)), lambda *_: None, lambda _: {})
+        Network(parse(keys=str(tmp_path)), lambda *_: None, lambda *_: {})
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.zmq.store import KEPT_BOARDS, Store
+from tactiled.daemon.zmq.store import MORE_BOARDS, Store
 
 
 def payload(seq: int, size: int = 20) -> bytes:
@@ -82,7 +82,7 @@ def test_a_message_larger_than_the_store_is_kept_alone() -> None:
 
 def test_the_number_of_boards_is_bounded_and_the_oldest_is_evicted() -> None:
     store = Store(1000)
-    for number in range(KEPT_BOARDS + 1):
+    for number in range(MORE_BOARDS + 2):
         store.add(f"b{number}", "info", 0, payload(number))
     store.add("b1", "info", 1, payload(1))
     store.add("new", "info", 0, payload(9))

@@ -1,0 +1,1 @@
+"""Many boards in one process: cost, memory and latency by their number."""
