@@ -127,8 +127,8 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
 def config_files(paths: Sequence[Path]) -> list[Path]:
     """Return the configurations that files and directories name.
 
-    A directory stands for each ``*.toml`` in it. Hidden files of a directory are left out, and so are arrays
-    and layouts, which may lie beside the configurations that name them.
+    A directory stands for each ``*.toml`` in it. Hidden files of a directory are left out, and so are arrays,
+    layouts and calibrations, which may lie beside the configurations that name them.
 
     Raises
     ------
@@ -151,14 +151,14 @@ def config_files(paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "layout"]:
+def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "layout", "calibration"]:
     """Return what a TOML file describes, by its keys."""
     if "framing" in document or "messages" in document:
         return "layout"
     # In a layout file, `channels` is a number.
     if {"grids", "taxels", "taxel_channels"} & document.keys() or isinstance(document.get("channels"), list):
         return "array"
-    return "configuration"
+    return "calibration" if "largest_reading" in document else "configuration"
 
 
 def load_configs(files: Sequence[Path]) -> list[Setup]:

@@ -153,6 +153,8 @@ def test_a_directory_stands_for_the_configurations_in_it(tmp_path: Path) -> None
         resources.shipped("config", "arrays", "wang2019-3x3.toml").read_text()
     )
     (tmp_path / "frames.toml").write_text(resources.shipped("protocols", "legacy-9.toml").read_text())
+    calibration = resources.shipped("config", "calibration", "wang2019-3x3.toml").read_text()
+    (tmp_path / "forces.toml").write_text(calibration)
     (tmp_path / ".TS0003.toml").write_text("not TOML")
     (tmp_path / "TS0004.toml~").write_text("not TOML")
     assert config_files([tmp_path]) == [one, two]
