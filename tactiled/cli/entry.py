@@ -26,7 +26,7 @@ for verb in (
     recordings.record, recordings.replay, recordings.recover, recordings.export,
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune,
-    viewers.web,
+    viewers.web, viewers.top,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material,
 ):  # fmt: skip
     cli.add_command(verb)

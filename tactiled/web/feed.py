@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tactiled.array import Array
+from tactiled.board_geometry import geometry_of
 from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
-from tactiled.web.geometry import geometry_of
 
 HISTORY_S = 60.0  # span of the timeline on the page
 _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points over the timeline

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from tactiled.array import Array
+from tactiled.board_geometry import geometry_of
 from tactiled.errors import DataError
 from tactiled.events.codec import to_map
 from tactiled.recording.contents import RecordedEvent
 from tactiled.recording.reader import Reached, in_order, read_items
-from tactiled.web.geometry import geometry_of
 
 _THIN_S = 0.1  # interval of scans, grip and force messages in a thinned stretch
 

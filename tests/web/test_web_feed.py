@@ -5,10 +5,10 @@ import math
 from typing import Any
 
 from tactiled.array import load_array
+from tactiled.board_geometry import geometry_of
 from tactiled.client import Lost, Message, Recovered, Restarted
 from tactiled.resources import shipped_names
 from tactiled.web.feed import HISTORY_S, Feed
-from tactiled.web.geometry import geometry_of
 
 NOW_S = 1000.0
 

@@ -128,7 +128,12 @@ export class BoardModel {
 
   _list(at, topic, data) {
     this.eventCount += 1;
-    this.events.push({ at, topic, data });
+    const last = this.events[this.events.length - 1];
+    if (topic === "texture" && last !== undefined && last.topic === topic && last.data.status === data.status) {
+      Object.assign(last, { at, data, count: last.count + 1 }); // an estimate that is made better is one event
+      return;
+    }
+    this.events.push({ at, topic, data, from: at, count: 1 });
     if (this.events.length > 1 && this.events[this.events.length - 2].at > at) this.events.sort((a, b) => a.at - b.at);
     if (this.events.length > EVENTS) this.events.shift();
   }

@@ -89,10 +89,10 @@ export class BoardPanel {
     }
     const f = board.force;
     if (live && f !== null && f.fz_n !== undefined) {
-      const force = (name) => pm(f[`${name}_n`], f[`${name}_sd_n`], "N");
-      rows.push(["force z", force("fz")], ["force x", force("fx")], ["force y", force("fy")]);
-      if (f.tz_nmm !== undefined) rows.push(["moment z", `${sig(f.tz_nmm)} N mm`]);
-      if (f.x_mm !== undefined) rows.push(["centre", `${sig(f.x_mm)}, ${sig(f.y_mm)} mm`]);
+      const more = f.saturated ? " or more" : f.valid === false ? ", not valid" : "";
+      rows.push(["normal force", pm(f.fz_n, f.fz_sd_n, "N") + more]);
+      rows.push(["shear force", pm(Math.hypot(f.fx_n, f.fy_n), Math.max(f.fx_sd_n, f.fy_sd_n), "N") + (f.fx_sd_n < 1e8 ? `, ${(Math.atan2(f.fy_n, f.fx_n) * 180 / Math.PI).toFixed(0)}°` : "")]);
+      if (f.x_mm !== undefined) rows.push(["centre", `${f.x_mm.toFixed(2)}, ${f.y_mm.toFixed(2)} mm`]);
     }
     facts(at.loads, rows);
     this._margin(live);
@@ -153,7 +153,7 @@ export class BoardPanel {
       const { kind, text } = eventWords(event.topic, event.data);
       const li = el("li", `event ${kind}`);
       if (event.data.seq !== undefined) { li.dataset.topic = event.topic; li.dataset.seq = event.data.seq; }
-      li.append(el("time", "number", clockWords(event.at)), el("span", "", text));
+      li.append(el("time", "number", clockWords(event.at)), el("span", "", event.count > 1 ? `${text} (${event.count} answers)` : text));
       return li;
     }));
   }

@@ -32,7 +32,9 @@ export class Timeline extends Plot {
       padding: [LANES.length * LANE + 8, 6, 0, 0],
       scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: (u, min, max) => [Math.min(0, min ?? 0), Math.max(0.1, (max ?? 0) * 1.1)] }, p: { range: [0, 1.15] } },
       axes: [
-        axis({ values: (u, ticks) => ticks.map((t) => (draws.origin ? `${sig(t - draws.origin, 4)} s` : clockWords(t).slice(0, 8))), space: 80, size: 28 }),
+        axis({ space: 80, size: 28,
+          splits: (u, i, min, max) => { const found = []; for (let t = draws.origin + 10 * Math.ceil((min - draws.origin) / 10); t <= max; t += 10) found.push(t); return u.width < 520 ? found.filter((_, k) => k % 2) : found; },
+          values: (u, ticks) => ticks.map((t) => (draws.origin ? (t < draws.origin - 0.5 ? "" : `${Math.round(t - draws.origin)} s`) : clockWords(t).slice(0, 8))) }),
         axis({ size: 46, values: (u, ticks) => ticks.map((v) => sig(v, 2)) }),
         axis({ scale: "p", side: 1, size: 36, grid: { show: false }, values: (u, ticks) => ticks.map((v) => (v <= 1 ? `${Math.round(100 * v)}%` : "")) }),
       ],
@@ -109,6 +111,11 @@ function lanes(u, board) {
   for (const event of board.events) {
     const at = x(event.at);
     if (at < left || !["texture", "command", "notice"].includes(event.topic)) continue;
+    if (event.from < event.at - 0.05) { // answers one after the other: a bar from the first to the newest
+      const a = Math.max(left, x(event.from));
+      c.fillStyle = colour(event.data.status === "ok" ? "texture" : "muted"); c.globalAlpha = 0.45;
+      c.fillRect(a, row(2) + 6 * r, at - a, lane - 12 * r); c.globalAlpha = 1;
+    }
     const y = row(2) + lane / 2, s = 4.5 * r;
     const ok = event.topic === "texture" ? event.data.status === "ok" : event.data.ok !== false;
     c.fillStyle = c.strokeStyle = colour(event.topic === "texture" ? "texture" : event.topic === "command" ? "contact" : "broken");
@@ -183,7 +190,7 @@ function mark(u, hz) {
   const c = u.ctx, { top, height } = u.bbox, x = u.valToPos(hz, "x", true), r = window.devicePixelRatio || 1;
   c.save(); c.strokeStyle = c.fillStyle = colour("texture"); c.lineWidth = 1.5 * r; c.setLineDash([5 * r, 4 * r]);
   c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke();
-  c.font = `600 ${11 * r}px system-ui, sans-serif`; c.textBaseline = "top"; c.fillText(` ${hz.toFixed(3)} Hz`, x, top + 2 * r);
+  c.font = `600 ${11 * r}px system-ui, sans-serif`; c.textBaseline = "top"; c.textAlign = "left"; c.fillText(` ${hz.toFixed(3)} Hz`, x, top + 2 * r);
   c.restore();
 }
 

@@ -1,5 +1,7 @@
 // Numbers and events in words.
 
+const UNKNOWN_SD = 1e8; // messages say 1e9 where a component is not known
+
 export function ageWords(seconds) {
   if (seconds === null || !Number.isFinite(seconds)) return "–";
   const s = Math.max(0, seconds);
@@ -20,7 +22,9 @@ export function sig(value, digits = 3) {
 /** Value and standard deviation, with the digits that the deviation allows. */
 export function pm(value, sd, unit) {
   if (!(sd > 0)) return `${sig(value, 4)} ${unit}`;
-  const places = Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(sd))));
+  if (sd >= UNKNOWN_SD) return "not known";
+  const power = Math.floor(Math.log10(sd));
+  const places = Math.min(6, Math.max(0, (sd / 10 ** power < 2 ? 1 : 0) - power)); // one digit of the deviation, two below 2
   return `${value.toFixed(places)} ± ${sd.toFixed(places)} ${unit}`;
 }
 

@@ -1,4 +1,4 @@
-"""Description of an array for the page: places of taxels, and weights from channels to load and shear."""
+"""Description of an array for viewers: places of taxels, and weights from channels to load and shear."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ _CHANNEL_NAME = re.compile(r"t(\d+)\.")
 
 
 def geometry_of(info: Mapping[str, Any], override: Array | None = None) -> dict[str, Any]:
-    """Return what the page must know to draw readings of a board.
+    """Return what a viewer must know to draw readings of a board.
 
     Parameters
     ----------

@@ -1,0 +1,186 @@
+"""State of the boards of one daemon, from the messages of its subscription. No I/O, no clock."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.board_geometry import geometry_of
+from tactiled.client import Item, Lost, Message, Recovered, Restarted
+
+_EVENTS = 50
+_SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
+_LATE_S = 0.16  # samples.late_after_s, and the interval of drawings of a page
+_PERIODS = 3  # scan periods that are not late on a slow board
+LampState = Literal["FRESH", "LATE", "STALE", "NO BOARD"]
+
+
+class Lamp(NamedTuple):
+    """Freshness of a board: state, age of the newest scan (None where unknown), and words."""
+
+    state: LampState
+    age_s: float | None
+    words: str
+
+
+class ListedEvent(NamedTuple):
+    """Event with its instant, epoch seconds."""
+
+    at_s: float
+    topic: str
+    words: str
+
+
+class Felt(NamedTuple):
+    """Load and shear of each taxel, in the unit of the array."""
+
+    load: NDArray[np.float64]
+    shear_x: NDArray[np.float64]
+    shear_y: NDArray[np.float64]
+
+
+@dataclass
+class BoardView:
+    """Newest messages of one board."""
+
+    name: str
+    geometry: dict[str, Any] | None = None
+    newest: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Newest message of each topic."""
+    slip: Mapping[str, Any] | None = None
+    """Newest onset of a slip that has not ended."""
+    events: deque[ListedEvent] = field(default_factory=lambda: deque(maxlen=_EVENTS))
+
+    def lamp(self, now_unix_s: float) -> Lamp:
+        """Judge how old the data are at an instant, by the instants in the messages."""
+        status, scan = self.newest.get("status"), self.newest.get("scan")
+        if status is None:
+            return Lamp("STALE", None, "no status from the daemon yet: is tactiled run running?")
+        silent_s = now_unix_s - status["timestamp"]
+        age_s = now_unix_s - scan["timestamp"] if scan is not None else status["age_s"] + silent_s
+        if silent_s > _SILENT_S:
+            return Lamp("STALE", age_s, f"no status for {silent_s:.1f} s: is tactiled running?")
+        if silent_s < -1.0:
+            return Lamp(
+                "STALE", None, "messages carry instants in the future: compare the clocks of the hosts"
+            )
+        if status["state"] == "no-device":
+            return Lamp("NO BOARD", age_s, status["reason"])
+        if not status["valid"]:
+            return Lamp("STALE", age_s, f"{status['state']}: {status['reason']}")
+        late_s = max(_LATE_S, _PERIODS / status["rate_hz"] if status["rate_hz"] > 0 else 0.0)
+        if age_s > max(_SILENT_S, 2 * late_s):
+            return Lamp("STALE", age_s, "no scan arrives")
+        if age_s > late_s or (scan is not None and scan["late"]):
+            return Lamp("LATE", age_s, "scans come later than a controller can use")
+        return Lamp("FRESH", age_s, status["warning"] or "board, line and clock are in order")
+
+    def felt(self) -> Felt | None:
+        """Return load and shear of the newest scan; None without a scan or an array."""
+        scan, geometry = self.newest.get("scan"), self.geometry
+        if scan is None or geometry is None or len(scan["volts"]) != len(geometry["zero"]):
+            return None
+        readings = np.where(scan["valid"], np.array(scan["volts"]) - geometry["zero"], 0.0)
+        return Felt(*(_weighted(geometry[name], readings) for name in ("pressure", "shear_x", "shear_y")))
+
+
+class BoardViews:
+    """All boards of one daemon.
+
+    Parameters
+    ----------
+    array : Array, optional
+        Array that does not ship with tactiled.
+    """
+
+    def __init__(self, array: Array | None = None) -> None:
+        self._array = array
+        self.boards: dict[str, BoardView] = {}
+
+    def take(self, item: Item) -> None:
+        """Take an item of the subscription."""
+        if isinstance(item, Message):
+            self._message(self._board(item.board), item)
+        elif isinstance(item, Recovered):
+            message = item.message
+            self._list(self._board(message.board), message)
+        elif isinstance(item, Lost | Restarted):
+            words = (
+                f"{item.count} {item.topic} messages lost" if isinstance(item, Lost) else "daemon restarted"
+            )
+            board = self._board(item.board)
+            at_s = float(board.newest.get("status", {}).get("timestamp", 0.0))
+            board.events.appendleft(ListedEvent(at_s, "notice", words))
+
+    def _board(self, name: str) -> BoardView:
+        """Return the view of a board; a daemon that waits for its board means the only one it had."""
+        if name in self.boards:
+            return self.boards[name]
+        if "" in self.boards and name:
+            view = self.boards.pop("")
+            view.name = name
+        elif not name and len(self.boards) == 1:
+            return next(iter(self.boards.values()))
+        else:
+            view = BoardView(name)
+        self.boards[name] = view
+        return view
+
+    def _message(self, board: BoardView, message: Message) -> None:
+        data = message.data
+        if message.topic == "info" and board.newest.get("info", {}).get("array_id") != data["array_id"]:
+            board.geometry = geometry_of(data, self._array)
+        board.newest[message.topic] = data
+        if message.topic == "slip":
+            board.slip = None if data["state"] == "end" else data
+        self._list(board, message)
+
+    @staticmethod
+    def _list(board: BoardView, message: Message) -> None:
+        if message.topic in ("slip", "contact", "texture", "command"):
+            board.events.appendleft(
+                ListedEvent(message.timestamp, message.topic, in_words(message.topic, message.data))
+            )
+
+
+def in_words(topic: str, data: Mapping[str, Any]) -> str:
+    """Describe an event in one line."""
+    if topic == "slip":
+        why = (
+            f" (suppressed: {data['suppressed']})"
+            if data["suppressed"]
+            else ""
+            if data["valid"]
+            else " (not valid)"
+        )
+        if data["state"] == "end":
+            return f"{data['kind']} slip ended{why}"
+        way = f", {data['direction_deg']:.0f} deg" if data["direction_sd_deg"] < 90 else ""
+        return (
+            f"{data['kind']} slip{way}, {1000 * (data['detected'] - data['onset']):.0f} ms after onset{why}"
+        )
+    if topic == "contact":
+        return f"contact {data['previous']} -> {data['state']}"
+    if topic == "texture":
+        return texture_in_words(data)
+    return f"{data['command']} by {data['who'] or '?'}" + (
+        "" if data["ok"] else f" refused: {data['reason']}"
+    )
+
+
+def texture_in_words(data: Mapping[str, Any]) -> str:
+    """Describe a groove estimate, or why there is none."""
+    period = f"{data['period_mm']:.3f} +- {data['period_sd_mm']:.3f} mm"
+    if data["status"] == "ok":
+        return f"grooves {period}, {data['angle_deg']:.1f} +- {data['angle_sd_deg']:.1f} deg"
+    if data["status"] == "period-only":
+        return f"ripple {period}, angle unknown"
+    return f"no groove estimate: {data['status']}"
+
+
+def _weighted(pairs: list[list[list[float]]], readings: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([sum(weight * readings[int(channel)] for channel, weight in taxel) for taxel in pairs])

@@ -1,0 +1,206 @@
+"""Screen of one board as lines of text with colours; 80x24 is enough. No I/O."""
+
+import math
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from rich.text import Text
+
+from tactiled.top.boards import BoardView, Felt, Lamp, texture_in_words
+
+_ARROWS = "→↗↑↖←↙↓↘"
+_LAMPS = {
+    "FRESH": ("●", "bold white on rgb(0,116,90)"),
+    "LATE": ("▲", "bold black on rgb(240,171,0)"),
+    "STALE": ("■", "bold white on rgb(90,100,110)"),
+    "NO BOARD": ("○", "bold reverse"),
+}
+_SLIP = "rgb(213,94,0)"  # vermillion and blue of Okabe and Ito: told apart by every kind of colour vision
+_CELL = (9, 2)  # columns and lines of a taxel where there is room
+_ARRAY_LINES = 10
+
+
+def draw(board: BoardView, now_unix_s: float, width: int, height: int, footer: str) -> list[Text]:
+    """Return the lines of the screen, `height` of them, each at most `width` wide."""
+    lamp = board.lamp(now_unix_s)
+    live = lamp.state in ("FRESH", "LATE")
+    left = _array(board, live, max(20, width // 2 - 4))
+    right = _facts(board, live)
+    lines = [
+        _lamp_line(board, lamp, width),
+        Text(f" {lamp.words}", "bold" if lamp.state != "FRESH" else "dim"),
+    ]
+    for n in range(max(len(left), len(right))):
+        line = Text(" ") + (left[n] if n < len(left) else Text())
+        line.pad_right(max(0, width // 2 - 2 - line.cell_len))
+        lines.append(line + (right[n] if n < len(right) else Text()))
+    lines.append(Text("─" * width, "dim"))
+    room = max(0, height - len(lines) - 1)
+    lines += [_event_line(event.at_s, event.topic, event.words) for event in list(board.events)[:room]]
+    lines = lines[: height - 1]
+    lines += [Text()] * (height - 1 - len(lines))
+    lines.append(Text(footer, "reverse"))
+    for line in lines:
+        line.truncate(width)
+    return lines
+
+
+def age_in_words(age_s: float | None) -> str:
+    """Return an age in ms, s, min or h."""
+    if age_s is None:
+        return "-"
+    if age_s < 1.0:
+        return f"{1000 * max(0.0, age_s):.0f} ms"
+    return (
+        f"{age_s:.1f} s"
+        if age_s < 100.0
+        else f"{age_s / 60:.0f} min"
+        if age_s < 6000
+        else f"{age_s / 3600:.1f} h"
+    )
+
+
+def _lamp_line(board: BoardView, lamp: Lamp, width: int) -> Text:
+    shape, style = _LAMPS[lamp.state]
+    info = board.newest.get("info", {})
+    line = Text(
+        f" {shape} {lamp.state}  {age_in_words(lamp.age_s):>7}   {board.name or 'no board yet'}  ", style
+    )
+    line.append(str(info.get("array_id", "")), style)
+    line.pad_right(max(0, width - line.cell_len))
+    line.stylize(style)
+    return line
+
+
+def _event_line(at_s: float, topic: str, words: str) -> Text:
+    style = _SLIP if topic == "slip" and "suppressed" not in words and "ended" not in words else ""
+    clock = datetime.fromtimestamp(at_s).astimezone().strftime("%H:%M:%S.%f")[:-3]
+    return Text(f" {clock}  ", "dim").append(words, style)
+
+
+def _facts(board: BoardView, live: bool) -> list[Text]:
+    """Return lines of a name and a value."""
+    status, felt, geometry = board.newest.get("status"), board.felt(), board.geometry
+    rows: list[tuple[str, str, str]] = []
+    contact = board.newest.get("contact", status or {}).get(
+        "state" if "contact" in board.newest else "contact", "-"
+    )
+    rows.append(("contact", str(contact) if live else "unknown", "bold"))
+    if board.slip is not None and live:
+        rows.append(
+            ("slip", f"{board.slip['kind'].upper()} {_arrow(board.slip['direction_deg'])}", f"bold {_SLIP}")
+        )
+    else:
+        rows.append(("slip", "no slip" if live else "unknown", ""))
+    if felt is not None and geometry is not None:
+        shear_x, shear_y = float(felt.shear_x.sum()), float(felt.shear_y.sum())
+        rows.append(("load", f"{felt.load.sum():.2f} {geometry['unit']}" if live else "-", ""))
+        if geometry["has_shear"]:
+            angle = math.degrees(math.atan2(shear_y, shear_x))
+            words = f"{math.hypot(shear_x, shear_y):.2f} {geometry['unit']} {_arrow(angle)}"
+            rows.append(("shear", words if live else "-", ""))
+    grip, texture, recording = (board.newest.get(topic) for topic in ("grip", "texture", "recording"))
+    if grip is not None and grip["state"] != "none" and live:
+        use = f"{100 * grip['utilisation']:.0f} % ({100 * grip['utilisation_low']:.0f} to {100 * grip['utilisation_high']:.0f})"
+        rows.append(("friction used", use, ""))
+    if texture is not None:
+        words = texture_in_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
+        rows.append(("grooves", words, ""))
+    if status is not None:
+        rows.append(
+            ("rate", f"{status['rate_hz']:.1f} Hz, {status['scans_missing']} of {status['scans']} lost", "")
+        )
+        sd_ms = 1000 * status["clock_sd_s"]
+        rows.append(
+            (
+                "clock",
+                f"+- {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm" if sd_ms < 1e6 else "not known",
+                "",
+            )
+        )
+        rows.append(("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms", ""))
+    if recording is not None:
+        rows.append(("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB", ""))
+    return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]
+
+
+def _array(board: BoardView, live: bool, width: int) -> list[Text]:
+    """Return the array as coloured cells: the colour is load, the arrow shear; y points up."""
+    geometry, felt = board.geometry, board.felt()
+    if geometry is None:
+        return [Text("no array yet", "dim")]
+    grid = _grid(geometry)
+    columns = max(len(row) for row in grid)
+    wide = columns * _CELL[0] <= width and len(grid) * (_CELL[1] + 1) <= _ARRAY_LINES + 1
+    cell = _CELL[0] - 1 if wide else max(2, min(4, width // columns - 1))
+    load = np.zeros(len(geometry["pressure"])) if felt is None else np.abs(felt.load)
+    scale = max(float(load.max(initial=0.0)), 0.02 * geometry["high"])
+    touched = board.newest.get("contact", {}).get("taxels", ())
+    slipping = set(board.slip["taxels"]) if board.slip is not None and live else set()
+    lines: list[Text] = []
+    for row in grid[:_ARRAY_LINES]:
+        first, second = Text(), Text()
+        for taxel in row:
+            if taxel is None:
+                first.append(" " * (cell + 1))
+                second.append(" " * (cell + 1))
+                continue
+            style = _style(load[taxel] / scale, live, taxel in slipping)
+            number = f"{load[taxel]:.2f}" if felt is not None and live else "-"
+            mark = "!" if taxel in slipping else "·" if taxel in touched else " "
+            arrow = _taxel_arrow(felt, taxel) if live else " "
+            if wide:
+                first.append(f"{number:^{cell}}", style).append(" ")
+                second.append(f"{mark + ' ' + arrow:^{cell}}", style).append(" ")
+            else:
+                first.append(f"{(arrow + mark if cell < 4 else ' ' + arrow + mark):^{cell}}", style).append(
+                    " "
+                )
+        lines += [first, second, Text()] if wide else [first]
+    return lines
+
+
+def _grid(geometry: dict[str, Any]) -> list[list[int | None]]:
+    """Taxels by row from the largest y to the smallest, and by column; a square where places are unknown."""
+    n_taxels = len(geometry["pressure"])
+    if not geometry["has_places"]:
+        side = math.ceil(math.sqrt(n_taxels))
+        taxels: list[int | None] = [*range(n_taxels), *[None] * (side * side - n_taxels)]
+        return [taxels[start : start + side] for start in range(0, side * side, side)]
+    columns, rows = _steps(geometry["x_mm"]), _steps(geometry["y_mm"])
+    grid: list[list[int | None]] = [[None] * (max(columns) + 1) for _ in range(max(rows) + 1)]
+    for taxel, (column, row) in enumerate(zip(columns, rows, strict=True)):
+        grid[max(rows) - row][column] = taxel
+    return grid
+
+
+def _steps(places_mm: Sequence[float]) -> list[int]:
+    """Index of each place among the different places."""
+    known = sorted({round(place, 3) for place in places_mm})
+    return [known.index(round(place, 3)) for place in places_mm]
+
+
+def _style(share: float, live: bool, slips: bool) -> str:
+    share = min(1.0, max(0.0, share))
+    if not live:
+        grey = round(60 + 60 * share)
+        return f"rgb(200,200,200) on rgb({grey},{grey},{grey})"
+    if slips:
+        return f"bold white on {_SLIP}"
+    low, high = np.array([22.0, 40.0, 56.0]), np.array([86.0, 180.0, 233.0])
+    red, green, blue = (round(float(part)) for part in low + (high - low) * share)
+    return f"{'black' if share > 0.6 else 'white'} on rgb({red},{green},{blue})"
+
+
+def _taxel_arrow(felt: Felt | None, taxel: int) -> str:
+    if felt is None:
+        return " "
+    x, y = float(felt.shear_x[taxel]), float(felt.shear_y[taxel])
+    largest = float(np.hypot(felt.shear_x, felt.shear_y).max())
+    return _arrow(math.degrees(math.atan2(y, x))) if math.hypot(x, y) > 0.1 * largest > 0.0 else " "
+
+
+def _arrow(angle_deg: float) -> str:
+    return _ARROWS[round(angle_deg / 45) % 8]

@@ -1,0 +1,171 @@
+"""``tactiled top``: subscription, keys and screen; or a snapshot."""
+
+import json
+import os
+import select
+import shutil
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.text import Text
+
+from tactiled.array import Array
+from tactiled.client import Commander, Subscription
+from tactiled.errors import OperatorError
+from tactiled.top.boards import BoardView, BoardViews
+from tactiled.top.draw import draw
+
+_DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
+_ONCE_S = 1.3  # the slowest message, info, comes once a second
+_MARK = "mark from tactiled top"
+_KEYS = " q quit   b next board   t tare   i inhibit 0.5 s   e load change 0.5 s   m mark   r record "
+
+
+def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool, as_json: bool) -> int:
+    """Show the boards of a daemon until q or Ctrl-C; return the exit code: 1 where `once` saw no daemon."""
+    views = BoardViews(array)
+    with Subscription(endpoint, keys=keys) as subscription:
+        if once:
+            _receive(subscription, views, time.monotonic() + _ONCE_S)
+            return _print_once(views, as_json)
+        if as_json:
+            while True:
+                _receive(subscription, views, time.monotonic() + 1.0)
+                for board in views.boards.values():
+                    click.echo(json.dumps(snapshot(board, time.time())))
+        if not sys.stdin.isatty() or not sys.stdout.isatty():
+            raise OperatorError("tactiled top needs a terminal: use --once or --json here")
+        _live(subscription, views, endpoint, keys)
+    return 0
+
+
+def snapshot(board: BoardView, now_unix_s: float) -> dict[str, Any]:
+    """Return the state of a board as a plain map; load and shear are sums over the array."""
+    lamp, felt = board.lamp(now_unix_s), board.felt()
+    sums = {} if felt is None else {name: float(value.sum()) for name, value in felt._asdict().items()}
+    return {
+        "board": board.name,
+        "state": lamp.state,
+        "age_s": lamp.age_s,
+        "words": lamp.words,
+        "unit": "" if board.geometry is None else board.geometry["unit"],
+        **sums,
+        "slip": board.slip,
+        "newest": {
+            topic: data for topic, data in board.newest.items() if topic not in ("info", "scan", "slip")
+        },
+        "events": [{"at": event.at_s, "topic": event.topic, "words": event.words} for event in board.events],
+    }
+
+
+def _receive(subscription: Subscription, views: BoardViews, until_s: float) -> None:
+    while (item := subscription.next_item(until_s)) is not None:
+        views.take(item)
+        if time.monotonic() >= until_s:
+            return
+
+
+def _print_once(views: BoardViews, as_json: bool) -> int:
+    boards = [board for board in views.boards.values() if "status" in board.newest]
+    for board in boards:
+        if as_json:
+            click.echo(json.dumps(snapshot(board, time.time())))
+        else:
+            width, height = shutil.get_terminal_size((80, 24))
+            for line in draw(board, time.time(), width, height - 1, ""):
+                click.echo(_painted(line, width).rstrip())
+    if not boards:
+        click.echo("no daemon publishes there: is tactiled run running?", err=True)
+    return int(not boards)
+
+
+def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
+    chosen, footer, footer_until_s = 0, _KEYS, 0.0
+
+    def command(do: str, **fields: Any) -> str:
+        try:
+            with Commander(endpoint, "tactiled top", keys=keys) as daemon:
+                reply = daemon.send(do, timeout_s=2.0, **fields)
+        except OperatorError as error:
+            return f" {do}: {error}"
+        return f" {do}: done" if reply.ok else f" {do}: refused: {reply.reason}"
+
+    def recording(board: BoardView) -> bool:
+        return str(board.newest.get("recording", {}).get("state", "off")) == "off"
+
+    with _terminal() as (show, next_key):
+        while True:
+            _receive(subscription, views, time.monotonic() + _DRAW_S)
+            boards = list(views.boards.values()) or [BoardView("")]
+            board = boards[chosen % len(boards)]
+            acts: dict[str, Callable[[], str]] = {
+                "t": lambda: command("tare"),
+                "i": lambda: command("inhibit", duration_s=0.5),
+                "e": lambda: command("expect-load-change", duration_s=0.5),
+                "m": lambda: command("mark", text=_MARK),
+                "r": lambda board=board: command("record", on=recording(board)),
+            }
+            key = next_key()
+            if key in ("q", "\x03"):
+                return
+            if key == "b":
+                chosen += 1
+            elif key in acts:
+                footer, footer_until_s = acts[key](), time.monotonic() + 3.0
+            if time.monotonic() > footer_until_s:
+                footer = _KEYS
+            width, height = shutil.get_terminal_size((80, 24))
+            show([_painted(line, width) for line in draw(board, time.time(), width, height, footer)])
+
+
+@contextmanager
+def _terminal() -> Iterator[tuple[Callable[[list[str]], None], Callable[[], str]]]:
+    """Take over the terminal: a function that shows lines, and one that returns a pressed key or ""."""
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    shown: list[str] = []
+
+    def show(lines: list[str]) -> None:
+        """Write only the lines that have changed, in one piece: nothing flickers."""
+        if len(lines) != len(shown):
+            shown[:] = [""] * len(lines)
+            sys.stdout.write("\x1b[2J")
+        changed = [(n, line) for n, line in enumerate(lines) if line != shown[n]]
+        sys.stdout.write("".join(f"\x1b[{n + 1};1H{line}\x1b[0m\x1b[K" for n, line in changed))
+        sys.stdout.flush()
+        shown[:] = lines
+
+    def next_key() -> str:
+        ready, _, _ = select.select([descriptor], [], [], 0.0)
+        return os.read(descriptor, 1).decode(errors="replace") if ready else ""
+
+    try:
+        tty.setcbreak(descriptor)
+        sys.stdout.write("\x1b[?1049h\x1b[?25l")
+        yield show, next_key
+    except KeyboardInterrupt:
+        pass
+    finally:
+        sys.stdout.write("\x1b[?25h\x1b[?1049l")
+        sys.stdout.flush()
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _painted(line: Text, width: int) -> str:
+    """Line with the colour codes of this terminal; without any where NO_COLOR is set or it is no terminal."""
+    out = StringIO()
+    colours = sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    console = Console(
+        file=out, width=width, force_terminal=colours, color_system="truecolor" if colours else None
+    )
+    console.print(line, end="", no_wrap=True, overflow="crop", highlight=False)
+    return out.getvalue()

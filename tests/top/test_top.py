@@ -1,0 +1,180 @@
+"""The view for terminals."""
+
+import json
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from dataclasses import replace
+from fcntl import ioctl
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from messages import SLIP, STATUS
+from pages import PATIENCE_S, robot
+
+from tactiled.array import load_array
+from tactiled.client import Lost, Message, Recovered, Restarted
+from tactiled.events.codec import to_map
+from tactiled.events.types import Event, ScanEvent, TextureEvent
+from tactiled.resources import shipped_names
+from tactiled.top.boards import BoardViews
+from tactiled.top.draw import draw
+from tactiled.top.run import snapshot
+
+NOW_S = 1000.0
+
+
+def message(event: Event, seq: int = 0, board: str = "TS1") -> Message:
+    data = to_map(event, seq=seq, board=board, unix_offset_s=0.0)
+    return Message(event.topic, board, seq, event.time_s, data, 0.0, 0.0)
+
+
+def info(name: str) -> Message:
+    array = load_array(name)
+    data = {
+        "array_id": name, "channels": array.n_channels, "taxels": array.n_taxels, "x_mm": array.x_mm.tolist(),
+        "y_mm": array.y_mm.tolist(), "channel_names": list(array.channel_name), "board": "TS1",
+    }  # fmt: skip
+    return Message("info", "TS1", 0, NOW_S, data, 0.0, 0.0)
+
+
+def scan(n_channels: int, time_s: float = NOW_S) -> ScanEvent:
+    volts = tuple(np.linspace(0.1, 1.0, n_channels).tolist())
+    return ScanEvent(
+        time_s=time_s, index=0, volts=volts, valid=(True,) * n_channels, time_sd_s=0.0, age_s=0.0, late=False
+    )
+
+
+def views_of(name: str = "wang2019-3x3", **status: Any) -> BoardViews:
+    views = BoardViews()
+    views.take(info(name))
+    views.take(message(replace(STATUS, **{"time_s": NOW_S, **status})))
+    views.take(message(scan(load_array(name).n_channels)))
+    return views
+
+
+@pytest.mark.parametrize(
+    ("after_s", "status", "state"),
+    [
+        (0.05, {}, "FRESH"),
+        (0.2, {}, "LATE"),
+        (0.31, {}, "STALE"),
+        (-1.5, {}, "STALE"),
+        (0.05, {"state": "no-device", "valid": False}, "NO BOARD"),
+        (0.05, {"state": "stalled", "valid": False}, "STALE"),
+        (0.2, {"rate_hz": 10.0}, "FRESH"),
+    ],
+)
+def test_the_lamp_follows_the_instants_in_the_messages(
+    after_s: float, status: dict[str, Any], state: str
+) -> None:
+    board = views_of(**status).boards["TS1"]
+    assert board.lamp(NOW_S + after_s).state == state
+
+
+@pytest.mark.parametrize("name", shipped_names("config/arrays"))
+@pytest.mark.parametrize("size", [(80, 24), (200, 60), (40, 10)])
+@pytest.mark.parametrize("after_s", [0.05, 9.0])
+def test_every_array_fits_every_screen(name: str, size: tuple[int, int], after_s: float) -> None:
+    views = views_of(name)
+    views.take(message(replace(SLIP, time_s=NOW_S, detected_s=NOW_S)))
+    lines = draw(views.boards["TS1"], NOW_S + after_s, *size, "keys")
+    assert len(lines) == size[1]
+    assert max(line.cell_len for line in lines) <= size[0]
+    words = "\n".join(line.plain for line in lines)
+    assert ("GROSS" in words) == (after_s < 1.0 and size[1] > 10) or size[1] == 10
+    assert "keys" in words
+
+
+def test_stale_numbers_are_not_shown() -> None:
+    board = views_of().boards["TS1"]
+    fresh, stale = (
+        "\n".join(line.plain for line in draw(board, NOW_S + after_s, 80, 24, "")) for after_s in (0.05, 5.0)
+    )
+    load = f"{board.felt().load.sum():.2f} V"  # type: ignore[union-attr]
+    assert load in fresh
+    assert load not in stale
+    assert "STALE" in stale
+
+
+def test_losses_restarts_and_recovered_messages_are_listed() -> None:
+    views = views_of()
+    views.take(Recovered(message(SLIP)))
+    views.take(Lost("slip", "TS1", 2))
+    views.take(Restarted("TS1"))
+    texture = TextureEvent(time_s=NOW_S, status="low-snr", answered_s=NOW_S)
+    views.take(message(texture))
+    words = [event.words for event in views.boards["TS1"].events]
+    assert words[:3] == ["no groove estimate: low-snr", "daemon restarted", "2 slip messages lost"]
+    assert views.boards["TS1"].slip is None  # recovered: not of now
+
+
+def test_a_daemon_without_a_board_is_the_same_panel_until_it_has_one() -> None:
+    views = BoardViews()
+    views.take(message(STATUS, board=""))
+    views.take(message(STATUS, 1, board="TS1"))
+    views.take(message(STATUS, 2, board=""))
+    assert list(views.boards) == ["TS1"]
+
+
+def test_a_snapshot_is_json() -> None:
+    assert json.loads(json.dumps(snapshot(views_of().boards["TS1"], NOW_S)))["state"] == "FRESH"
+
+
+def test_once_without_a_daemon_fails_in_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tactiled", "top", f"ipc://{tmp_path}/none.ipc", "--once"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.system
+def test_on_a_terminal_of_80x24_with_keys(tmp_path: Path) -> None:
+    with robot(tmp_path) as live:
+        live.run()
+        live.plug()
+        command = [sys.executable, "-m", "tactiled", "top", live.endpoint]
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            done = subprocess.run(
+                [*command, "--once", "--json"], capture_output=True, text=True, timeout=60, check=False
+            )
+            if done.returncode == 0 and json.loads(done.stdout.splitlines()[0])["state"] == "FRESH":
+                break
+            assert time.monotonic() < until_s, done.stdout + done.stderr
+        master, slave = pty.openpty()
+        ioctl(slave, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
+        before = termios.tcgetattr(slave)
+        with subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave) as child:
+            try:
+                seen = b""
+
+                def until(words: bytes) -> None:
+                    nonlocal seen
+                    while words not in seen:
+                        readable, _, _ = select.select([master], [], [], PATIENCE_S)
+                        assert readable, seen
+                        seen += os.read(master, 65536)
+
+                until(b"FRESH")
+                os.write(master, b"m")
+                until(b"mark: done")
+                until(b"mark by tactiled top")
+                os.write(master, b"q")
+                assert child.wait(PATIENCE_S) == 0
+            finally:
+                if child.poll() is None:
+                    child.send_signal(signal.SIGKILL)
+        assert termios.tcgetattr(slave)[3] == before[3]  # echo is on again
+        os.close(master)
+        os.close(slave)
+        assert b"\x1b[2J" in seen
+        assert seen.count(b"\x1b[2J") == 1  # cleared once: no flicker
