@@ -103,7 +103,8 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
             rows.append(("shear", words if live else "-", ""))
     grip, texture, recording = (board.newest.get(topic) for topic in ("grip", "texture", "recording"))
     if grip is not None and grip["state"] != "none" and live:
-        use = f"{100 * grip['utilisation']:.0f} % ({100 * grip['utilisation_low']:.0f} to {100 * grip['utilisation_high']:.0f})"
+        used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
+        use = f"{used:.0f} % ({low:.0f} to {high:.0f})"
         rows.append(("friction used", use, ""))
     if texture is not None:
         words = texture_in_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
