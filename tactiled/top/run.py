@@ -26,7 +26,12 @@ from tactiled.top.draw import draw
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
 _ONCE_S = 1.3  # the slowest message, info, comes once a second
-_MARK = "mark from tactiled top"
+_COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "t": ("tare", {}),
+    "i": ("inhibit", {"duration_s": 0.5}),
+    "e": ("expect-load-change", {"duration_s": 0.5}),
+    "m": ("mark", {"text": "mark from tactiled top"}),
+}
 _KEYS = " q quit   b next board   t tare   i inhibit 0.5 s   e load change 0.5 s   m mark   r record "
 
 
@@ -99,28 +104,24 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             return f" {do}: {error}"
         return f" {do}: done" if reply.ok else f" {do}: refused: {reply.reason}"
 
-    def recording(board: BoardView) -> bool:
-        return str(board.newest.get("recording", {}).get("state", "off")) == "off"
+    def act(key: str, board: BoardView) -> str:
+        """Carry out the command of a key; return what became of it, "" where the key has none."""
+        if key == "r":
+            return command("record", on=board.newest.get("recording", {}).get("state", "off") == "off")
+        return command(_COMMANDS[key][0], **_COMMANDS[key][1]) if key in _COMMANDS else ""
 
     with _terminal() as (show, next_key):
         while True:
             _receive(subscription, views, time.monotonic() + _DRAW_S)
             boards = list(views.boards.values()) or [BoardView("")]
             board = boards[chosen % len(boards)]
-            acts: dict[str, Callable[[], str]] = {
-                "t": lambda: command("tare"),
-                "i": lambda: command("inhibit", duration_s=0.5),
-                "e": lambda: command("expect-load-change", duration_s=0.5),
-                "m": lambda: command("mark", text=_MARK),
-                "r": lambda board=board: command("record", on=recording(board)),
-            }
             key = next_key()
             if key in ("q", "\x03"):
                 return
             if key == "b":
                 chosen += 1
-            elif key in acts:
-                footer, footer_until_s = acts[key](), time.monotonic() + 3.0
+            elif words := act(key, board):
+                footer, footer_until_s = words, time.monotonic() + 3.0
             if time.monotonic() > footer_until_s:
                 footer = _KEYS
             width, height = shutil.get_terminal_size((80, 24))
