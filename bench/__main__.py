@@ -21,11 +21,12 @@ BENCHES = {
     "contact": "bench.contact.bench",
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
+    "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
 }
-WITH_PLOT = ("contact", "slip", "grip", "texture")
-WITH_JSON = ("slip", "texture", "sensors")
+WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
+WITH_JSON = ("slip", "force", "texture", "sensors")
 
 
 @click.command()
@@ -41,8 +42,9 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     program. boards: cost, memory and latency of many boards in one process, by their number. soak: days of
     board time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
     detection latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
-    random. texture: errors of groove estimates over the Cramer-Rao bound,
-    and windows that break the model. sensors: slides of six kinds of sensor in their own units, beside the
+    random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the bound.
+    texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model. sensors:
+    slides of six kinds of sensor in their own units, beside the
     strongest line of a spectrum.
 
     Example: ./run bench slip --plot slip.png --json slip.json

@@ -40,6 +40,14 @@ def demo(out: Path) -> None:
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
 @click.option("--control", help="Accept grip commands of a controller at unix:///PATH or tcp://HOST:PORT.")
 @click.option(
+    "--rig",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write log and reference of a calibration on an emulated rig, drawn by --seed, into this folder.",
+)
+@click.option(
+    "--rig-s", default=60.0, show_default=True, type=click.FloatRange(5, 3600), help="Its duration."
+)
+@click.option(
     "--explain", "explains", is_flag=True, help="Only print which contact model the scene uses, and why."
 )
 def emulate(
@@ -53,6 +61,8 @@ def emulate(
     seed: int,
     scans: bool,
     control: str | None,
+    rig: Path | None,
+    rig_s: float,
     explains: bool,
 ) -> None:
     """Emulate a board: play a scene on a pty or TCP port, and print its ground truth to stdout.
@@ -60,7 +70,11 @@ def emulate(
     An unknown scene name prints all known names. stick-slip-7 is seed 7 of the family stick-slip.
 
     Example: tactiled emulate --scene demo --link /tmp/board
+    Example: tactiled emulate --rig /tmp/rig
     """
+    if rig is not None:
+        _write_rig(rig, array or "wang2019-3x3", seed, rig_s)
+        return
     if not explains and (link is None) == (tcp is None):
         raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     need_named(protocol, "protocols")
@@ -101,3 +115,13 @@ def emulate(
         with_scans=scans,
         control=control,
     )
+
+
+def _write_rig(folder: Path, array: str, seed: int, seconds: float) -> None:
+    """Write the files of an emulated calibration, and print their names."""
+    need_named(array, "config/arrays")
+    from tactiled.array import load_array
+    from tactiled.emulator.rig.session import write_rig
+
+    for path in write_rig(folder, load_array(array), seed, seconds):
+        click.echo(path)

@@ -1,0 +1,115 @@
+"""Refusals: data that cannot give a calibration, with what to do about it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.calibrate.data import BinnedLog, ReferenceTable
+from tactiled.errors import DataError
+from tactiled.force.calibration import AXES
+
+_LEAST_S = 5.0
+_LEAST_RESPONSE = 20.0  # standard deviations of the noise: below, nothing pressed the array
+_LARGEST_MPA = 2.0  # silicone skins tear or bottom out at a few MPa
+_OPPOSITE, _UNRELATED, _SWAPPED = -0.5, 0.3, 0.7  # correlations of shear with the axis of the array
+_LEAST_SHEAR = 0.1  # of the range of the normal force: below, the directions of shear cannot be compared
+_GRAMS_PER_N = 101.97
+
+
+def check_reference(table: ReferenceTable, array: Array) -> None:
+    """Refuse a reference without forces, or with forces that no skin bears."""
+    if not {0, 1, 2} & set(table.outputs):
+        raise DataError("the reference has none of the columns fx_n, fy_n, fz_n with numbers in it")
+    forces = table.values[:, [k for k in table.outputs if k < len(AXES)]]
+    span = float(np.nanmax(np.nanmax(forces, axis=0) - np.nanmin(forces, axis=0)))
+    most = _LARGEST_MPA * _area_mm2(array)
+    if span > most:
+        raise DataError(
+            f"the reference reaches {span:.0f} N, but this array bears at most about {most:.0f} N: are these "
+            f"grams? Then divide by {_GRAMS_PER_N}; {span:.0f} g are {span / _GRAMS_PER_N:.1f} N"
+        )
+    if span == 0:
+        raise DataError("the reference never changes: is the force sensor connected, is it the right file?")
+
+
+def _area_mm2(array: Array) -> float:
+    """Area of the skin, with a margin of one taxel around; 400 mm2 a taxel where places are not known."""
+    if not array.has_places:
+        return 400.0 * array.n_taxels
+    x, y = array.x_mm, array.y_mm
+    pitch = 10.0
+    if array.n_taxels > 1:
+        distance = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
+        np.fill_diagonal(distance, np.inf)
+        pitch = float(distance.min())
+    return float((np.ptp(x) + pitch) * (np.ptp(y) + pitch))
+
+
+def check_log(log: BinnedLog, array: Array) -> None:
+    """Refuse a log that is too short, or in which nothing pressed the array."""
+    seconds = float(log.end_s[-1] - log.start_s[0])
+    if seconds < _LEAST_S - log.step_s:
+        raise DataError(f"the log has {seconds:.1f} s; press for {_LEAST_S:g} s or more, better for a minute")
+    noise = max(float(np.median(log.noise)), 1e-6 * (array.high - array.low))
+    response = float(np.ptp(log.readings, axis=0).max())
+    if response < _LEAST_RESPONSE * noise:
+        raise DataError(
+            f"no reading changes by more than {response:.3g} {array.unit} ({response / noise:.0f} standard "
+            "deviations of the noise): nothing pressed the array. Press every taxel, and push it sideways"
+        )
+
+
+def check_signs(
+    log: BinnedLog,
+    outputs: FloatArray,
+    used: list[int],
+    rows: NDArray[np.bool_],
+    array: Array,
+    correlation: float,
+) -> None:
+    """Refuse a reference whose axes point the other way, or are swapped."""
+    if correlation < 0 and 2 in used and array.normal_weights().any():
+        raise DataError(
+            "fz_n falls when the array is pressed: force is what the object does to the skin, and fz_n > 0 "
+            "presses. Multiply fz_n by -1, and check the other axes"
+        )
+    weights = array.shear_weights().sum(axis=1)
+    if not weights.any():
+        return
+    # A response to motion of the skin along +x is a force of the object along -x.
+    felt = -log.readings[rows] @ weights.T
+    outputs = outputs[rows]
+    if 2 in used:  # a tilted reference shows a part of the normal force as shear
+        normal = outputs[:, 2]
+        felt, size = _without(felt, normal), float(np.ptp(normal))
+        outputs = np.concatenate([_without(outputs[:, :2], normal), outputs[:, 2:]], axis=1)
+    else:
+        size = 0.0
+    for axis, name in ((0, "fx_n"), (1, "fy_n")):
+        if axis not in used or np.ptp(outputs[:, axis]) < _LEAST_SHEAR * size:
+            continue
+        own = _correlation(felt[:, axis], outputs[:, axis])
+        other = _correlation(felt[:, 1 - axis], outputs[:, axis])
+        if own < _OPPOSITE:
+            raise DataError(
+                f"{name} grows where the array says that it falls (correlation {own:.2f}): the axis is "
+                f"reversed, or it is the force on the object. Multiply {name} by -1"
+            )
+        if abs(own) < _UNRELATED and abs(other) > _SWAPPED:
+            raise DataError(
+                f"{name} follows the other axis of the array (correlation {other:.2f}, with its own "
+                f"{own:.2f}): exchange the columns fx_n and fy_n, or turn the sensor by 90 degrees"
+            )
+
+
+def _without(columns: FloatArray, other: FloatArray) -> FloatArray:
+    """Remove the part of columns (n, k) that is proportional to another (n,)."""
+    centred = other - other.mean()
+    slope = centred @ columns / max(float(centred @ centred), 1e-12)
+    return np.asarray(columns - np.outer(centred, slope))
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    a, b = one - one.mean(), other - other.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else 0.0

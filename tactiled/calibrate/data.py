@@ -1,0 +1,195 @@
+"""Readings and reference of a calibration, averaged over common bins of time.
+
+Both clocks tick differently: the reference is averaged over each bin through its integral, at any offset and
+drift, so that a fit can move it by parts of a sample.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.force.calibration import OUTPUTS
+
+BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
+NO_TAXEL = -1
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceTable:
+    """Record of a force sensor.
+
+    Attributes
+    ----------
+    time_s : (m,) float64
+        In its own clock, increasing.
+    values : (m, 6) float64
+        fx, fy, fz (N), tx, ty, tz (N mm); NaN for columns that it does not have.
+    taxel : (m,) int64
+        Only taxel that is pressed; `NO_TAXEL` where that is not known.
+    """
+
+    time_s: FloatArray
+    values: FloatArray
+    taxel: NDArray[np.int64]
+
+    @property
+    def outputs(self) -> list[int]:
+        """Indices of the columns that it has."""
+        return [k for k in range(len(OUTPUTS)) if not np.isnan(self.values[:, k]).all()]
+
+    def noise(self) -> FloatArray:
+        """Standard deviation (6,) of the white noise of a sample, from second differences."""
+        second = np.diff(self.values, 2, axis=0) / np.sqrt(6)
+        out = np.full(len(OUTPUTS), np.nan)
+        for k in self.outputs:
+            # The median over windows leaves out those in which the force itself bends.
+            out[k] = 1.4826 * float(np.nanmedian(np.abs(second[:, k])))
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedLog:
+    """Readings averaged over bins.
+
+    Attributes
+    ----------
+    start_s, end_s : (n,) float64
+        Ends of each bin, from the log's first scan.
+    readings : (n, channels) float64
+        Relative to zero, finite.
+    step_s : float
+        Spacing of the bins.
+    noise : (channels,) float64
+        Standard deviation of a scan's white noise.
+    bin_scans : int
+        Scans in a bin.
+    """
+
+    start_s: FloatArray
+    end_s: FloatArray
+    readings: FloatArray
+    step_s: float
+    noise: FloatArray
+    bin_scans: int
+
+    def __len__(self) -> int:
+        return len(self.readings)
+
+    @property
+    def middle_s(self) -> FloatArray:
+        """Middle of each bin (n,)."""
+        return np.asarray((self.start_s + self.end_s) / 2)
+
+
+def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog:
+    """Subtract the zero and average over bins; missing readings are interpolated in time.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+    readings : (n, channels) float64
+        As in the file, NaN where missing.
+    array : Array
+    """
+    spacing_s = float(np.median(np.diff(time_s)))
+    relative = readings - start_zero(time_s, readings, array)
+    relative = _filled(time_s, relative)
+    difference = np.diff(relative, 2, axis=0) / np.sqrt(6)
+    noise = 1.4826 * np.median(np.abs(difference), axis=0)
+    size = max(1, int(1 / (BIN_HZ * spacing_s) + 1e-6))
+    n = len(relative) // size
+    blocks = relative[: n * size].reshape(n, size, -1)
+    begin = time_s[: n * size].reshape(n, size)
+    return BinnedLog(
+        start_s=begin[:, 0] - spacing_s / 2 - time_s[0],
+        end_s=begin[:, -1] + spacing_s / 2 - time_s[0],
+        readings=blocks.mean(axis=1),
+        step_s=size * spacing_s,
+        noise=noise,
+        bin_scans=size,
+    )
+
+
+def start_zero(time_s: FloatArray, readings: FloatArray, array: Array) -> FloatArray:
+    """Zero (channels,) as a run of the detectors has it: the array's, or the median of the first scans."""
+    if not array.zero_first_s:
+        return array.zero
+    first = readings[time_s - time_s[0] < array.zero_first_s]
+    known = np.isfinite(first).any(axis=0)
+    zero = np.zeros(readings.shape[1])
+    zero[known] = np.nanmedian(first[:, known], axis=0)
+    return zero
+
+
+def _filled(time_s: FloatArray, readings: FloatArray) -> FloatArray:
+    """Interpolate missing readings in time; a channel without any is 0."""
+    known = np.isfinite(readings)
+    if known.all():
+        return readings
+    out = readings.copy()
+    for channel in np.flatnonzero(~known.all(axis=0)):
+        have = known[:, channel]
+        out[:, channel] = np.interp(time_s, time_s[have], readings[have, channel]) if have.any() else 0.0
+    return out
+
+
+class AlignedReference:
+    """Reference averaged over the bins of a log, at any offset and drift of its clock."""
+
+    def __init__(self, table: ReferenceTable, log: BinnedLog) -> None:
+        self._log = log
+        self._origin_s = float(table.time_s[0])
+        self._time_s = table.time_s - self._origin_s
+        spacing_s = np.diff(self._time_s)
+        values = np.where(np.isfinite(table.values), table.values, 0.0)
+        areas = (values[1:] + values[:-1]) / 2 * spacing_s[:, np.newaxis]
+        self._integral = np.concatenate([np.zeros((1, len(OUTPUTS))), np.cumsum(areas, axis=0)])
+        self._table = table
+        self.outputs = table.outputs
+        self.sample_s = float(np.median(spacing_s))
+        self.noise = table.noise()
+
+    def times(self, late_s: float, drift: float) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the bins in the reference's clock, from its first sample."""
+        return (
+            self._log.start_s * (1 + drift) + late_s,
+            self._log.end_s * (1 + drift) + late_s,
+        )
+
+    def means(self, late_s: float, drift: float) -> FloatArray:
+        """Return the mean of the reference in each bin (n, 6); at its ends the nearest values hold on.
+
+        Parameters
+        ----------
+        late_s : float
+            Time from the reference's first sample to the log's first scan, in the reference's clock.
+        drift : float
+            Relative excess of the reference's clock rate.
+        """
+        start, end = self.times(late_s, drift)
+        width = np.maximum(end - start, 1e-9)[:, np.newaxis]
+        return (self._at(end) - self._at(start)) / width
+
+    def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:
+        """Return True (n,) for bins that the reference covers."""
+        start, end = self.times(late_s, drift)
+        return np.asarray((start >= 0.0) & (end <= self._time_s[-1]))
+
+    def taxels(self, late_s: float, drift: float) -> NDArray[np.int64]:
+        """Return the taxel (n,) that is pressed in each bin, `NO_TAXEL` where that is not known."""
+        start, end = self.times(late_s, drift)
+        first = np.clip(np.searchsorted(self._time_s, start), 0, len(self._time_s) - 1)
+        last = np.clip(np.searchsorted(self._time_s, end) - 1, 0, len(self._time_s) - 1)
+        one, other = self._table.taxel[first], self._table.taxel[last]
+        return np.where(one == other, one, NO_TAXEL)
+
+    def _at(self, time_s: FloatArray) -> FloatArray:
+        columns = [np.interp(time_s, self._time_s, column) for column in self._integral.T]
+        integral = np.stack(columns, axis=1)
+        # Beyond the ends the integral goes on with the first and the last value.
+        before, after = np.minimum(time_s, 0.0), np.maximum(time_s - self._time_s[-1], 0.0)
+        first, last = self._table.values[0], self._table.values[-1]
+        first, last = np.nan_to_num(first), np.nan_to_num(last)
+        return np.asarray(integral + before[:, np.newaxis] * first + after[:, np.newaxis] * last)

@@ -1,0 +1,331 @@
+"""Fit of the model of taxels with side electrodes: few physical parameters, and weights with shared priors.
+
+The physical parameters are crosstalk, the load curve, creep and the two clocks. Given these, forces are
+linear in the weights, which are eliminated at every step (variable projection: Golub and Pereyra, SIAM J.
+Numer. Anal. 10, 1973, 413), so that the search has a dozen dimensions. Priors make taxels share what the
+reference does not separate: the weights of each electrode position have a common part and a smaller part of
+each taxel's own.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from tactiled.array import Array, FloatArray
+from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog
+from tactiled.calibrate.linear import LinearFit, Prior, Regression
+from tactiled.force.calibration import CreepState, LoadCurve, PairsModelParams
+from tactiled.force.model import N_KINDS, taxel_means, uncoupling
+
+# Prior of the physical parameters: mean and standard deviation. Loads are in units of the load at the 95 %
+# quantile of the readings, so that numbers are those of a pressed electrode.
+PHYSICS: dict[str, tuple[float, float]] = {
+    "saturation": (0.35, 0.25),  # reading over the divider's supply; the ADC ends at 0.9 of it
+    "exponent": (1.0, 0.25),  # of conductance in force; percolation in rubber gives 0.8 to 1.3
+    "dead": (0.03, 0.05),  # load below which rubber does not conduct
+    "taxel_crosstalk": (0.0, 0.03),  # of multiplexer and wiring
+    "neighbour_crosstalk": (0.0, 0.02),
+    "fast_creep": (0.0, 0.03),  # relative change of sensitivity: elastomers creep by some percent in a minute
+    "slow_creep": (0.0, 0.03),
+    "log_fast_s": (0.4, 0.8),  # time constants around 1.5 s ...
+    "log_slow_s": (3.0, 0.8),  # ... and 20 s: what a calibration of a minute can tell apart
+    "unloading": (0.0, 0.02),
+    "late_s": (0.0, 0.3),  # after the correlation of the two records
+    "drift": (0.0, 2e-4),  # quartz is within 100 ppm; two of them differ by 200
+    "turn": (0.0, 0.05),  # rotation of the reference about the normal: 3 degrees
+    "origin_x_mm": (0.0, 0.5),
+    "origin_y_mm": (0.0, 0.5),
+}
+_NAMES = tuple(PHYSICS)
+_MEAN = np.array([mean for mean, _ in PHYSICS.values()])
+_SD = np.array([sd for _, sd in PHYSICS.values()])
+# Limits where formulas lose their meaning.
+_LIMITS = {"saturation": (0.0, 0.85), "exponent": (0.4, 2.5), "dead": (0.0, 0.4), "unloading": (-0.2, 0.2)}
+# Weights: standard deviations of the common and of each taxel's own part, over the common weight of a load.
+_SHARED, _OWN = (0.5, 0.3, 0.3), (0.3, 0.15, 0.1)
+# Shear over the difference of the loads of opposite electrodes, by the published sensitivities: 0.471 V/N of
+# shear and 0.201 V/N of normal force on the mean of four resistors.
+_SHEAR_RATIO = 1.7
+_STEP_NOISES = 4.0  # readings beyond so much noise are above the dead zone
+_SHIFT = 100.0  # of the search variables, away from 0, so that relative steps of derivatives are even
+_KNOTS = 200  # of the tabulated curve: its error is below 1e-4 of the load
+
+
+@dataclass(frozen=True, eq=False)
+class PairsFit:
+    """Fitted model.
+
+    Attributes
+    ----------
+    physics : dict of str to float
+    linear : LinearFit
+    regression : Regression
+        Of all rows, at these parameters.
+    features : (n, features) float64
+    outputs : (n, 6) float64
+        Reference in the bins.
+    sd : (6,) float64
+        Standard deviations of the residuals.
+    rows : (n,) bool
+        Bins that were used.
+    jacobian : (rows, parameters) float64
+        Of the whitened residuals by the physical parameters, weights eliminated.
+    """
+
+    physics: dict[str, float]
+    linear: LinearFit
+    regression: Regression
+    features: FloatArray
+    outputs: FloatArray
+    sd: FloatArray
+    rows: NDArray[np.bool_]
+    jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+class PairsFitter:
+    """Fit of physics and weights to binned readings.
+
+    Parameters
+    ----------
+    array : Array
+    log : BinnedLog
+    reference : AlignedReference
+    late_s : float
+        Offset of the clocks from their correlation.
+    rows : (n,) bool
+        Bins to be used.
+    like : PairsFitter, optional
+        Whose units are taken, to apply its parameters to another log.
+    """
+
+    def __init__(
+        self,
+        array: Array,
+        log: BinnedLog,
+        reference: AlignedReference,
+        late_s: float,
+        rows: NDArray[np.bool_],
+        like: "PairsFitter | None" = None,
+    ) -> None:
+        self._array, self._log, self._reference = array, log, reference
+        self._late_s, self._rows = late_s, rows
+        self._mean = taxel_means(array)
+        self.used = reference.outputs
+        self.unit = float(np.quantile(log.readings.max(axis=1), 0.95)) if like is None else like.unit
+        noise = float(np.median(log.noise))
+        self.step = max(_STEP_NOISES * noise, 0.003 * self.unit) if like is None else like.step
+        masks = reference.taxels(late_s, 0.0)
+        self._mask: FloatArray | None = None
+        if (masks != NO_TAXEL).any():
+            own = np.equal.outer(masks, array.channel_taxel) | (masks == NO_TAXEL)[:, np.newaxis]
+            self._mask = np.tile(own.astype(np.float64), N_KINDS)
+
+    def features(self, physics: dict[str, float], moved: FloatArray | float = 0.0) -> FloatArray:
+        """Return the features (n, 3 channels) of all bins: load, reading over unit, load times mean load.
+
+        `moved` (channels,) is added to the readings.
+        """
+        readings = self._log.readings + moved
+        if physics["taxel_crosstalk"] or physics["neighbour_crosstalk"]:
+            matrix = uncoupling(self._array, physics["taxel_crosstalk"], physics["neighbour_crosstalk"])
+            readings = readings @ matrix.T
+        load = self.curve(readings, physics)
+        own = load @ self._mean.T
+        if physics["unloading"]:
+            peak = _peaks(own)
+            load = load / (1 + physics["unloading"] * (1 - own / np.maximum(peak, 1e-9)))
+            own = load @ self._mean.T
+        gains = [physics["fast_creep"], physics["slow_creep"]]
+        times_s = np.exp([physics["log_fast_s"], physics["log_slow_s"]])
+        if any(gains):
+            bare = load
+            for _ in range(2):  # the delayed load is that after correction; the second pass is exact to 1e-4
+                factor = np.ones_like(own)
+                for gain, time_s in zip(gains, times_s, strict=True):
+                    factor += gain * _delayed(own, float(time_s), self._log.step_s)
+                load = bare / factor
+                own = load @ self._mean.T
+        return np.concatenate([load, readings / self.unit, load * own], axis=1)
+
+    def curve(self, readings: FloatArray, physics: dict[str, float]) -> FloatArray:
+        """Return the load of electrodes, 1 at the reading `unit`, from divider, rubber and dead zone."""
+        part = np.maximum(readings, 0.0) / self.unit
+        s, q = physics["saturation"], physics["exponent"]
+        part = np.minimum(part, 0.95 / max(s, 0.1))
+        ratio = part * (1 - s) / (1 - s * part)
+        return np.asarray(ratio**q + physics["dead"] * np.tanh(np.maximum(readings, 0.0) / self.step))
+
+    def regression(self, physics: dict[str, float]) -> tuple[Regression, FloatArray, FloatArray]:
+        """Return the linear problem of the used bins, with features and reference of all bins."""
+        features = self.features(physics)
+        shown = features if self._mask is None else features * self._mask
+        outputs = self._reference.means(self._late_s + physics["late_s"], physics["drift"])
+        taxel = np.tile(self._array.channel_taxel, N_KINDS)
+        x = self._array.x_mm[taxel] - physics["origin_x_mm"]
+        y = self._array.y_mm[taxel] - physics["origin_y_mm"]
+        turn = physics["turn"]
+        problem = Regression(
+            shown[self._rows],
+            outputs[self._rows],
+            self.used,
+            x + turn * y,
+            y - turn * x,
+            self._priors(features, outputs),
+        )
+        return problem, features, outputs
+
+    def _priors(self, features: FloatArray, outputs: FloatArray) -> tuple[Prior, Prior, Prior]:
+        """Priors of the weights of fx, fy and fz."""
+        array, n = self._array, self._array.n_channels
+        total = features[self._rows, :n].sum(axis=1)
+        scale = self._scale(total, outputs)
+        azimuth = np.deg2rad(array.azimuth_deg)
+        means = (
+            _SHEAR_RATIO * scale * np.cos(azimuth) * array.sign,
+            _SHEAR_RATIO * scale * np.sin(azimuth) * array.sign,
+            np.full(n, scale),
+        )
+        position = _positions(array)
+        priors = []
+        for mean in means:
+            precision = np.zeros((N_KINDS * n, N_KINDS * n))
+            for kind in range(N_KINDS):
+                for place in set(position.tolist()):
+                    members = np.flatnonzero(position == place)
+                    covariance = (_SHARED[kind] * scale) ** 2 * np.ones((len(members), len(members)))
+                    covariance += (_OWN[kind] * scale) ** 2 * np.eye(len(members))
+                    at = kind * n + members
+                    precision[np.ix_(at, at)] = np.linalg.inv(covariance)
+            priors.append(Prior(np.concatenate([mean, np.zeros(2 * n)]), precision))
+        return priors[0], priors[1], priors[2]
+
+    def _scale(self, total: FloatArray, outputs: FloatArray) -> float:
+        """Newtons for a load of 1 on one electrode, from the normal force if it is known."""
+        if 2 not in self.used:
+            shear = np.hypot(outputs[self._rows, 0], outputs[self._rows, 1])
+            return max(float(np.quantile(shear, 0.95)) / max(float(np.quantile(total, 0.95)), 1e-9), 1e-9)
+        fz = outputs[self._rows, 2]
+        centred = total - total.mean()
+        slope = float(centred @ (fz - fz.mean())) / max(float(centred @ centred), 1e-12)
+        return max(abs(slope), 1e-9)
+
+    def fit(self, reached: Callable[[str], None] = lambda _: None) -> PairsFit:
+        """Fit everything; the standard deviations of the outputs follow the residuals."""
+        theta = _MEAN.copy()
+        floor = self._floor()
+        sd = floor.copy()
+        names = [
+            name
+            for name in _NAMES
+            if not (name in ("turn", "origin_x_mm", "origin_y_mm") and not {3, 4} & set(self.used))
+        ]
+        free = np.array([_NAMES.index(name) for name in names])
+        low = np.array([_LIMITS.get(name, (-np.inf, np.inf))[0] for name in names])
+        high = np.array([_LIMITS.get(name, (-np.inf, np.inf))[1] for name in names])
+        steps: FloatArray = np.zeros((0, 0))
+        for stage in range(3):
+            problem, _, _ = self.regression(_named(theta))
+            linear = problem.solve(sd)
+            n = max(int(self._rows.sum()) - 1, 1)
+            spread = np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n)
+            sd = np.maximum(spread, floor)
+
+            def loss(z: FloatArray, sd: FloatArray = sd, theta: FloatArray = theta) -> FloatArray:
+                full = theta.copy()
+                full[free] = (z - _SHIFT) * _SD[free]
+                problem, _, _ = self.regression(_named(full))
+                linear = problem.solve(sd)
+                residuals = problem.residuals(linear)[:, self.used] / sd[self.used]
+                prior = z - _SHIFT - _MEAN[free] / _SD[free]
+                return np.concatenate([residuals.ravel(), linear.prior_loss, prior])
+
+            found = least_squares(
+                loss,
+                _SHIFT + np.clip(theta[free] / _SD[free], low / _SD[free] + 1e-6, high / _SD[free] - 1e-6),
+                bounds=(_SHIFT + low / _SD[free], _SHIFT + high / _SD[free]),
+                diff_step=[1e-3 / _SHIFT] * len(free),
+                max_nfev=8,
+                xtol=1e-3,
+                ftol=1e-4,
+            )
+            theta[free] = (found.x - _SHIFT) * _SD[free]
+            steps = np.zeros((len(found.fun), len(_NAMES)))
+            steps[:, free] = found.jac / _SD[free]
+            reached(f"fit {stage + 1} of 3")
+        problem, features, outputs = self.regression(_named(theta))
+        linear = problem.solve(sd)
+        n = max(int(self._rows.sum()) - 1, 1)
+        sd = np.maximum(np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n), floor)
+        linear = problem.solve(sd, with_covariance=True)
+        return PairsFit(_named(theta), linear, problem, features, outputs, sd, self._rows, steps)
+
+    def _floor(self) -> FloatArray:
+        """Smallest standard deviations (6,) of the outputs: the noise of the reference in a bin."""
+        samples = max(self._log.step_s / self._reference.sample_s, 1.0)
+        noise = self._reference.noise / np.sqrt(samples)
+        spread = np.nanstd(
+            np.where(self._rows[:, np.newaxis], self._reference.means(self._late_s, 0.0), np.nan), axis=0
+        )
+        return np.asarray(np.maximum(np.nan_to_num(noise, nan=1.0), 1e-4 * spread + 1e-9))
+
+    def params(self, fit: PairsFit, weights: FloatArray) -> PairsModelParams:
+        """Return the model as it goes into a file; `weights` (3, features) of fx, fy and fz."""
+        n = self._array.n_channels
+        top = 0.95 / max(fit.physics["saturation"], 0.1) * self.unit
+        most = min(top, 3.0 * self.unit)
+        reading = np.unique(
+            np.concatenate([np.linspace(0, 3 * self.step, _KNOTS // 4), np.linspace(0, most, _KNOTS)])
+        )
+        load = np.maximum.accumulate(self.curve(reading, fit.physics))
+        scaled = weights.reshape(3, N_KINDS, n).copy()
+        scaled[:, 1] /= self.unit  # readings stay in the unit of the array
+        creep = [
+            CreepState(time_s=float(np.exp(fit.physics[f"log_{name}_s"])), gain=fit.physics[f"{name}_creep"])
+            for name in ("fast", "slow")
+        ]
+        return PairsModelParams(
+            taxel_crosstalk=fit.physics["taxel_crosstalk"],
+            neighbour_crosstalk=fit.physics["neighbour_crosstalk"],
+            curve=LoadCurve(reading=reading.tolist(), load=load.tolist()),
+            creep=creep,
+            unloading=fit.physics["unloading"],
+            weights=scaled.transpose(2, 1, 0).reshape(n, 3 * N_KINDS).tolist(),
+        )
+
+    def file_factor(self, factor: FloatArray) -> FloatArray:
+        """Scale a factor (rank, features) of the covariance as the features of a running model are."""
+        n = self._array.n_channels
+        out = factor.copy()
+        out[:, n : 2 * n] /= self.unit
+        return out
+
+
+def _named(theta: FloatArray) -> dict[str, float]:
+    return dict(zip(_NAMES, theta.tolist(), strict=True))
+
+
+def _positions(array: Array) -> NDArray[np.int64]:
+    """Number of each channel's position within its taxel (channels,): electrodes of one azimuth share it."""
+    rounded = np.round(array.azimuth_deg).astype(np.int64) % 360
+    return np.unique(rounded, return_inverse=True)[1].astype(np.int64)
+
+
+def _delayed(values: FloatArray, time_s: float, step_s: float) -> FloatArray:
+    """Low-passed values (n, channels) of all bins before each one."""
+    follow = -np.expm1(-step_s / time_s)
+    return np.asarray(lfilter([0.0, follow], [1.0, follow - 1.0], values, axis=0))
+
+
+def _peaks(load: FloatArray) -> FloatArray:
+    """Largest load (n, channels) since the taxel was last free, as the running model keeps it."""
+    out = np.empty_like(load)
+    peak = np.zeros(load.shape[1])
+    for k, row in enumerate(load):
+        peak = np.maximum(peak, row)
+        peak[row < 0.02 * peak] = 0.0
+        out[k] = peak
+    return out

@@ -1,0 +1,83 @@
+"""``tactiled calibrate``: read the files, fit, write the calibration, print the verdict."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tactiled.calibrate.files import read_log, read_reference
+from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
+from tactiled.errors import ConfigError, DataError
+from tactiled.force.calibration import save_calibration
+from tactiled.progress import ProgressBar
+from tactiled.recording.table import TimeUnit
+
+
+def calibrate_files(
+    log: Path,
+    reference: Path,
+    out: Path,
+    array: str | None = None,
+    *,
+    board: str = "",
+    temperature_c: float | None = None,
+    columns: tuple[str, ...] = (),
+    time_unit: TimeUnit | None = None,
+    plot: Path | None = None,
+) -> CalibrationStudy:
+    """Write a calibration file; numbers as one JSON line to stdout, the verdict to stderr.
+
+    Raises
+    ------
+    DataError, ConfigError
+        A file is invalid, or the data cannot give a calibration.
+    """
+    if not out.parent.is_dir() or out.suffix != ".toml":
+        raise ConfigError("-o", [f"{out}: name a .toml in a folder that exists"])
+    data = read_log(log, array, columns, time_unit)
+    table = read_reference(reference, data.array.n_taxels)
+    identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
+    with ProgressBar("calibrate", N_STAGES) as bar:
+        found = calibrate(data.array, data.time_s, data.readings, table, identity, bar.advance)
+    try:
+        save_calibration(out, found.file)
+    except OSError as error:
+        raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+    for line in in_words(found):
+        click.echo(f"{out}: {line}", err=True)
+    click.echo(json.dumps(as_map(found), allow_nan=False))
+    if plot is not None:
+        from tactiled.plots.calibration import draw_calibration
+
+        draw_calibration(plot, found.time_s, found.reference, found.left_out, found.sd, found.used, out.stem)
+    return found
+
+
+def in_words(found: CalibrationStudy) -> list[str]:
+    """Return lines for people."""
+    model = {"pairs": "physics of rubber and divider", "smooth": "ridge regression"}[found.model]
+    return [
+        f"clock of the reference: {found.late_s:+.3f} s and {found.drift_ppm:+.0f} ppm from that of the log",
+        f"model: {model}, chosen in segments that were left out",
+        *found.file.verdict,
+    ]
+
+
+def as_map(found: CalibrationStudy) -> dict[str, Any]:
+    """Return a plain map for JSON; rms differences are those in segments that were left out."""
+    names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+    rms, baseline = found.rms.tolist(), found.baseline.tolist()
+    return {
+        "name": found.file.name,
+        "array": found.file.array,
+        "model": found.model,
+        "late_s": found.late_s,
+        "drift_ppm": found.drift_ppm,
+        "seconds": float(found.time_s[-1] - found.time_s[0]),
+        "rms": {names[k]: rms[k] for k in found.used},
+        "rms_of_ridge_with_squares": {names[k]: baseline[k] for k in found.used},
+        "range": found.file.range.model_dump(),
+        "verdict": found.file.verdict,
+    }

@@ -1,0 +1,320 @@
+"""Calibration of an array: clocks, models, cross-validation, standard deviations, and the file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.calibrate.checks import check_log, check_reference, check_signs
+from tactiled.calibrate.clock import align, quiet_bins
+from tactiled.calibrate.data import AlignedReference, BinnedLog, ReferenceTable, bin_log
+from tactiled.calibrate.folds import correlation_bins, folds
+from tactiled.calibrate.pairs import PairsFit, PairsFitter
+from tactiled.calibrate.smooth import PLAIN, SmoothFit, choose_smooth, fit_smooth
+from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
+from tactiled.calibrate.verdict import verdict
+from tactiled.force.calibration import (
+    AXES,
+    CalibrationFile,
+    ForceRange,
+    Residuals,
+    Uncertainty,
+)
+
+N_STAGES = 6
+# A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
+_PREFERENCE = 1.1
+_PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Entries of the file that the data does not contain."""
+
+    name: str
+    board: str = ""
+    date: str = ""
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One fitted model with its errors in the folds."""
+
+    model: PairsFit | SmoothFit
+    weights: FloatArray
+    """(3, features), of fx, fy, fz."""
+    covariance: tuple[FloatArray, FloatArray, FloatArray]
+    features: FloatArray
+    left_out: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationStudy:
+    """Results of a calibration.
+
+    Attributes
+    ----------
+    file : CalibrationFile
+    late_s : float
+        Clock of the reference minus that of the log.
+    drift_ppm : float
+        Excess of the reference's clock rate.
+    model : str
+        "pairs" or "smooth".
+    time_s : (n,) float64
+        Middle of the bins that were used, from the log's first scan.
+    reference, left_out : (n, 6) float64
+        Without offset; and the differences where the bin was left out of the fit.
+    sd : (n, 3) float64
+        Stated standard deviations.
+    baseline : (6,) float64
+        Rms differences of ridge regression with squares in the folds.
+    used : list of int
+    """
+
+    file: CalibrationFile
+    late_s: float
+    drift_ppm: float
+    model: str
+    time_s: FloatArray
+    reference: FloatArray
+    left_out: FloatArray
+    sd: FloatArray
+    baseline: FloatArray
+    used: list[int]
+
+    @property
+    def rms(self) -> FloatArray:
+        """Rms differences (6,) in the folds."""
+        return np.asarray(np.sqrt((self.left_out**2).mean(axis=0)))
+
+
+def calibrate(
+    array: Array,
+    time_s: FloatArray,
+    readings: FloatArray,
+    table: ReferenceTable,
+    identity: Identity,
+    reached: Callable[[str], None] = lambda _: None,
+    *,
+    models: tuple[str, ...] = ("pairs", "smooth"),
+) -> CalibrationStudy:
+    """Fit a calibration.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+    readings : (n, channels) float64
+        As the sensor gave them, NaN where missing.
+    table : ReferenceTable
+    identity : Identity
+    reached : callable
+        Called with a few words after each stage.
+    models : tuple of str
+        Models that are tried, where the array allows them.
+
+    Raises
+    ------
+    DataError
+        The data cannot give a calibration; the message says what to do.
+    """
+    check_reference(table, array)
+    log = bin_log(time_s, readings, array)
+    check_log(log, array)
+    reference = AlignedReference(table, log)
+    between_s = float(time_s[0] - table.time_s[0])
+    if abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):
+        between_s = 0.0  # clocks of different origin: both records began together, within seconds
+    late_s, correlation = align(log, reference, array, between_s)
+    reached("clocks")
+    rows = reference.inside(late_s, 0.0)
+    check_signs(log, reference.means(late_s, 0.0), reference.outputs, rows, array, correlation)
+    used = reference.outputs
+    candidates: dict[str, Candidate] = {}
+    drift = 0.0
+    if has_pairs(array) and "pairs" in models:
+        fitter = PairsFitter(array, log, reference, late_s, rows)
+        fit = fitter.fit(reached)
+        late_s, drift = late_s + fit.physics["late_s"], fit.physics["drift"]
+        candidates["pairs"] = _pairs_candidate(fit, log, used)
+    outputs = reference.means(late_s, drift)
+    outputs = outputs - _offset(outputs, log, rows)
+    outputs[:, [k for k in range(6) if k not in used]] = 0.0
+    plain = fit_smooth(array, log, outputs, used, rows, PLAIN)
+    reached("baseline")
+    if "smooth" in models or not candidates:
+        chosen = choose_smooth(array, log, outputs, used, rows)
+        candidates["smooth"] = _smooth_candidate(chosen, rows, used)
+    reached("choice of the model")
+    name = _chosen(candidates, outputs[rows], used)
+    best = candidates[name]
+    forces = best.features @ best.weights.T
+    axes = _uncertainties(best, forces, reference, log, used)
+    shown = outputs[rows]
+    sd = np.zeros((len(shown), 3))
+    for axis in range(3):
+        if axis in used:
+            sd[:, axis] = np.sqrt(axes[axis].variance(best.features, forces[:, axis], forces[:, 2]))
+    file = _file(
+        array, identity, log, rows, best, axes, used, shown, plain, fitter if name == "pairs" else None
+    )
+    words = verdict(
+        array, file, best.features, best.weights, [axis.covariance for axis in axes], used, shown, name
+    )
+    return CalibrationStudy(
+        file=file.model_copy(update={"verdict": words}),
+        late_s=late_s - between_s,
+        drift_ppm=1e6 * drift,
+        model=name,
+        time_s=log.middle_s[rows],
+        reference=shown,
+        left_out=best.left_out,
+        sd=sd,
+        baseline=np.sqrt((plain.left_out[rows] ** 2).mean(axis=0)),
+        used=used,
+    )
+
+
+def has_pairs(array: Array) -> bool:
+    """Return True for arrays whose taxels all have three side electrodes or more, and nothing else."""
+    return (
+        set(array.channel_kind) == {"side"}
+        and int(np.bincount(array.channel_taxel, minlength=array.n_taxels).min()) >= 3
+        and array.has_places
+    )
+
+
+def _offset(outputs: FloatArray, log: BinnedLog, rows: NDArray[np.bool_]) -> FloatArray:
+    """Readings (6,) of the reference without a load: where nothing touches, or else the median of all."""
+    quiet = quiet_bins(log) & rows
+    return np.median(outputs[quiet], axis=0) if quiet.sum() >= 5 else np.zeros(6)
+
+
+def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> Candidate:
+    """Errors in the folds, and a covariance that counts correlated bins as one."""
+    problem, n = fit.regression, int(fit.rows.sum())
+    left = np.zeros((n, 6))
+    for left_out in folds(n, log.step_s):
+        found = problem.solve(fit.sd, ~left_out)
+        left[left_out] = problem.residuals(found)[left_out]
+    correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])
+    linear = problem.solve(fit.sd * np.sqrt(correlated), with_covariance=True)
+    return Candidate(fit, fit.linear.weights, linear.covariance, fit.features[fit.rows], left)
+
+
+def _smooth_candidate(fit: SmoothFit, rows: NDArray[np.bool_], used: list[int]) -> Candidate:
+    left = fit.left_out[rows]
+    covariance = []
+    for axis in range(3):
+        bins = correlation_bins(left[:, axis]) if axis in used else 1.0
+        variance = float((left[:, axis] ** 2).mean()) * bins
+        covariance.append(fit.covariance[axis] * variance)
+    return Candidate(
+        fit, fit.weights[:3], (covariance[0], covariance[1], covariance[2]), fit.features[rows], left
+    )
+
+
+def _chosen(candidates: dict[str, Candidate], outputs: FloatArray, used: list[int]) -> str:
+    spread = np.maximum(outputs[:, used].std(axis=0), 1e-12)
+    errors = {
+        name: float(np.sqrt(((one.left_out[:, used] / spread) ** 2).mean()))
+        for name, one in candidates.items()
+    }
+    if "pairs" in errors and errors["pairs"] <= _PREFERENCE * errors.get("smooth", np.inf):
+        return "pairs"
+    return min(errors, key=lambda name: errors[name])
+
+
+def _uncertainties(
+    best: Candidate, forces: FloatArray, reference: AlignedReference, log: BinnedLog, used: list[int]
+) -> list[AxisUncertainty]:
+    samples = max(log.step_s / reference.sample_s, 1.0)
+    out = []
+    for axis in range(3):
+        noise = float(np.nan_to_num(reference.noise[axis])) / np.sqrt(samples)
+        left = best.left_out[:, axis] if axis in used else np.zeros(len(forces))
+        out.append(
+            axis_uncertainty(best.features, best.covariance[axis], left, forces[:, axis], forces[:, 2], noise)
+        )
+    return out
+
+
+def _file(
+    array: Array,
+    identity: Identity,
+    log: BinnedLog,
+    rows: NDArray[np.bool_],
+    best: Candidate,
+    axes: list[AxisUncertainty],
+    used: list[int],
+    outputs: FloatArray,
+    plain: SmoothFit,
+    fitter: PairsFitter | None,
+) -> CalibrationFile:
+    """Put the result into the form of a file."""
+    rms = np.sqrt((best.left_out**2).mean(axis=0))
+    baseline = np.sqrt((plain.left_out[rows] ** 2).mean(axis=0))
+    factors = [axis.factor for axis in axes]
+    if fitter is not None:
+        factors = [fitter.file_factor(factor) for factor in factors]
+    sensitivity = _sensitivity(best, log, rows, array, fitter)
+    # A bin averages the noise of its scans; a live scan has all of it.
+    live = sensitivity * float(np.median(log.noise)) * np.sqrt(max(1 - 1 / log.bin_scans, 0.0))
+    ranges = [(float(column.min()), float(column.max())) for column in outputs[:, :3].T]
+    known = [k in used for k in range(3)]
+    return CalibrationFile(
+        name=identity.name,
+        array=array.name,
+        channels=array.n_channels,
+        board=identity.board,
+        date=identity.date,
+        temperature_c=identity.temperature_c,
+        axes=[axis for axis, is_known in zip(AXES, known, strict=True) if is_known],
+        range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
+        residuals=Residuals(
+            fx_n=float(rms[0]) if known[0] else None,
+            fy_n=float(rms[1]) if known[1] else None,
+            fz_n=float(rms[2]) if known[2] else None,
+            baseline_fz_n=float(baseline[2]) if known[2] else None,
+        ),
+        largest_reading=np.maximum(np.abs(log.readings[rows]).max(axis=0), 0.3 * _largest(log)).tolist(),
+        pairs=fitter.params(best.model, best.weights)
+        if fitter and isinstance(best.model, PairsFit)
+        else None,
+        smooth=best.model.params(array, used) if isinstance(best.model, SmoothFit) else None,
+        uncertainty=Uncertainty(
+            factor=[factor.tolist() for factor in factors],
+            floor_n=[float(np.hypot(axis.floor_n, live[k])) for k, axis in enumerate(axes)],
+            own=[axis.own for axis in axes],
+            of_normal=[axis.of_normal for axis in axes],
+            zero_sd=float(np.median(log.noise)) / np.sqrt(50.0),  # a tare averages 50 scans
+            n_per_unit=sensitivity.tolist(),
+        ),
+    )
+
+
+def _largest(log: BinnedLog) -> float:
+    return max(float(np.abs(log.readings).max()), 1e-9)
+
+
+def _sensitivity(
+    best: Candidate, log: BinnedLog, rows: NDArray[np.bool_], array: Array, fitter: PairsFitter | None
+) -> FloatArray:
+    """Rms change (3,) of fx, fy, fz for independent errors of 1 of the zeros of all channels."""
+    rng = np.random.default_rng(0)
+    size = 0.002 * _largest(log)
+    total = np.zeros(3)
+    for _ in range(_PROBES):
+        pattern = size * rng.standard_normal(log.readings.shape[1])
+        if fitter is not None and isinstance(best.model, PairsFit):
+            other = fitter.features(best.model.physics, pattern)[rows]
+        else:
+            assert isinstance(best.model, SmoothFit)  # the only other model
+            moved = replace(log, readings=log.readings + pattern)
+            other = best.model.at(array, moved)[rows]
+        change = (other - best.features) @ best.weights.T
+        total += (change**2).mean(axis=0)
+    return np.asarray(np.sqrt(total / _PROBES) / size)

@@ -1,0 +1,221 @@
+"""Calibration on the emulated rig: right forces with honest intervals, or a refusal that says what to do."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactiled.array import load_array
+from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
+from tactiled.emulator.rig.reference import ReferenceSensor
+from tactiled.emulator.rig.session import Rig, RigRun, draw_rig
+from tactiled.errors import DataError
+from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
+from tactiled.force.calibration import load_calibration, save_calibration
+from tactiled.force.estimator import ForceEstimator
+from tactiled.samples.block import regular_block
+
+ARRAY = load_array("wang2019-3x3")
+SECONDS = 40.0
+Z90 = 1.645
+
+
+@cache
+def rig_run(seed: int = 3, seconds: float = SECONDS) -> tuple[Rig, RigRun, RigRun]:
+    rig, rng = draw_rig(ARRAY, seed)
+    return rig, rig.run("walk", seconds, rng), rig.run("hold", 30.0, rng)
+
+
+def table(run: RigRun, columns: str = "fx fy fz tx ty tz") -> ReferenceTable:
+    names = ("fx", "fy", "fz", "tx", "ty", "tz")
+    values = run.reference.copy()
+    values[:, [k for k, name in enumerate(names) if name not in columns.split()]] = np.nan
+    return ReferenceTable(run.reference_s, values, np.full(len(values), NO_TAXEL))
+
+
+def study(run: RigRun, reference: ReferenceTable, readings: np.ndarray | None = None) -> CalibrationStudy:
+    volts = run.readings if readings is None else readings
+    return calibrate(ARRAY, run.loads.time_s, volts, reference, Identity("mine"), models=("pairs",))
+
+
+def estimates(found: CalibrationStudy, readings: np.ndarray) -> list[ForceEvent]:
+    return ForceEstimator(ARRAY, found.file).process(regular_block(readings, 100.0))
+
+
+def errors(found: CalibrationStudy, rig: Rig, test: RigRun) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (n, 3) of the force on other motions, and stated standard deviations."""
+    events = estimates(found, test.readings)
+    force = np.array([(e.fx_n, e.fy_n, e.fz_n) for e in events])
+    sd = np.array([(e.fx_sd_n, e.fy_sd_n, e.fz_sd_n) for e in events])
+    return force - rig.reference.seen(test.loads.wrench(ARRAY))[:, :3], sd
+
+
+def test_forces_of_other_motions_are_right_and_within_their_intervals() -> None:
+    rig, run, test = rig_run()
+    found = study(run, table(run))
+    error, sd = errors(found, rig, test)
+    fx, fy, fz = np.sqrt((error**2).mean(axis=0)) / 20.0
+    assert fz < 0.007
+    assert max(fx, fy) < 0.005
+    assert (np.abs(error) < Z90 * sd).mean() > 0.8
+    assert np.median(sd[:, 2]) < 0.2  # an interval that holds everything says nothing
+    assert found.model == "pairs"
+    assert found.late_s == pytest.approx(rig.reference.late_s, abs=0.005)
+
+
+def test_a_file_gives_the_forces_of_the_fit(tmp_path: Path) -> None:
+    _, run, test = rig_run()
+    found = study(run, table(run))
+    save_calibration(tmp_path / "mine.toml", found.file)
+    again = load_calibration(str(tmp_path / "mine.toml"))
+    one = ForceEstimator(ARRAY, found.file).process(regular_block(test.readings[:500], 100.0))
+    other = ForceEstimator(ARRAY, again).process(regular_block(test.readings[:500], 100.0))
+    assert [e.fz_n for e in other] == pytest.approx([e.fz_n for e in one], abs=1e-3)
+    assert other[0].calibration == "mine"
+
+
+def test_a_reference_that_is_late_by_3_s_and_drifts_by_200_ppm() -> None:
+    rig, run, _ = rig_run()
+    reference = table(run)
+    clock_s = (reference.time_s - rig.reference.late_s) * (1 + 200e-6) + 3.0
+    found = study(run, replace(reference, time_s=clock_s))
+    assert found.late_s == pytest.approx(3.0, abs=0.01)
+    assert found.drift_ppm == pytest.approx(200 + rig.reference.drift_ppm, abs=40)
+    assert found.rms[2] < 0.2
+
+
+def test_a_balance_gives_the_normal_force_alone() -> None:
+    rig, run, test = rig_run()
+    found = study(run, table(run, "fz"))
+    assert found.file.axes == ["fz"]
+    assert any("shear x is not known" in words for words in found.file.verdict)
+    error, _ = errors(found, rig, test)
+    assert np.sqrt((error[:, 2] ** 2).mean()) < 0.3
+    event = estimates(found, test.readings[:1])[0]
+    assert (event.fx_n, event.fx_sd_n) == (0.0, UNKNOWN_SD_N)
+
+
+def test_presses_without_shear_ask_for_shear() -> None:
+    rig, rng = draw_rig(ARRAY, 5)
+    run = rig.run("flat", SECONDS, rng)
+    found = study(run, table(run))
+    assert any("along y" in words and "push sideways" in words for words in found.file.verdict)
+    assert not any(
+        "push sideways" in words for words in study(rig_run()[1], table(rig_run()[1])).file.verdict
+    )
+
+
+def test_a_taxel_that_was_never_touched_says_so() -> None:
+    _, run, _ = rig_run()
+    volts = run.readings.copy()
+    volts[:, 32:36] = 0.0  # its chip has come off
+    found = study(run, table(run), volts)
+    assert any("hardly separated" in words and "8 (" in words for words in found.file.verdict)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda v: v * np.array([1, 1, -1, 1, 1, 1]), "Multiply fz_n by -1"),
+        (lambda v: v * np.array([-1, 1, 1, 1, 1, 1]), "Multiply fx_n by -1"),
+        (lambda v: v[:, [1, 0, 2, 3, 4, 5]], "exchange the columns"),
+        (lambda v: v * 101.97, "grams"),
+        (lambda v: v * 0.0, "never changes"),
+        (lambda v: np.random.default_rng(0).standard_normal(v.shape), "do not resemble"),
+    ],
+    ids=["sign", "reversed", "swapped", "grams", "dead", "other-presses"],
+)
+def test_a_wrong_reference_is_refused_with_advice(change, says: str) -> None:  # type: ignore[no-untyped-def]
+    _, run, _ = rig_run()
+    reference = table(run)
+    with pytest.raises(DataError, match=says):
+        study(run, replace(reference, values=change(reference.values)))
+
+
+def test_a_log_without_excitation_is_refused() -> None:
+    _, run, _ = rig_run()
+    quiet = 1e-3 * np.random.default_rng(1).standard_normal(run.readings.shape)
+    with pytest.raises(DataError, match="nothing pressed the array"):
+        study(run, table(run), quiet)
+
+
+def test_missing_readings_cost_little() -> None:
+    rig, run, test = rig_run()
+    volts = run.readings.copy()
+    volts[np.random.default_rng(2).random(volts.shape) < 0.02] = np.nan
+    volts[:, 7] = np.nan  # a dead channel
+    found = study(run, table(run), volts)
+    readings = test.readings.copy()
+    readings[:, 7] = 0.0
+    error, _ = errors(found, rig, replace(test, readings=readings))
+    assert np.sqrt((error[:, 2] ** 2).mean()) < 0.3
+
+
+@pytest.mark.parametrize("seconds", [6.0, 300.0])
+def test_seconds_and_minutes_of_data(seconds: float) -> None:
+    rig, run, test = rig_run(seconds=seconds)
+    found = study(run, table(run))
+    error, sd = errors(found, rig, test)
+    assert np.isfinite(error).all()
+    assert (np.abs(error) < Z90 * sd).mean() > 0.7
+    assert np.sqrt((error[:, 2] ** 2).mean()) < (3.0 if seconds < 10 else 0.15)
+
+
+def test_too_short_a_log_is_refused() -> None:
+    _, run, _ = rig_run()
+    part = replace(run, loads=replace(run.loads, time_s=run.loads.time_s[:300]))
+    with pytest.raises(DataError, match="press for"):
+        study(part, table(run), run.readings[:300])
+
+
+def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
+    rig, run, _ = rig_run()
+    walk = study(run, table(run)).file
+    loads, readings, taxels = _probed(rig)
+    seen = rig.reference.seen(loads)
+    reference = ReferenceTable(np.arange(len(seen)) / 100.0, seen, taxels)
+    found = calibrate(
+        ARRAY, np.arange(len(seen)) / 100.0, readings, reference, Identity("probe"), models=("pairs",)
+    )
+    assert not any("hardly separated" in words for words in found.file.verdict)
+    assert walk.array == found.file.array
+
+
+def _probed(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n = 4500
+    taxels = np.repeat(np.arange(9), n // 9)
+    time_s = np.arange(n) / 100.0
+    press = 3.0 * np.sin(np.pi * ((time_s % 2.5) / 2.5)) ** 2
+    loads = np.zeros((n, 9, 3))
+    rows = np.arange(n)
+    loads[rows, taxels, 2] = press
+    loads[rows, taxels, 0] = 0.4 * press * np.sin(2 * np.pi * time_s / 1.7)
+    loads[rows, taxels, 1] = 0.4 * press * np.cos(2 * np.pi * time_s / 2.3)
+    fx, fy, fz = np.moveaxis(loads, 2, 0)
+    x, y = ARRAY.x_mm, ARRAY.y_mm
+    wrench = np.stack([part.sum(axis=1) for part in (fx, fy, fz, y * fz, -x * fz, x * fy - y * fx)], axis=1)
+    return wrench, rig.sensor.readings(loads, 100.0, np.random.default_rng(4)), taxels
+
+
+def test_loads_beyond_the_calibrated_range_are_flagged_and_uncertain() -> None:
+    rig, run, _ = rig_run()
+    found = study(run, table(run))
+    heavy = replace(run.loads, taxels_n=2.5 * run.loads.taxels_n)
+    readings = rig.sensor.readings(heavy.taxels_n, 100.0, np.random.default_rng(5))
+    events = estimates(found, readings)
+    true = rig.reference.seen(heavy.wrench(ARRAY))[:, 2]
+    beyond = [(e.fz_n - t) / e.fz_sd_n for e, t in zip(events, true, strict=True) if e.beyond_range]
+    assert beyond
+    assert np.mean(np.abs(beyond) < Z90) > 0.8
+
+
+def test_the_drawn_reference_turns_forces_and_moments_alike() -> None:
+    sensor = ReferenceSensor(
+        100.0, 0.0, 0.0, np.zeros(6), np.zeros(6), np.array([0.0, 0.0, np.pi / 2]), np.zeros(2)
+    )
+    assert sensor.seen(np.array([[1.0, 0, 0, 0, 2.0, 0]])) == pytest.approx(
+        np.array([[0, 1.0, 0, -2.0, 0, 0]]), abs=1e-12
+    )
