@@ -75,9 +75,9 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     holds: list[HoldScore] = []
     with workers() as pool:
         jobs = [(seed, case) for seed in seeds for case in cases]
-        for found in pool.map(_score, jobs):
-            scores.append(found)
-            progress.advance(str(found.case))
+        for one in pool.map(_score, jobs):
+            scores.append(one)
+            progress.advance(str(one.case))
         for held in pool.map(_hold, seeds):
             holds.append(held)
             progress.advance("hold of an hour")

@@ -115,9 +115,9 @@ class PairsFitter:
         self._late_s, self._rows = late_s, rows
         self._mean = taxel_means(array)
         self.used = reference.outputs
-        self.unit = float(np.quantile(log.readings.max(axis=1), 0.95)) if like is None else like.unit
+        self.unit: float = float(np.quantile(log.readings.max(axis=1), 0.95)) if like is None else like.unit
         noise = float(np.median(log.noise))
-        self.step = max(_STEP_NOISES * noise, 0.003 * self.unit) if like is None else like.step
+        self.step: float = max(_STEP_NOISES * noise, 0.003 * self.unit) if like is None else like.step
         masks = reference.taxels(late_s, 0.0)
         self._mask: FloatArray | None = None
         if (masks != NO_TAXEL).any():

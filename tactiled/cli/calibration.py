@@ -1,45 +1,67 @@
 """Force calibration of an array against a force sensor."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, need_extra, need_named, need_readable
+from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
 
 
 @click.command()
 @click.argument("log", type=FILE)
 @click.option(
-    "--reference", required=True, type=FILE,
+    "--reference", type=FILE,
     help="CSV of the force sensor: time_s, any of fx_n, fy_n, fz_n, tx_nmm, ty_nmm, tz_nmm, and taxel.",
 )  # fmt: skip
-@click.option("-o", "--out", required=True, type=FILE, help="Calibration file to write (.toml).")
+@click.option("-o", "--out", type=FILE, help="Calibration file to write (.toml).")
 @click.option("--array", help="Array of a table: shipped name or TOML file. A recording contains its array.")
 @click.option("--board", default="", help="Serial number of the board, for the file.")
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @click.option("--columns", metavar="NAMES", help="Columns of a CSV in channel order, as for `detect`.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
+@click.option(
+    "--guide",
+    is_flag=False,
+    flag_value="tcp://127.0.0.1:9872",
+    metavar="[ENDPOINT]",
+    help="Record LOG (.npz) from a running daemon, and say which way to press next.",
+)
+@click.option(
+    "--guide-s", default=180.0, show_default=True, type=click.FloatRange(5, 3600), help="Longest recording."
+)
+@KEYS
 def calibrate(
     log: Path,
-    reference: Path,
-    out: Path,
+    reference: Path | None,
+    out: Path | None,
     array: str | None,
     columns: str | None,
     plot: Path | None,
+    guide: str | None,
+    guide_s: float,
+    keys: Path | None,
     **about: Any,
 ) -> None:
     """Fit newtons to the readings of LOG with the record of a force sensor.
 
     LOG is a recording, a CSV or an npz file of somebody who presses the array, and pushes it sideways, for a
     minute. The clocks of both files may differ by up to 5 s. The verdict says what is known how well, and
-    which motion to add.
+    which motion to add. With --guide, LOG is recorded first; the exit code is 1 if a motion is lacking.
 
     Example: tactiled calibrate log.npz --reference ft.csv -o mine.toml --plot mine.png
     """
-    need_readable(log, reference)
     need_named(array, "config/arrays")
+    if guide is not None:
+        from tactiled.calibrate.live import record_guided
+
+        is_good = record_guided(log, guide, array, keys, guide_s, lambda line: click.echo(line, err=True))
+        sys.exit(0 if is_good else 1)
+    if reference is None or out is None:
+        raise click.UsageError("give --reference FILE and -o FILE, or --guide to record LOG first")
+    need_readable(log, reference)
     if plot is not None:
         need_extra("matplotlib", "plot", "calibrate --plot")
     from tactiled.calibrate.run import calibrate_files
