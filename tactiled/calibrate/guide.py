@@ -112,8 +112,13 @@ class Guide:
             if size < least:
                 sd[name] = _PRIOR
         over = {name: sd[name] / (TAXEL_GOOD if name.startswith("taxel") else GOOD) for name in names}
-        worst = max(names, key=lambda name: over[name])
-        return Advice(self._motion(worst) if over[worst] > 1.0 else "", sd)
+        lacking = [name for name in names if over[name] > 1.0]
+        if not lacking:
+            return Advice("", sd)
+        # A taxel that was left out makes every sum uncertain, so taxels come first, but for what never occurred.
+        never = [name for name in lacking if not name.startswith("taxel") and span[names.index(name)] < least]
+        taxels = [name for name in lacking if name.startswith("taxel")]
+        return Advice(self._motion(max(never or taxels or lacking, key=lambda name: over[name])), sd)
 
     def _motion(self, name: str) -> str:
         """Words for the person who presses."""

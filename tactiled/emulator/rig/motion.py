@@ -7,7 +7,7 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 
-Motion = Literal["press", "walk", "hold", "flat"]
+Motion = Literal["press", "walk", "hold", "flat", "tip"]
 LARGEST_N = 20.0
 """Range of the normal force."""
 _FRICTION = 0.6
@@ -47,10 +47,11 @@ def play(
 
     Parameters
     ----------
-    motion : {"press", "walk", "hold", "flat"}
+    motion : {"press", "walk", "hold", "flat", "tip"}
         "press": presses of 2 to 4 s at places near the centre, with shear. "walk": the same while the place
         wanders over the whole array, so that taxels do not share the load in proportion. "hold": contacts of
         10 to 20 s with sway, taps and slow pulls. "flat": presses with a flat plate, without shear.
+        "tip": presses with a finger tip on one taxel after the other.
     array : Array
     stiffness : (taxels,) float64
     seconds : float
@@ -63,10 +64,10 @@ def play(
     place = np.zeros((n, 2))
     x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
     reach = float(np.hypot(x, y).max()) or 1.0
-    wander = {"press": 0.3, "walk": 0.8, "hold": 0.5, "flat": 0.05}[motion] * reach
+    wander = {"press": 0.3, "walk": 0.8, "hold": 0.5, "flat": 0.05, "tip": 0.0}[motion] * reach
     spread = np.zeros(n)
     turn = np.zeros(n)
-    at_s = rng.uniform(0.8, 1.2)
+    at_s, taxel = rng.uniform(0.8, 1.2), 0
     while at_s < seconds:
         length_s = float(rng.uniform(10, 20) if motion == "hold" else rng.uniform(2.0, 4.0))
         k = np.flatnonzero((time_s >= at_s) & (time_s < at_s + length_s))
@@ -74,10 +75,13 @@ def play(
         normal[k] = _course(t, length_s, motion, rng)
         shear[k] = _shear(t, length_s, normal[k], motion, rng)
         begin, end = rng.uniform(-wander, wander, (2, 2))
-        if motion != "walk":
+        if motion == "tip":
+            begin = end = np.array([x[taxel % len(x)], y[taxel % len(x)]]) + rng.normal(0, 0.05 * reach, 2)
+            taxel += 1
+        elif motion != "walk":
             end = begin + 0.15 * (end - begin)
         place[k] = begin + (end - begin) * (t / length_s)[:, np.newaxis]
-        spread[k] = reach * rng.uniform(0.7, 1.6) * (2.0 if motion == "flat" else 1.0)
+        spread[k] = reach * rng.uniform(0.7, 1.6) * {"flat": 2.0, "tip": 0.3}.get(motion, 1.0)
         turn[k] = 0.0 if motion == "flat" else rng.normal(0, 0.15) * np.sin(np.pi * t / length_s) ** 2
         at_s += length_s + rng.uniform(0.4, 1.0)
     spread = np.where(spread > 0, spread, reach)
