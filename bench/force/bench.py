@@ -92,8 +92,8 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         [
             f"{n} rigs drawn at random ({seeds_in_words(n, REPORTED_FROM)}), 1 mV of noise, normal forces "
             "to 20 N and shear to 12 N. Each is calibrated by one motion and scored on 30 s of holds and "
-            "30 s of presses that wander over the array. Errors are rms over scans and rigs, in percent of the "
-            "range.",
+            "30 s of presses that wander over the array. Errors are rms over scans and rigs, in percent "
+            "of the range.",
             aims_table(AIMS, {"measured": found}),
             "Normal force, by duration and kind of the calibration. Bound: Cramer-Rao, for white noise and a "
             "model that is right; it includes the priors of the model.",

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.calibrate.clock import quiet_bins
 from tactiled.calibrate.data import BinnedLog, ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES
@@ -13,6 +14,7 @@ _LEAST_RESPONSE = 20.0  # standard deviations of the noise: below, nothing press
 _LARGEST_MPA = 2.0  # silicone skins tear or bottom out at a few MPa
 _OPPOSITE, _UNRELATED, _SWAPPED = -0.5, 0.3, 0.7  # correlations of shear with the axis of the array
 _LEAST_SHEAR = 0.1  # of the range of the normal force: below, the directions of shear cannot be compared
+_LEAST_BINS = 10  # without contact and with it, to compare them
 _GRAMS_PER_N = 101.97
 
 
@@ -68,13 +70,13 @@ def check_signs(
     correlation: float,
 ) -> None:
     """Refuse a reference whose axes point the other way, or are swapped."""
-    if correlation < 0 and 2 in used and array.normal_weights().any():
+    if 2 in used and (_falls(log, outputs, rows) or (correlation < 0 and _has_signs(array))):
         raise DataError(
             "fz_n falls when the array is pressed: force is what the object does to the skin, and fz_n > 0 "
             "presses. Multiply fz_n by -1, and check the other axes"
         )
     weights = array.shear_weights().sum(axis=1)
-    if not weights.any():
+    if not weights.any() or not _has_signs(array):
         return
     # A response to motion of the skin along +x is a force of the object along -x.
     felt = -log.readings[rows] @ weights.T
@@ -100,6 +102,20 @@ def check_signs(
                 f"{name} follows the other axis of the array (correlation {other:.2f}, with its own "
                 f"{own:.2f}): exchange the columns fx_n and fy_n, or turn the sensor by 90 degrees"
             )
+
+
+def _has_signs(array: Array) -> bool:
+    """Return True where the signs of channels are physics, and not those of a magnet or a converter."""
+    return array.normal_weights().any() and ("side" in array.channel_kind or array.unit in ("N", "kPa"))
+
+
+def _falls(log: BinnedLog, outputs: FloatArray, rows: NDArray[np.bool_]) -> bool:
+    """Return True where presses lower the normal force below that of a free array."""
+    quiet = quiet_bins(log) & rows
+    pressed = ~quiet & rows
+    if min(int(quiet.sum()), int(pressed.sum())) < _LEAST_BINS:
+        return False
+    return float(outputs[pressed, 2].mean()) < float(outputs[quiet, 2].mean())
 
 
 def _without(columns: FloatArray, other: FloatArray) -> FloatArray:

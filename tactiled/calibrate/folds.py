@@ -1,5 +1,6 @@
-"""Cross-validation by segments of seconds, because neighbouring scans are nearly the same."""
+"""Cross-validation by contacts, because both halves of a press are nearly the same."""
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,15 +8,37 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
-_SEGMENT_S = 3.0  # about one press of a person
+_LONGEST_S = 5.0  # of a segment; longer contacts are cut
 _FOLDS = 5
 _LEAST_SEGMENTS = 10
+_GAP_BINS = 2  # a shorter pause does not end a contact
 
 
-def folds(n: int, step_s: float) -> Iterator[NDArray[np.bool_]]:
-    """Yield the bins (n,) that each fold leaves out: every fifth segment of three seconds or less."""
-    length = max(1, min(round(_SEGMENT_S / step_s), n // _LEAST_SEGMENTS))
-    segment = np.arange(n) // length
+def segments(quiet: NDArray[np.bool_], step_s: float) -> NDArray[np.int64]:
+    """Number of the segment of each bin (n,): one contact from the middle of a pause to the next.
+
+    A press that is half inside a fold and half outside would make the fold look better than other motions do.
+    Contacts longer than five seconds are cut. Where that gives fewer than ten segments, they are of equal
+    length.
+    """
+    n = len(quiet)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
+    pauses = [(a + b) // 2 for a, b in edges.reshape(-1, 2) if b - a >= _GAP_BINS]
+    starts = [0, *(p for p in pauses if 0 < p < n), n]
+    longest = max(1, round(_LONGEST_S / step_s))
+    out = np.zeros(n, dtype=np.int64)
+    number = 0
+    for a, b in itertools.pairwise(starts):
+        parts = max(1, -(-(b - a) // longest))
+        out[a:b] = number + (np.arange(b - a) * parts) // max(b - a, 1)
+        number += parts
+    if number < _LEAST_SEGMENTS:
+        return np.arange(n) * _LEAST_SEGMENTS // max(n, 1)
+    return out
+
+
+def folds(segment: NDArray[np.int64]) -> Iterator[NDArray[np.bool_]]:
+    """Yield the bins (n,) that each fold leaves out: every fifth segment."""
     for fold in range(_FOLDS):
         left_out = segment % _FOLDS == fold
         if left_out.any() and not left_out.all():

@@ -115,7 +115,7 @@ class Guide:
         lacking = [name for name in names if over[name] > 1.0]
         if not lacking:
             return Advice("", sd)
-        # A taxel that was left out makes every sum uncertain, so taxels come first, but for what never occurred.
+        # A taxel that was left out makes every sum uncertain, so it comes before sums that did occur.
         never = [name for name in lacking if not name.startswith("taxel") and span[names.index(name)] < least]
         taxels = [name for name in lacking if name.startswith("taxel")]
         return Advice(self._motion(max(never or taxels or lacking, key=lambda name: over[name])), sd)

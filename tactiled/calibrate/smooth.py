@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tactiled.array import Array, FloatArray
+from tactiled.calibrate.clock import quiet_bins
 from tactiled.calibrate.data import BinnedLog
-from tactiled.calibrate.folds import folds
+from tactiled.calibrate.folds import folds, segments
 from tactiled.force.calibration import SmoothModelParams
 from tactiled.force.model import product_pairs
 
@@ -135,7 +136,7 @@ def fit_smooth(
     f, y = features[rows], outputs[rows]
     strengths = _STRENGTHS * float((f**2).sum(axis=0).mean())
     errors = np.zeros((len(strengths), *y.shape))
-    for left_out in folds(len(f), log.step_s):
+    for left_out in folds(segments(quiet_bins(log)[rows], log.step_s)):
         for k, found in enumerate(_ridges(f[~left_out], y[~left_out], strengths)):
             errors[k, left_out] = y[left_out] - f[left_out] @ found
     squares = (errors**2).mean(axis=1)  # (strengths, 6)

@@ -10,7 +10,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_log, check_reference, check_signs
 from tactiled.calibrate.clock import align, quiet_bins
 from tactiled.calibrate.data import AlignedReference, BinnedLog, ReferenceTable, bin_log
-from tactiled.calibrate.folds import correlation_bins, folds
+from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.pairs import PairsFit, PairsFitter
 from tactiled.calibrate.smooth import PLAIN, SmoothFit, choose_smooth, fit_smooth
 from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
@@ -197,7 +197,7 @@ def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> Candidat
     """Errors in the folds, and a covariance that counts correlated bins as one."""
     problem, n = fit.regression, int(fit.rows.sum())
     left = np.zeros((n, 6))
-    for left_out in folds(n, log.step_s):
+    for left_out in folds(segments(quiet_bins(log)[fit.rows], log.step_s)):
         found = problem.solve(fit.sd, ~left_out)
         left[left_out] = problem.residuals(found)[left_out]
     correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])

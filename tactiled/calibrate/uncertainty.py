@@ -8,6 +8,7 @@ nine tenths of the folds lie within their 90 % interval.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 from scipy.optimize import nnls
 
 from tactiled.array import FloatArray
@@ -51,6 +52,7 @@ def axis_uncertainty(
     force: FloatArray,
     normal: FloatArray,
     reference_sd: float,
+    n_segments: int,
 ) -> AxisUncertainty:
     """Fit the standard deviation of one component to the differences in the folds.
 
@@ -65,6 +67,8 @@ def axis_uncertainty(
         The component, and the normal force.
     reference_sd : float
         Noise of the reference in a bin, which is no error of the model.
+    n_segments : int
+        Contacts in the data.
     """
     explained = np.einsum("nf,fg,ng->n", features, covariance, features)
     target = left_out**2 - explained - reference_sd**2
@@ -74,6 +78,8 @@ def axis_uncertainty(
     variance = explained + columns @ parts
     score = np.abs(left_out) / np.sqrt(variance + reference_sd**2 + 1e-30)
     scale = max(float(np.quantile(score, 0.9)) / _Z90, _LEAST_SCALE)
+    # Few contacts estimate a deviation badly: the quantile is that of Student's distribution.
+    scale *= float(special.stdtrit(max(n_segments - 1, 2), 0.95)) / _Z90
     floor, own, of_normal = np.sqrt(parts) * scale / np.array([1.0, *largest])
     scaled = covariance * scale**2
     return AxisUncertainty(_factor(scaled, features), float(floor), float(own), float(of_normal), scaled)

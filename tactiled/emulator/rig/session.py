@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tactiled.array import Array, FloatArray
+from tactiled.emulator.rig.magnets import MagnetSkin, draw_magnets
 from tactiled.emulator.rig.motion import Loads, Motion, play
 from tactiled.emulator.rig.reference import ReferenceSensor, draw_reference, write_reference
 from tactiled.emulator.rig.sensor import RigSensor, draw_sensor
@@ -38,7 +39,7 @@ class Rig:
     """A drawn sensor on a drawn force sensor."""
 
     array: Array
-    sensor: RigSensor
+    sensor: RigSensor | MagnetSkin
     reference: ReferenceSensor
 
     def run(self, motion: Motion, seconds: float, rng: np.random.Generator) -> RigRun:
@@ -49,9 +50,17 @@ class Rig:
 
 
 def draw_rig(array: Array, seed: int, noise_v: float = 1e-3) -> tuple[Rig, np.random.Generator]:
-    """Draw a rig; the generator goes on to draw motions."""
+    """Draw a rig; the generator goes on to draw motions.
+
+    Arrays without side electrodes get a skin whose channels respond to everything, as those of magnets do.
+    """
     rng = np.random.default_rng([15, seed])
-    return Rig(array, draw_sensor(array, rng, noise_v), draw_reference(rng)), rng
+    sensor: RigSensor | MagnetSkin
+    if set(array.channel_kind) == {"side"}:
+        sensor = draw_sensor(array, rng, noise_v)
+    else:
+        sensor = draw_magnets(array, rng)
+    return Rig(array, sensor, draw_reference(rng)), rng
 
 
 def write_rig(folder: Path, array: Array, seed: int, seconds: float) -> list[Path]:
