@@ -106,7 +106,8 @@ def check_signs(
 
 def _has_signs(array: Array) -> bool:
     """Return True where the signs of channels are physics, and not those of a magnet or a converter."""
-    return array.normal_weights().any() and ("side" in array.channel_kind or array.unit in ("N", "kPa"))
+    is_physical = "side" in array.channel_kind or array.unit in ("N", "kPa")
+    return is_physical and bool(array.normal_weights().any())
 
 
 def _falls(log: BinnedLog, outputs: FloatArray, rows: NDArray[np.bool_]) -> bool:

@@ -152,7 +152,8 @@ def calibrate(
     name = _chosen(candidates, outputs[rows], used)
     best = candidates[name]
     forces = best.features @ best.weights.T
-    axes = _uncertainties(best, forces, reference, log, used)
+    n_segments = int(segments(quiet_bins(log)[rows], log.step_s).max()) + 1
+    axes = _uncertainties(best, forces, reference, log, used, n_segments)
     shown = outputs[rows]
     sd = np.zeros((len(shown), 3))
     for axis in range(3):
@@ -229,7 +230,12 @@ def _chosen(candidates: dict[str, Candidate], outputs: FloatArray, used: list[in
 
 
 def _uncertainties(
-    best: Candidate, forces: FloatArray, reference: AlignedReference, log: BinnedLog, used: list[int]
+    best: Candidate,
+    forces: FloatArray,
+    reference: AlignedReference,
+    log: BinnedLog,
+    used: list[int],
+    n_segments: int,
 ) -> list[AxisUncertainty]:
     samples = max(log.step_s / reference.sample_s, 1.0)
     out = []
@@ -237,7 +243,15 @@ def _uncertainties(
         noise = float(np.nan_to_num(reference.noise[axis])) / np.sqrt(samples)
         left = best.left_out[:, axis] if axis in used else np.zeros(len(forces))
         out.append(
-            axis_uncertainty(best.features, best.covariance[axis], left, forces[:, axis], forces[:, 2], noise)
+            axis_uncertainty(
+                best.features,
+                best.covariance[axis],
+                left,
+                forces[:, axis],
+                forces[:, 2],
+                noise,
+                n_segments,
+            )
         )
     return out
 

@@ -19,7 +19,7 @@ _WARMING, _WARMING_S = 0.03, 1800.0
 _MISSING_PART = 0.5  # of what a channel without a reading would add to the force is uncertain
 _TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
 _BEYOND = 1.1  # times the largest calibrated reading: above, the load curve is extrapolated
-_BEYOND_PART = 0.5  # relative standard deviation for each e-fold beyond
+_BEYOND_PART = 0.25  # relative standard deviation for each e-fold beyond
 _NO_CENTRE_SDS = 3.0  # a normal force below so many standard deviations has no centre of pressure
 
 
@@ -157,7 +157,7 @@ class ForceEstimator:
         excess = float((relative / self._limit).max())
         gain2 = _WARMING**2 * min(self._zero.touched_s / _WARMING_S, 1.0)
         if excess > 1.0:
-            gain2 += (_BEYOND_PART * math.log(excess * _BEYOND)) ** 2
+            gain2 += (_BEYOND_PART * math.log(excess)) ** 2
         missing2 = [0.0, 0.0, 0.0] if valid is None else self._missing_variance(features, valid)
         zero2 = self._zero.sd() ** 2
         normal2 = outputs[2] ** 2

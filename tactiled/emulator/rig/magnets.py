@@ -1,6 +1,7 @@
 """Magnetometer skins drawn at random: fields of magnets in a soft layer that is pressed and sheared."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class MagnetSkin:
         Field at which a channel has bent to three quarters.
     creep_s, creep : float
         Time constant, and part of the field that comes with that delay.
+    temperature_per_k : float
+        Relative change of the field of the magnets.
     noise : float
         uT.
     stiffness : (taxels,) float64
@@ -36,11 +39,22 @@ class MagnetSkin:
     limit: float
     creep_s: float
     creep: float
+    temperature_per_k: float
     noise: float
     stiffness: FloatArray
 
-    def readings(self, loads_n: FloatArray, rate_hz: float, rng: np.random.Generator) -> FloatArray:
-        """Return the readings (n, channels) for forces (n, taxels, 3)."""
+    def with_creep(self, times: float) -> Self:
+        """Return the skin with so many times the creep."""
+        return replace(self, creep=self.creep * times)
+
+    def readings(
+        self,
+        loads_n: FloatArray,
+        rate_hz: float,
+        rng: np.random.Generator,
+        temperature_k: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Return the readings (n, channels) for forces (n, taxels, 3), at a temperature over the first."""
         field = np.einsum("ctk,ntk->nc", self.linear, loads_n)
         field += loads_n[:, :, 2] ** 2 @ self.bend.T
         field = self.limit * np.tanh(field / self.limit)
@@ -49,6 +63,7 @@ class MagnetSkin:
         for row in field:
             state += follow * (row - state)
             row += self.creep * state
+        field *= 1 + self.temperature_per_k * np.broadcast_to(temperature_k, len(field))[:, np.newaxis]
         field += self.noise * rng.standard_normal(field.shape)
         return np.asarray(np.round(field / _ADC_UT) * _ADC_UT)
 
@@ -66,6 +81,7 @@ def draw_magnets(array: Array, rng: np.random.Generator) -> MagnetSkin:
         limit=float(rng.uniform(1500.0, 4000.0)),
         creep_s=float(rng.uniform(1.0, 20.0)),
         creep=float(rng.uniform(0.0, 0.03)),
+        temperature_per_k=float(rng.uniform(-0.003, -0.001)),  # of bonded magnets
         noise=float(rng.uniform(0.5, 2.0)),
         stiffness=rng.lognormal(0, 0.15, taxels),
     )

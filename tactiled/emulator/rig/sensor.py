@@ -5,7 +5,7 @@ Nothing here is shared with the model that is calibrated. Ranges are centred on 
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class RigSensor:
     noise_v: float
     temperature_per_k: float
 
-    def with_creep(self, times: float) -> "RigSensor":
+    def with_creep(self, times: float) -> Self:
         """Return the sensor with so many times the creep."""
         return replace(self, creep=self.creep * times)
 

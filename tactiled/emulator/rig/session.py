@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, Self
 
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.rig.magnets import MagnetSkin, draw_magnets
+from tactiled.emulator.rig.magnets import draw_magnets
 from tactiled.emulator.rig.motion import Loads, Motion, play
 from tactiled.emulator.rig.reference import ReferenceSensor, draw_reference, write_reference
-from tactiled.emulator.rig.sensor import RigSensor, draw_sensor
+from tactiled.emulator.rig.sensor import draw_sensor
 
 RATE_HZ = 100.0
 TEST_S = 60.0
@@ -34,12 +35,35 @@ class RigRun:
     reference: FloatArray
 
 
+class DrawnSensor(Protocol):
+    """Sensor of a rig."""
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Relative stiffness (taxels,), by which taxels share a load."""
+        ...
+
+    def readings(
+        self,
+        loads_n: FloatArray,
+        rate_hz: float,
+        rng: np.random.Generator,
+        temperature_k: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Return the readings (n, channels) for forces (n, taxels, 3), at a temperature over the first."""
+        ...
+
+    def with_creep(self, times: float) -> Self:
+        """Return the sensor with so many times the creep."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Rig:
     """A drawn sensor on a drawn force sensor."""
 
     array: Array
-    sensor: RigSensor | MagnetSkin
+    sensor: DrawnSensor
     reference: ReferenceSensor
 
     def run(self, motion: Motion, seconds: float, rng: np.random.Generator) -> RigRun:
@@ -55,7 +79,7 @@ def draw_rig(array: Array, seed: int, noise_v: float = 1e-3) -> tuple[Rig, np.ra
     Arrays without side electrodes get a skin whose channels respond to everything, as those of magnets do.
     """
     rng = np.random.default_rng([15, seed])
-    sensor: RigSensor | MagnetSkin
+    sensor: DrawnSensor
     if set(array.channel_kind) == {"side"}:
         sensor = draw_sensor(array, rng, noise_v)
     else:
