@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
@@ -290,7 +291,13 @@ def _set_up(config: Config, source: str) -> Setup:
             f"but a scan of {layout_file.name} has {layout_file.channels}"
         )
         raise ConfigError(source, [fault])
-    return Setup(config, compile_layout(layout_file), array, source, calibration)
+    return Setup(config, _compiled(layout_file.model_dump_json()), array, source, calibration)
+
+
+@cache
+def _compiled(layout_file: str) -> Layout:
+    """Compile a layout file in JSON; boards of one process with equal layouts share the result."""
+    return compile_layout(LayoutFile.model_validate_json(layout_file))
 
 
 def _calibration(board: BoardFiles, array: Array, source: str) -> CalibrationFile | None:

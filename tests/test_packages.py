@@ -145,9 +145,10 @@ def test_both_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], t
     assert python("-c", script).split() == [own, "True", "True"]
 
 
-def test_the_unit_names_documents_that_the_install_brings(wheels: dict[str, Path]) -> None:
+@pytest.mark.parametrize("name", ["tactiled@.service", "tactiled.service"])
+def test_the_unit_names_documents_that_the_install_brings(wheels: dict[str, Path], name: str) -> None:
     installed = {name.partition(".data/data/")[2] for name in files_of(wheels["tactiled"])}
-    unit = (ROOT / "systemd/tactiled@.service").read_text()
+    unit = (ROOT / "systemd" / name).read_text()
     documents = re.findall(r"(?m)^Documentation=file:/opt/tactiled/(.*)$", unit)
     assert documents
     assert set(documents) <= installed  # pip of /opt/tactiled puts them where the unit says

@@ -120,7 +120,7 @@ def check_installation(root: Path = Path("/")) -> list[Finding]:
         ]
     return [
         _installed(
-            "systemd unit", root, _UNITS, "tactiled@.service",
+            "systemd unit", root, _UNITS, "tactiled*.service",
             f"for a daemon that starts with its board: sudo install -m 644 {unit} /etc/systemd/system/ "
             "&& sudo systemctl daemon-reload",
         ),

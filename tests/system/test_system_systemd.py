@@ -42,7 +42,8 @@ def container(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
 def install(container: Container) -> None:
     container.run("python3", "-m", "venv", "/opt/tactiled")
     upgrade(container, OLD)
-    shutil.copy(CHECKOUT / "systemd/tactiled@.service", container.root / UNITS)
+    for name in ("tactiled@.service", "tactiled.service"):
+        shutil.copy(CHECKOUT / "systemd" / name, container.root / UNITS)
     (container.root / "etc/sysusers.d").mkdir(exist_ok=True)
     shutil.copy(CHECKOUT / "systemd/tactiled.sysusers", container.root / "etc/sysusers.d/tactiled.conf")
     container.run("systemd-sysusers")
@@ -306,6 +307,46 @@ def test_two_instances_keep_their_own_directory(container: Container) -> None:
         assert not os.path.lexists(container.seen(f"/run/tactiled/{RIGHT}"))
         with listening(container, LEFT) as left:  # a new connection: the socket's file is still there
             until_fresh_scans(left)
+
+
+def test_one_unit_reads_all_boards_and_the_instances_are_skipped(container: Container) -> None:
+    for serial in PORTS:
+        (container.root / f"var/lib/tactiled/{serial}").mkdir(parents=True, exist_ok=True)
+        (container.root / f"etc/tactiled/{serial}.toml").write_text(
+            f'[port]\nurl = "/dev/tactiled-{serial}"\n[session]\nboard_serial = "{serial}"\n'
+        )
+    container.run("systemctl", "enable", "tactiled.service")
+    try:
+        with board(container, LEFT), board(container, RIGHT):
+            container.run("systemctl", "start", "tactiled.service")
+            with Subscription(f"ipc://{container.seen('/run/tactiled/all/events.ipc')}") as subscription:
+                missing = set(PORTS)
+
+                def is_last(item: Item) -> bool:
+                    if isinstance(item, Message) and item.topic == "scan":
+                        missing.discard(item.board)
+                    return not missing
+
+                until(subscription, is_last, "scans of both boards")
+            wait_until(
+                lambda: container.shown("tactiled.service", "StatusText") == ["2 of 2 boards fresh"],
+                "the line of status", PATIENCE_S,
+            )  # fmt: skip
+            container.run("systemctl", "start", unit())
+            assert container.shown(unit(), "ActiveState", "Result") == ["inactive", "success"]
+        wait_until(
+            lambda: container.shown("tactiled.service", "StatusText")[0].startswith("0 of 2 boards fresh"),
+            "the boards are gone", PATIENCE_S,
+        )  # fmt: skip
+        assert container.shown("tactiled.service", "ActiveState", "NRestarts") == ["active", "0"]
+    except BaseException:
+        print(container.journal("tactiled.service"))  # pytest shows it with the failure
+        raise
+    finally:
+        container.run("systemctl", "disable", "--now", "tactiled.service")
+        container.run("systemctl", "reset-failed")
+        for serial in PORTS:
+            configure(container, serial)
 
 
 def test_reload_takes_what_the_file_says_now(container: Container) -> None:

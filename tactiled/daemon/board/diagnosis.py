@@ -19,6 +19,7 @@ full buffer        frames are intact, sequence numbers are missing and no flag s
 import math
 from collections import Counter, deque
 from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -232,8 +233,13 @@ class LineWatch:
 
 def other_layouts(layout: Layout) -> dict[str, Layout]:
     """Load all shipped layouts except this one, by their names in board.protocol."""
-    layouts = {name: load_layout(name) for name in resources.shipped_names("protocols")}
-    return {name: other for name, other in layouts.items() if other.name != layout.name}
+    return {name: other for name, other in _shipped_layouts().items() if other.name != layout.name}
+
+
+@cache
+def _shipped_layouts() -> dict[str, Layout]:
+    """Layouts by name; every board of a process uses the same ones."""
+    return {name: load_layout(name) for name in resources.shipped_names("protocols")}
 
 
 def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:

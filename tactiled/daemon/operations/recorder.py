@@ -78,8 +78,9 @@ class Recorder:
         self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
-        self._thread.start()
-        self._started.wait(_START_S)
+        if self._is_on:  # without a place to record, it can never be switched on: no thread is needed
+            self._thread.start()
+            self._started.wait(_START_S)
 
     def __enter__(self) -> Self:
         return self
@@ -182,6 +183,8 @@ class Recorder:
 
     def close(self) -> None:
         """Finish the file; gives up after `_CLOSE_S` on a disk that does not respond."""
+        if self._thread.ident is None:
+            return  # it was never started
         self._ending.set()
         self._thread.join(_CLOSE_S)
         if self._thread.is_alive():

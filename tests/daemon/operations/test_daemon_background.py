@@ -64,6 +64,25 @@ def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
         until(lambda: not background.is_busy, "the endless job has ended")
 
 
+def test_boards_are_served_in_turn_and_of_each_the_newest_job_comes_first() -> None:
+    order: list[str] = []
+    with BackgroundWorker() as worker:
+        busy, calm = worker.queue(), worker.queue()
+        began, may_go_on = threading.Event(), threading.Event()
+
+        def first() -> None:
+            began.set()
+            assert may_go_on.wait(20)
+
+        busy.submit(first)
+        assert began.wait(20)
+        jobs = [busy.submit(lambda name=name: order.append(name)) for name in ("busy 1", "busy 2", "busy 3")]  # type: ignore[misc]
+        jobs += [calm.submit(lambda name=name: order.append(name)) for name in ("calm 1", "calm 2")]  # type: ignore[misc]
+        may_go_on.set()
+        until(lambda: not worker.is_busy, "all jobs are done")
+        assert order == ["calm 2", "busy 3", "calm 1", "busy 2", "busy 1"]
+
+
 def test_leaving_the_block_ends_a_running_job() -> None:
     with BackgroundWorker() as background:
         worker = background.queue()
