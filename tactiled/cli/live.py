@@ -65,8 +65,8 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
             )
             for number, setup in enumerate(setups)
         ]
-        # Everything up to here lives as long as the daemon. A collection that looks through it (80,000 objects,
-        # some 40 ms) would stop the event loop for as long.
+        # What was made until here lives as long as the daemon. A collection that looked through it (80,000
+        # objects, some 40 ms) would stop the event loop for as long.
         gc.collect()
         gc.freeze()
         code = run_service(boards)

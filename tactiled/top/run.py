@@ -96,10 +96,10 @@ def _print_once(views: BoardViews, as_json: bool) -> int:
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
     chosen, footer, footer_until_s = 0, _KEYS, 0.0
 
-    def command(do: str, **fields: Any) -> str:
+    def command(do: str, board: BoardView, **fields: Any) -> str:
         try:
             with Commander(endpoint, "tactiled top", keys=keys) as daemon:
-                reply = daemon.send(do, timeout_s=2.0, **fields)
+                reply = daemon.send(do, timeout_s=2.0, board=board.name, **fields)
         except OperatorError as error:
             return f" {do}: {error}"
         return f" {do}: done" if reply.ok else f" {do}: refused: {reply.reason}"
@@ -107,8 +107,8 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
     def act(key: str, board: BoardView) -> str:
         """Carry out the command of a key; return what became of it, "" where the key has none."""
         if key == "r":
-            return command("record", on=board.newest.get("recording", {}).get("state", "off") == "off")
-        return command(_COMMANDS[key][0], **_COMMANDS[key][1]) if key in _COMMANDS else ""
+            return command("record", board, on=board.newest.get("recording", {}).get("state", "off") == "off")
+        return command(_COMMANDS[key][0], board, **_COMMANDS[key][1]) if key in _COMMANDS else ""
 
     with _terminal() as (show, next_key):
         while True:

@@ -51,7 +51,7 @@ def record_live(
     with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
         feed = _Feed(subscription, report)
         info = feed.board(endpoint)
-        if warning := _warning_of_tare(endpoint, keys):
+        if warning := _warning_of_tare(endpoint, feed.serial, keys):
             report(warning)
         known_array = _array_of(info, array)
 
@@ -82,14 +82,15 @@ class _Feed:
     def __init__(self, subscription: Subscription, report: Report) -> None:
         self._subscription = subscription
         self._report = report
-        self._board = ""
+        self.serial = ""
+        """Serial number of the board; empty before it is found."""
 
     def board(self, endpoint: str) -> dict[str, Any]:
         """Wait for the daemon's description of its board."""
         until_s = time.monotonic() + _BOARD_S
         while (item := self._subscription.next_item(until_s)) is not None:
             if isinstance(item, Message) and item.topic == "info":
-                self._board = item.board
+                self.serial = item.board
                 return item.data
         raise DataError(
             f"no board at {endpoint} within {_BOARD_S:g} s; check the daemon (tactiled run) and the board "
@@ -102,7 +103,7 @@ class _Feed:
         scans = []
         while (item := self._subscription.next_item(until_s)) is not None:
             message = item.message if isinstance(item, Recovered) else item
-            if isinstance(message, Message) and (message.topic, message.board) == ("scan", self._board):
+            if isinstance(message, Message) and (message.topic, message.board) == ("scan", self.serial):
                 scans.append(_scan(message.data))
             elif isinstance(item, Stale):
                 self._report(f"stale: {item.reason}")
@@ -138,11 +139,11 @@ class _Feed:
         )
 
 
-def _warning_of_tare(endpoint: str, keys: Path | None) -> str:
+def _warning_of_tare(endpoint: str, board: str, keys: Path | None) -> str:
     """Warn of a tared daemon: it publishes untared scans, while its detectors use tared ones."""
     try:
         with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
-            is_tared = daemon.send("state").data["settings"]["tared"]
+            is_tared = daemon.send("state", board=board).data["settings"]["tared"]
     except OperatorError:
         return "the daemon does not answer requests: if it was tared, the proposed values do not apply"
     return (

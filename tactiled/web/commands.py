@@ -71,7 +71,10 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
         raise ValueError(f"no command {do!r}; there are: {', '.join(FIELDS)}")
     if not isinstance(fields, dict):
         raise ValueError("fields is not a JSON object")  # noqa: TRY004
-    checked: dict[str, Any] = {}
+    board = document.get("board", "")
+    if not isinstance(board, str):
+        raise ValueError(f"board is {board!r}, not a serial number")  # noqa: TRY004
+    checked: dict[str, Any] = {"board": board} if board else {}  # a daemon may read several boards
     for name, value in fields.items():
         kind = FIELDS[do].get(name)
         if kind is None:

@@ -106,6 +106,10 @@ def test_three_boards_in_one_process_and_one_unplugged(tmp_path: Path) -> None:
             assert not any(m.data["scans_missing"] for m in others if m.topic == "status")
             plug("TS0002")
             until(dict.fromkeys(SERIALS, "running"), 50)
+        mark = ("command", "mark", "text=here", "--endpoint", f"ipc://{tmp_path}/events.ipc")
+        done = run(*mark)
+        assert (done.returncode, "say which one is meant" in done.stderr) == (1, True)
+        assert run(*mark, "--board", "TS0003").returncode == 0
         daemon.send_signal(signal.SIGTERM)
         _, words = daemon.communicate(timeout=PATIENCE_S)
         assert daemon.returncode == 0, words

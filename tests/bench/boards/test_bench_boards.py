@@ -36,7 +36,7 @@ def verdicts(loads: list[Load]) -> list[str]:
     return [aim.measure(loads).verdict for aim in AIMS]
 
 
-def test_aims_are_met_by_a_straight_line_and_live_boards() -> None:
+def test_aims_are_met_by_live_boards_whose_cost_is_in_proportion() -> None:
     good = [load(n, 0.02 + 0.04 * n) for n in (1, 4, 16)] + [load(16, 0.9, 16)]
     assert verdicts(good) == ["met", "met", "met"]
     bent = [load(n, 0.003 * n**2) for n in (1, 4, 16)] + [load(16, 0.9, 16)]
