@@ -24,9 +24,10 @@ BENCHES = {
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
+    "web": "bench.web.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
-WITH_JSON = ("slip", "force", "texture", "sensors")
+WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 
 @click.command()
@@ -44,8 +45,8 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     detection latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
     random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the bound.
     texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model. sensors:
-    slides of six kinds of sensor in their own units, beside the
-    strongest line of a spectrum.
+    slides of six kinds of sensor in their own units, beside the strongest line of a spectrum. web: delays of
+    the live page in a browser, and what server and page cost.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

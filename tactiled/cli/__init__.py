@@ -10,7 +10,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `emulation`: emulate, demo
 - `analysis`: detect, tune
 - `viewers`: web, top
-- `upkeep`: check-config, doctor, keys, fit-material
+- `upkeep`: check-config, doctor, keys, fit-material, setup
 """
 
 from tactiled.cli.entry import cli, main, run_command

@@ -12,13 +12,22 @@ from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 
 @click.command()
 @click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture to write.")
-def demo(out: Path) -> None:
+@click.option("--web", "page", is_flag=True, help="Show the live page instead, until Ctrl-C.")
+@click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="Of the page.")
+@click.option("--no-browser", is_flag=True, help="With --web: only print the address.")
+def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
     """Run board emulator, daemon and subscriber for half a minute; print a table and write a picture.
 
     The exit code is 1 if an estimate is wrong or missing, or if this host is too slow for the test.
 
     Example: tactiled demo --out /tmp/demo.png
     """
+    if page:
+        need_extra("aiohttp", "web", "the page")
+        from tactiled.demo.page import run_page_demo
+
+        run_page_demo(port, opens=not no_browser)
+        return
     need_extra("matplotlib", "plot", "the picture of the demo")
     from tactiled.demo import run_demo
 

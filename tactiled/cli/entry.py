@@ -27,7 +27,7 @@ for verb in (
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune, calibration.calibrate,
     viewers.web, viewers.top,
-    upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material,
+    upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)
 

@@ -15,6 +15,7 @@ from tactiled.cli.options import (
     PORT,
     SPEED,
     need_board,
+    need_named,
     need_readable,
     need_toml,
 )
@@ -162,3 +163,45 @@ def fit_material(file: Path, level: float) -> None:
     fit = fit_material_file(file, level)
     click.echo(json.dumps(fit.as_map(), allow_nan=False))
     click.echo(fit.in_words(), err=True)
+
+
+@click.command()
+@click.argument("name", required=False)
+@PORT
+@click.option("--array", help="Array file of a board whose array does not ship.")
+@click.option(
+    "--tcp-port", default=9872, show_default=True, type=click.IntRange(1, 65534), help="Of its events."
+)
+@click.option("--dry-run", is_flag=True, help="Print what would be written and run.")
+@click.option("--remove", "removes", is_flag=True, help="Undo the setup of NAME.")
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path),
+    default=Path("/"),
+    help="Write below this folder, and run nothing.",
+)
+def setup(
+    name: str | None,
+    port: str | None,
+    array: str | None,
+    tcp_port: int,
+    dry_run: bool,
+    removes: bool,
+    root: Path,
+) -> None:
+    """Find the board, and write configuration, unit, user and udev rule of its service.
+
+    NAME is that of the instance, tactiled@NAME; by default the serial number of the adapter. Files that were
+    edited are kept. A second call changes nothing.
+
+    Example: sudo tactiled setup --dry-run
+    """
+    need_named(array, "config/arrays")
+    from tactiled.setup.run import run_remove, run_setup
+
+    if removes:
+        if name is None:
+            raise click.UsageError("--remove: say which NAME")
+        run_remove(name, root)
+        return
+    sys.exit(run_setup(name, port, array, tcp_port, root, dry_run=dry_run))

@@ -3,7 +3,8 @@
 import asyncio
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from tactiled.config import Setup
 from tactiled.daemon.board.diagnosis import frames_of, other_layouts
@@ -12,7 +13,7 @@ from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
-from tactiled.events.types import ScanEvent, StatusEvent
+from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
@@ -23,6 +24,7 @@ _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
 _TAIL_BYTES = 4096  # several hellos or dozens of scans of any layout
+_FIRST_SCANS = 3
 _SAME_RATE = 0.03  # relative; the window of 200 scans is not aligned to scans
 _SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms without
 _NOISY_PART = 0.01
@@ -39,6 +41,8 @@ class BoardObservation:
     """Instants of the scans, host monotonic seconds."""
     tail: bytes = b""
     """Last bytes that were received."""
+    first_scans: list[tuple[float, ...]] = field(default_factory=list)
+    """Readings of the first few scans, one for each channel."""
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
@@ -62,6 +66,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []
+    first_scans: list[tuple[float, ...]] = []
     found_streaming: list[bool] = []
     lost: list[str] = []
     tail = b""
@@ -72,16 +77,16 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
             link.sending(command, time.monotonic())
             port.write(encoder.encode(command))
 
+    def note(event: Event) -> None:
+        if isinstance(event, ScanEvent):
+            scans_s.append(event.time_s)
+            if len(first_scans) < _FIRST_SCANS:
+                first_scans.append(event.volts)
+
     def received(data: bytes) -> None:
         nonlocal tail
         tail = (tail + data)[-_TAIL_BYTES:]
-        send(
-            link.received(
-                data,
-                time.monotonic(),
-                lambda event: scans_s.append(event.time_s) if isinstance(event, ScanEvent) else None,
-            )
-        )
+        send(link.received(data, time.monotonic(), note))
         if session.hello is not None and not found_streaming:
             found_streaming.append(session.hello.streaming)
 
@@ -100,26 +105,44 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail)
+    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans)
 
 
 def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     health, status, hello = observed.health, observed.status, observed.hello
     findings = [_bytes(health, status)]
     if status.state == "fault" or (status.state != "running" and health.frames):
-        findings.append(split("board", status.reason, "fail"))
+        findings.append(replace(split("board", status.reason, "fail"), values=_identity(observed)))
     elif hello is not None and health.frames:
         identity = (
             f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, array {hello.array_id}"
         )
         findings.append(
-            Finding("board", "ok", f"{identity}, protocol {layout.name} {hello.protocol_version}")
+            Finding(
+                "board",
+                "ok",
+                f"{identity}, protocol {layout.name} {hello.protocol_version}",
+                values=_identity(observed),
+            )
         )
     if len(observed.scans_s) > 1 and hello is not None:
         findings += [_rate(observed.scans_s, hello.rate_hz), _clock(health)]
     if status.warning:
         findings.append(split("line quality", status.warning, "warn"))
     return findings
+
+
+def _identity(observed: BoardObservation) -> dict[str, Any]:
+    """Return what the board says of itself, and its first scans."""
+    hello = observed.hello
+    if hello is None:
+        return {}
+    return {
+        "board_serial": hello.board_serial,
+        "array_id": hello.array_id,
+        "rate_hz": hello.rate_hz,
+        "first_scans": observed.first_scans,
+    }
 
 
 def _bytes(health: Health, status: StatusEvent) -> Finding:
@@ -162,7 +185,13 @@ async def _search(setup: Setup, url: str, baud: int, received: bytes) -> list[Fi
     layouts = {setup.config.board.protocol: layout} | other_layouts(layout)
     if (name := frames_of(received, layouts)) is not None:
         return [
-            Finding("search", "fail", f"the board sends frames of {name}", f'set board.protocol = "{name}"')
+            Finding(
+                "search",
+                "fail",
+                f"the board sends frames of {name}",
+                f'set board.protocol = "{name}"',
+                {"protocol": name, "baud": 0},
+            )
         ]
     for other in (baud, *(rate for rate in _BAUDS if rate != baud)):
         data = bytearray()
@@ -179,7 +208,13 @@ async def _search(setup: Setup, url: str, baud: int, received: bytes) -> list[Fi
         if (name := frames_of(bytes(data), layouts)) is not None:
             found = f"the board sends frames of {name} at {other} baud"
             return [
-                Finding("search", "fail", found, f'set port.baud = {other} and board.protocol = "{name}"')
+                Finding(
+                    "search",
+                    "fail",
+                    found,
+                    f'set port.baud = {other} and board.protocol = "{name}"',
+                    {"protocol": name, "baud": other},
+                )
             ]
     return [Finding("search", "fail", f"no frame of {', '.join(layouts)} at any usual baud rate")]
 

@@ -17,7 +17,7 @@ from aiohttp import WSCloseCode, web
 
 from tactiled import __version__
 from tactiled.array import Array
-from tactiled.client import Client
+from tactiled.client import Subscription
 from tactiled.errors import UnavailableError
 from tactiled.web.browsers import FRAMES_PER_S, Browser
 from tactiled.web.commands import DaemonCommands, check_request
@@ -29,6 +29,7 @@ logger = logging.getLogger(__name__)
 
 STATIC = Path(__file__).parent / "static"
 MOST_BROWSERS = 64
+_MOST_ITEMS = 500  # of one endpoint in a frame, some 20 ms: more wait for the next frame
 _LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
 _LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
 _HEADERS = {
@@ -116,12 +117,15 @@ class PageServer:
                 ) from None
             host, port = runner.addresses[0][:2]
             ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
-            async with asyncio.TaskGroup() as tasks:
-                background = [tasks.create_task(self._listen(i)) for i in range(len(self._params.endpoints))]
-                background.append(tasks.create_task(self._flush()))
-                await stop.wait()
-                for task in background:
-                    task.cancel()
+            with contextlib.ExitStack() as stack:
+                subscriptions = [
+                    stack.enter_context(Subscription(endpoint, keys=self._params.keys))
+                    for endpoint in self._params.endpoints
+                ]
+                async with asyncio.TaskGroup() as tasks:
+                    flushing = tasks.create_task(self._flush(subscriptions))
+                    await stop.wait()
+                    flushing.cancel()
         finally:
             for socket in tuple(self._sockets):
                 with contextlib.suppress(TimeoutError):
@@ -131,16 +135,19 @@ class PageServer:
                 commands.close()
             await runner.cleanup()
 
-    async def _listen(self, source: int) -> None:
-        """Hand every item of one endpoint to the feed."""
-        async with Client(self._params.endpoints[source], keys=self._params.keys) as client:
-            async for item in client:
-                self._feed.take(source, item)
+    async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
+        """Send a frame to all browsers at the frame rate.
 
-    async def _flush(self) -> None:
-        """Send a frame to all browsers at the frame rate."""
+        What has arrived is read once for each frame: waiting for single messages in asyncio takes more
+        processor time, and no browser sees them earlier.
+        """
         while True:
             await asyncio.sleep(1 / FRAMES_PER_S)
+            for source, subscription in enumerate(subscriptions):
+                for _ in range(_MOST_ITEMS):
+                    if (item := subscription.next_item(0.0)) is None:
+                        break
+                    self._feed.take(source, item)
             frames = self._feed.frames(time.time(), time.monotonic())
             for browser in self._browsers:
                 browser.offer(frames)

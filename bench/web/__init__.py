@@ -1,0 +1,1 @@
+"""Cost and delays of the live page, measured in a browser."""

@@ -1,0 +1,1 @@
+"""``tactiled setup``: find a board, write what its service needs, and undo that."""

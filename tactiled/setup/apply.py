@@ -1,0 +1,110 @@
+"""Write the files of a plan, and remove them again; doing either twice changes nothing more."""
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+from tactiled.errors import OperatorError
+from tactiled.setup.plan import SetupPlan
+
+Say = Callable[[str], None]
+
+
+def write(plan: SetupPlan, root: Path, say: Say) -> None:
+    """Write what is missing. A file that differs is kept: somebody has edited it.
+
+    Raises
+    ------
+    OperatorError
+        A file cannot be written.
+    """
+    written = _read_manifest(root, plan.name)
+    for file in plan.files:
+        path = _under(root, file.path)
+        if path.exists() and path.read_text() == file.text:
+            say(f"unchanged  {file.path}")
+        elif path.exists() and _digest(path.read_text()) != written.get(file.path):
+            say(f"kept       {file.path}: it differs from the proposal, which --dry-run prints")
+            continue
+        else:
+            say(f"{'renewed ' if path.exists() else 'written '}   {file.path}")
+            _write(path, file.text)
+        written[file.path] = _digest(file.text)
+    _write(_under(root, plan.manifest), json.dumps(written, indent=1, sort_keys=True) + "\n")
+
+
+def remove(name: str, root: Path, say: Say) -> None:
+    """Remove what `write` wrote for a board, except for files that were edited since.
+
+    Files that all boards share go with the last board.
+
+    Raises
+    ------
+    OperatorError
+        Nothing was set up under this name, or a file cannot be removed.
+    """
+    manifest = _under(root, f"/etc/tactiled/{name}.setup.json")
+    written = _read_manifest(root, name)
+    if not manifest.exists():
+        known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
+        raise OperatorError(f"{name}: not set up here; set up: {', '.join(known) or 'nothing'}")
+    others: set[str] = set()
+    for path in manifest.parent.glob("*.setup.json"):
+        if path != manifest:
+            others |= _read_manifest(root, path.name.removesuffix(".setup.json")).keys()
+    for name_of_file, digest in sorted(written.items()):
+        path = _under(root, name_of_file)
+        if not path.exists():
+            continue
+        if name_of_file in others:
+            say(f"kept       {name_of_file}: another board needs it")
+        elif _digest(path.read_text()) != digest:
+            say(f"kept       {name_of_file}: it was edited")
+        else:
+            _unlink(path)
+            say(f"removed    {name_of_file}")
+    _unlink(manifest)
+
+
+def run_commands(commands: tuple[tuple[str, ...], ...], say: Say) -> None:
+    """Run commands of the system; one that fails is reported and does not stop the others."""
+    for command in commands:
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            words = "" if done.returncode == 0 else f": failed: {done.stderr.strip() or done.returncode}"
+        except (OSError, subprocess.TimeoutExpired) as error:
+            words = f": not run: {error}"
+        say(f"ran        {' '.join(command)}{words}")
+
+
+def _under(root: Path, path: str) -> Path:
+    return root / path.lstrip("/")
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _read_manifest(root: Path, name: str) -> dict[str, str]:
+    try:
+        found = json.loads(_under(root, f"/etc/tactiled/{name}.setup.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return {str(path): str(digest) for path, digest in found.items()} if isinstance(found, dict) else {}
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be written: {error.strerror}; run this with sudo") from None
+
+
+def _unlink(path: Path) -> None:
+    try:
+        path.unlink()
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be removed: {error.strerror}; run this with sudo") from None

@@ -1,0 +1,176 @@
+"""Commands, other origins and recordings in a real browser."""
+
+import functools
+import http.server
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pages import Robot, robot
+from playwright.sync_api import Page, expect
+
+from tactiled.client import Message, Subscription
+
+pytestmark = pytest.mark.system
+TOKEN = "0123456789abcdef"
+
+
+def commanding(live: Robot) -> str:
+    """Serve a page that may give commands; return its address without the token."""
+    token = live.folder / "token"
+    token.write_text(TOKEN)
+    return live.serve("--allow-commands", "--token-file", str(token)).partition("#")[0]
+
+
+def commands_of(subscription: Subscription, within_s: float) -> list[dict[str, Any]]:
+    until_s = time.monotonic() + within_s
+    found = []
+    while (item := subscription.next_item(until_s)) is not None:
+        if isinstance(item, Message) and item.topic == "command":
+            found.append(item.data)
+    return found
+
+
+def test_buttons_show_the_acknowledgement_or_the_reason(live: Robot, page: Page) -> None:
+    url = commanding(live)
+    with Subscription(live.endpoint, topics=("command",)) as subscription:
+        page.goto(f"{url}#token={TOKEN}")
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        assert TOKEN not in page.url  # not in the history, nor in a link that is copied
+        page.locator(".mark-text").fill("first touch")
+        page.get_by_role("button", name="Mark").click()
+        expect(page.locator(".reply")).to_have_attribute("data-ok", "true")
+        expect(page.locator(".events .list")).to_contain_text("mark: first touch")
+        page.get_by_role("button", name="Inhibit").click()
+        expect(page.locator(".reply")).to_contain_text("Inhibit 0.5 s: done")
+        page.locator("input.speed").fill("5000")
+        page.get_by_role("button", name="Speed").click()
+        expect(page.locator(".reply")).to_contain_text("refused")
+        expect(page.locator(".reply")).to_contain_text("1000")  # the limit, in the words of the daemon
+        given = commands_of(subscription, 1.0)
+    assert [(row["command"], row["ok"]) for row in given][:2] == [("mark", True), ("inhibit", True)]
+    assert all(row["who"] == "web page" for row in given)
+
+
+@pytest.mark.parametrize("fragment", ["", "#token=0123456789abcdeX"])
+def test_without_the_token_there_are_no_buttons(live: Robot, page: Page, fragment: str) -> None:
+    page.goto(commanding(live) + fragment)
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+    assert not page.locator(".commands").is_visible()
+    status = page.evaluate(
+        "fetch('/api/command', {method: 'POST', headers: {'Content-Type': 'application/json'},"
+        " body: JSON.stringify({do: 'mark', fields: {text: 'x'}})}).then(r => r.status)"
+    )
+    assert status == 403
+
+
+@contextmanager
+def other_origin(folder: Path) -> Iterator[str]:
+    """A server of somebody else on the same host."""
+    (folder / "index.html").write_text("<!doctype html><title>other</title>")
+    handler = functools.partial(QuietHandler, directory=str(folder))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_address[1]}/"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+ATTACKS = """async ([url, token]) => {
+  const body = JSON.stringify({do: 'mark', fields: {text: 'from elsewhere'}}), results = [];
+  const tries = [
+    {method: 'POST', body},
+    {method: 'POST', body, mode: 'no-cors'},
+    {method: 'POST', body, headers: {'Content-Type': 'application/json', Authorization: `Bearer ${token}`}},
+    {method: 'POST', body, headers: {'Content-Type': 'application/json'}, credentials: 'include'},
+  ];
+  for (const options of tries) {
+    try { results.push((await fetch(url + 'api/command', options)).status); }
+    catch { results.push('blocked'); }
+  }
+  results.push(await new Promise((done) => {
+    const socket = new WebSocket(url.replace('http', 'ws') + 'api/live');
+    socket.onmessage = () => done('read');
+    socket.onerror = () => done('blocked');
+  }));
+  return results;
+}"""
+
+
+def test_a_page_of_another_origin_cannot_command_or_read_even_with_the_token(
+    live: Robot, page: Page, tmp_path: Path
+) -> None:
+    url = commanding(live)
+    (tmp_path / "other").mkdir()
+    with (
+        Subscription(live.endpoint, topics=("command",)) as subscription,
+        other_origin(tmp_path / "other") as other,
+    ):
+        page.goto(f"{url}#token={TOKEN}")
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        page.goto(other)
+        assert page.evaluate(ATTACKS, [url, TOKEN]) == ["blocked"] * 5
+        assert commands_of(subscription, 1.0) == []
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded slide of the scene `prescribed`."""
+    folder = tmp_path_factory.mktemp("recording")
+    path = folder / "slide.mcap"
+    with robot(folder) as made:
+        made.start("daemon", "run", "--config", str(made.config), "--record", str(path))
+        with Subscription(made.endpoint, topics=("slip",)) as subscription:
+            made.plug("prescribed")
+            until_s = time.monotonic() + 60
+            while not isinstance(item := subscription.next_item(until_s), Message):
+                assert item is not None
+            time.sleep(2.0)
+        made.stop("board")
+        made.stop("daemon")
+    return path
+
+
+def test_a_recording_plays_seeks_and_has_links_to_instants(
+    recording: Path, page: Page, tmp_path: Path
+) -> None:
+    with robot(tmp_path) as made:
+        url = made.serve("--file", str(recording), events=False)
+        page.goto(url)
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
+        assert page.locator(".lamp .word").inner_text() == "REPLAY"
+        page.locator("#speed").select_option("10")
+        page.locator("#play").click()
+        expect(page.locator("li[data-topic=slip]").first).to_be_visible()
+        expect(page.locator("#play")).to_have_attribute("aria-label", "Play")  # it has ended
+        page.locator("body").press("Home")
+        expect(page.locator("li[data-topic=slip]")).to_have_count(0)
+        page.locator("body").press("ArrowRight")
+        expect(page.locator("#clock")).to_contain_text("1.00 /")
+        page.locator("#copy").click()
+        expect(page.locator("#copy")).not_to_have_text("Copy link")
+        assert page.url.endswith("#at=1.000")
+        page.goto(f"{url}#at=2.5")
+        expect(page.locator("#clock")).to_contain_text("2.50 /")
+        assert page.evaluate("fetch('/api/replay?from=0&to=1e9').then(r => r.status)") == 400
+
+
+def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "no.mcap").write_bytes(b"nothing")
+    with robot(tmp_path) as made:
+        made.start("web", "web", "--file", str(tmp_path / "no.mcap"), "--port", "0")
+        assert made.wait("web") == 2
+        assert made.words("web").splitlines()[-1].startswith("tactiled: ")
+        assert "Traceback" not in made.words("web")
