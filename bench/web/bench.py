@@ -214,8 +214,8 @@ def bench_web(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     about = (
         f"Scene {SCENE}, 36 channels at 100 Hz, grip messages on. {len(measured.lamp_s)} unplugs, "
         f"{len(measured.slip_s)} slips; memory watched for {measured.watched_s:.0f} s. All processes of "
-        f"Chromium, which draws without a graphics card: {100 * measured.tab_part:.0f} % of a core. Load of this "
-        f"host at the end: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors."
+        f"Chromium, which draws without a graphics card: {100 * measured.tab_part:.0f} % of a core. Load of "
+        f"this host at the end: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors."
     )
     return BenchReport((about, table(rows), aims_table(AIMS, {"measured": measured})), measured)
 
