@@ -13,12 +13,15 @@ import numpy as np
 
 from bench.force.score import (
     METHODS,
+    RIDGES,
     Case,
     ForceScore,
     HoldScore,
+    MagnetScore,
     hold_for_an_hour,
     rig_for,
     score,
+    score_magnets,
     study_of,
 )
 from bench.pool import workers
@@ -39,9 +42,10 @@ from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
 REPORTED_FROM = 1_000
-N_WORLDS, N_QUICK = 16, 4
+N_WORLDS, N_QUICK = 12, 4
 MAIN = Case()
 SHORT, SHARES, CREEPING = Case(seconds=15.0), Case(motion="walk"), Case(creep=4.0)
+BARE = Case(moments=False)
 HARD = (SHORT, SHARES, CREEPING)
 TIMES_S = (10.0, 15.0, 30.0, 60.0, 120.0, 300.0)
 QUICK_S = (15.0, 60.0)
@@ -54,6 +58,7 @@ class ForceFound:
 
     scores: list[ForceScore]
     holds: list[HoldScore]
+    magnets: list[MagnetScore]
     cost_us: float
 
     def of(self, case: Case) -> list[ForceScore]:
@@ -64,15 +69,16 @@ class ForceFound:
 def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Errors, intervals, holds and cost over drawn rigs.
 
-    Quick: 4 rigs instead of 16, calibrated for 15 and 60 s.
+    Quick: 4 rigs instead of 12, calibrated for 15 and 60 s.
     """
     n = N_QUICK if options.quick else N_WORLDS
     times_s = QUICK_S if options.quick else TIMES_S
-    cases = list(dict.fromkeys([*(Case(seconds=s) for s in times_s), *HARD]))
+    cases = list(dict.fromkeys([*(Case(seconds=s) for s in times_s), *HARD, BARE]))
     seeds = range(REPORTED_FROM, REPORTED_FROM + n)
-    progress.begin(n * (len(cases) + 1))
+    progress.begin(n * (len(cases) + 2))
     scores: list[ForceScore] = []
     holds: list[HoldScore] = []
+    magnets: list[MagnetScore] = []
     with workers() as pool:
         jobs = [(seed, case) for seed in seeds for case in cases]
         for one in pool.map(_score, jobs):
@@ -81,12 +87,21 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         for held in pool.map(_hold, seeds):
             holds.append(held)
             progress.advance("hold of an hour")
-    found = ForceFound(scores, holds, _cost_us())
+        for skin in pool.map(score_magnets, seeds):
+            magnets.append(skin)
+            progress.advance("magnetometers")
+    return report(ForceFound(scores, holds, magnets, _cost_us()), cases, n)
+
+
+def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
+    """Put what was measured on `n` rigs into words."""
+    plain = [case for case in cases if case == Case(seconds=case.seconds)]
+    durations = sorted(plain, key=lambda case: case.seconds)
 
     def draw(path: Path) -> None:
         from bench.force.picture import draw_force  # matplotlib is an extra
 
-        draw_force(path, scores, [Case(seconds=s) for s in times_s])
+        draw_force(path, found.scores, durations)
 
     return BenchReport(
         [
@@ -104,9 +119,12 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             table(_intervals(case, found) for case in cases),
             "A hold of 15 N for an hour; the skin warms by 10 K within 31 minutes, and the sensitivity "
             "changes by 0.1 to 0.5 % a kelvin.",
-            table(_hold_row(one) for one in holds),
+            table(_hold_row(one) for one in found.holds),
+            "Skins over five magnetometers, drawn at random, calibrated by 60 s of wandering presses and "
+            "scored on holds. Ridge: on readings and squares.",
+            table(_magnet_row(one) for one in found.magnets),
         ],
-        numbers={"scores": scores, "holds": holds, "cost_us": found.cost_us},
+        numbers=found,
         draw=draw,
     )
 
@@ -122,7 +140,7 @@ def _hold(seed: int) -> HoldScore:
 def _cost_us() -> float:
     """Processor time of a scan, handed over one by one, median of five runs."""
     rig, run, tests = rig_for(REPORTED_FROM, SHORT)
-    estimator = ForceEstimator(rig.array, study_of(rig, run).file)
+    estimator = ForceEstimator(rig.array, study_of(rig, run, SHORT).file)
     block = regular_block(tests[0].readings[:_COST_SCANS], 100.0)
     blocks = [block[k : k + 1] for k in range(len(block))]
     spent = []
@@ -178,6 +196,17 @@ def _hold_row(one: HoldScore) -> dict[str, str]:
     }
 
 
+def _magnet_row(one: MagnetScore) -> dict[str, str]:
+    return {
+        "seed": f"{one.seed}",
+        "normal": f"{100 * one.tactiled[0]:.2f} %",
+        "normal, ridge": f"{100 * one.ridge[0]:.2f} %",
+        "shear": f"{100 * one.tactiled[1]:.2f} %",
+        "shear, ridge": f"{100 * one.ridge[1]:.2f} %",
+        "90 % intervals hold": f"{100 * one.inside:.0f} %",
+    }
+
+
 def _wins_by_half(case: Case) -> Aim[ForceFound]:
     def measure(found: ForceFound) -> Reading:
         some = found.of(case)
@@ -185,12 +214,13 @@ def _wins_by_half(case: Case) -> Aim[ForceFound]:
             return Reading(NONE, "open")
         words, met = [], True
         for kind in ("normal", "shear"):
-            ours, ridge = pooled(some, kind, "tactiled"), pooled(some, kind, "ridge, all terms")
+            ours = pooled(some, kind, "tactiled")
+            ridge = min(pooled(some, kind, method) for method in RIDGES)
             words.append(f"{kind} {ours / ridge:.2f}")
             met &= ours <= 0.5 * ridge
         return judge(", ".join(words), met)
 
-    return Aim(f"error over that of ridge: {case}", "at most 0.5", measure)
+    return Aim(f"error over that of the better ridge: {case}", "at most 0.5", measure)
 
 
 def _coverage(found: ForceFound) -> Reading:
@@ -209,6 +239,7 @@ def _no_worse(found: ForceFound) -> Reading:
         or one.shear["tactiled"] > one.shear["ridge with squares"]
         for one in found.scores
     ]
+    worse += [any(np.greater(one.tactiled, one.ridge)) for one in found.magnets]
     return judge(f"{sum(worse)} of {len(worse)} calibrations", not any(worse))
 
 

@@ -15,11 +15,12 @@ from tactiled.force.calibration import CalibrationFile, load_calibration
 from tactiled.force.estimator import ForceEstimator
 from tactiled.samples.block import regular_block
 
-ARRAY = "wang2019-3x3"
+ARRAY, MAGNETS = "wang2019-3x3", "magnetometers-5"
 SHEAR_N = 0.6 * LARGEST_N
 """Range of the shear: friction times the range of the normal force."""
 Z90 = 1.645
 TEST_S = 30.0  # of each of two motions: holds, and presses that wander over the array
+RIDGES = ("ridge, all terms", "ridge with squares")
 METHODS = ("tactiled", "ridge, all terms", "ridge with squares", "linear map", "published")
 _HOLD_S, _HOLD_HZ, _HOLD_N = 3600.0, 10.0, 15.0
 _WARMED_K, _WARMED_S = 10.0, 1800.0
@@ -35,15 +36,19 @@ class Case:
     seconds : float
     creep : float
         Times the drawn creep.
+    moments : bool
+        Whether the reference has moments.
     """
 
     motion: Motion = "press"
     seconds: float = 60.0
     creep: float = 1.0
+    moments: bool = True
 
     def __str__(self) -> str:
         words = {"press": "press", "walk": "shares change", "hold": "hold", "flat": "flat"}[self.motion]
-        return f"{words}, {self.seconds:g} s" + (f", {self.creep:g} x creep" if self.creep != 1 else "")
+        extra = f", {self.creep:g} x creep" if self.creep != 1 else ""
+        return f"{words}, {self.seconds:g} s{extra}" + ("" if self.moments else ", no moments")
 
 
 @dataclass(frozen=True)
@@ -100,6 +105,25 @@ class HoldScore:
     sd_n: float
 
 
+@dataclass(frozen=True)
+class MagnetScore:
+    """A skin over five magnetometers.
+
+    Attributes
+    ----------
+    seed : int
+    tactiled, ridge : tuple of float
+        Rms errors of normal force and shear over their ranges; ridge regression with squares beside.
+    inside : float
+        Part of the 90 % intervals that hold the truth.
+    """
+
+    seed: int
+    tactiled: tuple[float, float]
+    ridge: tuple[float, float]
+    inside: float
+
+
 def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
     """Draw a rig, its calibration run and its test runs."""
     rig, rng = draw_rig(load_array(ARRAY), seed)
@@ -108,20 +132,24 @@ def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
     return rig, rig.run(case.motion, case.seconds, rng), tests
 
 
-def study_of(rig: Rig, run: RigRun) -> CalibrationStudy:
+def study_of(rig: Rig, run: RigRun, case: Case) -> CalibrationStudy:
     """Calibrate as `tactiled calibrate` does."""
-    return calibrate(rig.array, run.loads.time_s, run.readings, table_of(run), Identity("rig"))
+    table = table_of(run, case)
+    return calibrate(rig.array, run.loads.time_s, run.readings, table, Identity("rig"))
 
 
-def table_of(run: RigRun) -> ReferenceTable:
+def table_of(run: RigRun, case: Case) -> ReferenceTable:
     """Record of the force sensor."""
-    return ReferenceTable(run.reference_s, run.reference, np.full(len(run.reference_s), NO_TAXEL))
+    values = run.reference.copy()
+    if not case.moments:
+        values[:, 3:] = np.nan
+    return ReferenceTable(run.reference_s, values, np.full(len(values), NO_TAXEL))
 
 
 def score(seed: int, case: Case) -> ForceScore:
     """Calibrate and score."""
     rig, run, tests = rig_for(seed, case)
-    found = study_of(rig, run)
+    found = study_of(rig, run, case)
     # Forces are those in the axes of the reference, which the calibration cannot tell from the array's.
     truth = [rig.reference.seen(test.loads.wrench(rig.array)) for test in tests]
     normal, shear = {}, {}
@@ -135,10 +163,10 @@ def score(seed: int, case: Case) -> ForceScore:
         ("ridge with squares", PLAIN),
         ("linear map", Terms(squares=False)),
     ):
-        predicted, binned = _ridge(rig, run, tests, found, terms)
+        predicted, binned = _ridge(rig, run, tests, found, terms, case)
         averaged = [_binned(t, size) for t, size in zip(truth, binned, strict=True)]
         normal[name], shear[name] = _rms(predicted, averaged)
-    bound = _bound(rig, run, tests, found)
+    bound = _bound(rig, run, tests, found, case)
     force = np.concatenate([o[0] for o in ours])
     sd = np.concatenate([o[1] for o in ours])
     true = np.concatenate(truth)[:, :3]
@@ -185,19 +213,21 @@ def _centre_error(array: Array, centres: list[FloatArray], tests: list[RigRun]) 
     return float(np.sqrt(np.concatenate(errors).mean()))
 
 
-def _aligned(rig: Rig, run: RigRun, found: CalibrationStudy) -> tuple[BinnedLog, AlignedReference, float]:
+def _aligned(
+    rig: Rig, run: RigRun, found: CalibrationStudy, case: Case
+) -> tuple[BinnedLog, AlignedReference, float]:
     """Log and reference of a calibration, and their offset as the study found it."""
     log = bin_log(run.loads.time_s, run.readings, rig.array)
-    table = table_of(run)
+    table = table_of(run, case)
     late_s = found.late_s + float(run.loads.time_s[0] - table.time_s[0])
     return log, AlignedReference(table, log), late_s
 
 
 def _ridge(
-    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: Terms
+    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: Terms, case: Case
 ) -> tuple[list[FloatArray], list[int]]:
     """Forces of the test runs in bins, by ridge regression with the clocks that the study found."""
-    log, _, _ = _aligned(rig, run, found)
+    log, _, _ = _aligned(rig, run, found, case)
     rows = np.isin(np.round(log.middle_s, 6), np.round(found.time_s, 6))
     outputs = np.zeros((len(log), 6))
     outputs[rows] = found.reference
@@ -215,18 +245,18 @@ def _binned(rows: FloatArray, size: int) -> FloatArray:
     return np.asarray(rows[: n * size].reshape(n, size, -1).mean(axis=1))
 
 
-def _bound(rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy) -> tuple[float, float]:
+def _bound(
+    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, case: Case
+) -> tuple[float, float]:
     """Cramer-Rao bound of the rms errors over the test runs: white noise alone, the model right, with priors.
 
     The information of the physical parameters is that which remains when weights are eliminated; the error of
     a force is that of the weights, and that of the physical parameters with the weights that follow them.
     """
-    if found.file.pairs is None:
+    if found.pairs is None:
         return float("nan"), float("nan")
-    log, reference, late_s = _aligned(rig, run, found)
-    rows = reference.inside(late_s, 0.0)
-    fitter = PairsFitter(rig.array, log, reference, late_s, rows)
-    fit = fitter.fit()
+    fitter, fit = found.pairs
+    log, reference, late_s = _aligned(rig, run, found, case)
     samples = max(log.step_s / reference.sample_s, 1.0)
     readings = np.array([*found.file.uncertainty.n_per_unit, 0.0, 0.0, 0.0]) * float(np.median(log.noise))
     readings[3:] = readings[2] * float(np.hypot(np.ptp(rig.array.x_mm), np.ptp(rig.array.y_mm))) / 4
@@ -269,10 +299,28 @@ def _bound(rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy) 
     return float(fz / LARGEST_N), float(np.hypot(fx, fy) / np.sqrt(2) / SHEAR_N)
 
 
+def score_magnets(seed: int) -> MagnetScore:
+    """Calibrate a drawn magnetometer skin by a minute of wandering presses, and score it on holds."""
+    rig, rng = draw_rig(load_array(MAGNETS), seed)
+    test, run = rig.run("hold", TEST_S, rng), rig.run("walk", 60.0, rng)
+    case = Case(motion="walk")
+    found = study_of(rig, run, case)
+    truth = [rig.reference.seen(test.loads.wrench(rig.array))]
+    zero = np.median(test.readings[:30], axis=0)  # as the array file says: the first 0.3 s
+    force, sd, _ = _estimated(rig.array, found.file, test.readings - zero)
+    predicted, (size,) = _ridge(rig, run, [test], found, PLAIN, case)
+    averaged = [_binned(truth[0], size)]
+    # Both are averaged over the same bins: the noise of single scans would hide the difference.
+    ours, ridge = _rms([_binned(force, size)], averaged), _rms(predicted, averaged)
+    pressed = truth[0][:, 2] > 0.02 * LARGEST_N
+    inside = float((np.abs(force - truth[0][:, :3]) < Z90 * sd)[pressed].mean())
+    return MagnetScore(seed, ours, ridge, inside)
+
+
 def hold_for_an_hour(seed: int, case: Case) -> HoldScore:
     """Hold 15 N for an hour while the object warms the skin by 10 K, with a calibration of a minute."""
     rig, run, _ = rig_for(seed, case)
-    found = study_of(rig, run)
+    found = study_of(rig, run, case)
     n = round(_HOLD_S * _HOLD_HZ)
     time_s = np.arange(n) / _HOLD_HZ
     share = rig.sensor.stiffness / rig.sensor.stiffness.sum()

@@ -25,7 +25,7 @@ from tactiled.force.calibration import (
 
 N_STAGES = 6
 # A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
-_PREFERENCE = 1.1
+_PREFERENCE = 2.0
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
 
 
@@ -85,6 +85,8 @@ class CalibrationStudy:
     sd: FloatArray
     baseline: FloatArray
     used: list[int]
+    pairs: tuple[PairsFitter, PairsFit] | None
+    """Fit of the model of pairs, where the array allows it."""
 
     @property
     def rms(self) -> FloatArray:
@@ -135,9 +137,11 @@ def calibrate(
     used = reference.outputs
     candidates: dict[str, Candidate] = {}
     drift = 0.0
+    pairs: tuple[PairsFitter, PairsFit] | None = None
     if has_pairs(array) and "pairs" in models:
         fitter = PairsFitter(array, log, reference, late_s, rows)
         fit = fitter.fit(reached)
+        pairs = (fitter, fit)
         late_s, drift = late_s + fit.physics["late_s"], fit.physics["drift"]
         candidates["pairs"] = _pairs_candidate(fit, log, used)
     outputs = reference.means(late_s, drift)
@@ -159,9 +163,8 @@ def calibrate(
     for axis in range(3):
         if axis in used:
             sd[:, axis] = np.sqrt(axes[axis].variance(best.features, forces[:, axis], forces[:, 2]))
-    file = _file(
-        array, identity, log, rows, best, axes, used, shown, plain, fitter if name == "pairs" else None
-    )
+    chosen_fitter = pairs[0] if pairs is not None and name == "pairs" else None
+    file = _file(array, identity, log, rows, best, axes, used, shown, plain, chosen_fitter)
     words = verdict(
         array, file, best.features, best.weights, [axis.covariance for axis in axes], used, shown, name
     )
@@ -176,6 +179,7 @@ def calibrate(
         sd=sd,
         baseline=np.sqrt((plain.left_out[rows] ** 2).mean(axis=0)),
         used=used,
+        pairs=pairs,
     )
 
 

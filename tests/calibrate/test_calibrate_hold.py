@@ -31,7 +31,7 @@ def played(scene: Scene, time_s: np.ndarray) -> np.ndarray:
     """Readings (n, channels) of an emulated board."""
     sensor = sensor_of(scene)
     counts = [sensor.counts(100 * k, part) for k, part in enumerate(instants(time_s))]
-    return np.concatenate(counts) * (ADC_V / 2**BITS)
+    return np.asarray(np.concatenate(counts) * (ADC_V / 2**BITS))
 
 
 def presses() -> Scene:
