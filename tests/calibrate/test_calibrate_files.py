@@ -1,0 +1,118 @@
+"""Files of a calibration: from an emulated rig to forces, and what is said of bad ones."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tactiled.calibrate.files import read_log, read_reference
+from tactiled.cli.entry import cli
+from tactiled.errors import ConfigError, DataError
+from tactiled.force.calibration import load_calibration, save_calibration, to_toml
+from tactiled.plots.calibration import draw_calibration
+
+GOOD = "time_s,fz_n\n" + "".join(f"{0.1 * k:.1f},{k % 7}\n" for k in range(40))
+
+
+def test_from_an_emulated_rig_to_forces(tmp_path: Path) -> None:
+    rig, mine = tmp_path / "rig", tmp_path / "mine.toml"
+    runner = CliRunner()
+    assert runner.invoke(cli, ["emulate", "--rig", str(rig), "--seed", "3", "--rig-s", "25"]).exit_code == 0
+    found = runner.invoke(
+        cli,
+        ["calibrate", f"{rig}/log.npz", "--reference", f"{rig}/reference.csv", "-o", str(mine), "--plot",
+         str(tmp_path / "mine.png")],
+    )  # fmt: skip
+    assert found.exit_code == 0, found.output
+    numbers = json.loads(found.stdout)
+    assert numbers["model"] == "pairs"
+    assert numbers["rms"]["fz_n"] < numbers["rms_of_ridge_with_squares"]["fz_n"]
+    assert "clock of the reference" in found.stderr
+    assert (tmp_path / "mine.png").stat().st_size > 10_000
+    detected = runner.invoke(
+        cli,
+        ["detect", f"{rig}/test.npz", "--calibration", str(mine), "--only", "force", "--force-hz", "2"],
+    )
+    lines = [json.loads(line) for line in detected.stdout.splitlines()]
+    assert len(lines) == 120
+    assert {line["calibration"] for line in lines} == {"mine"}
+    assert max(line["fz_n"] for line in lines) > 5.0
+
+
+def test_a_calibration_needs_a_reference_or_the_guide(tmp_path: Path) -> None:
+    (tmp_path / "log.npz").touch()
+    said = CliRunner().invoke(cli, ["calibrate", str(tmp_path / "log.npz")])
+    assert said.exit_code == 2
+    assert "--guide" in said.output
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("t,fz\n1,2\n", "the header needs time_s"),
+        (GOOD.replace("0.3,3", "0.3,3,1"), "has 3 cells"),
+        (GOOD.replace("0.3,3", "0.3,three"), "'three' is not a number"),
+        (GOOD.replace("0.3,3", "0.9,3"), "does not grow"),
+        ("time_s,fz_n\n1.0,2\n", "at least 20"),
+        ("time_s,fz_n,taxel\n" + "".join(f"{k},1,12\n" for k in range(30)), "taxel 12 does not exist"),
+    ],
+)
+def test_a_bad_reference_is_refused_with_its_line(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "ft.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=says):
+        read_reference(path, 9)
+
+
+def test_rows_with_holes_are_left_out_and_missing_columns_stay_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "ft.csv"
+    path.write_text(GOOD.replace("0.3,3\n", "0.3,\n"))
+    table = read_reference(path, 9)
+    assert len(table.time_s) == 39
+    assert table.outputs == [2]
+
+
+def test_a_log_of_another_array_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time_s=np.arange(50) / 100, volts=np.zeros((50, 5)))
+    with pytest.raises(DataError, match="5 channels"):
+        read_log(tmp_path / "log.npz")
+    with pytest.raises(DataError, match="unknown file type"):
+        read_log(tmp_path / "log.txt")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"largest_reading": [1.0]}, "largest_reading has 1"),
+        ({"pairs": None}, "one of the tables"),
+        ({"surplus": 1}, "unknown key"),
+        ({"axes": []}, "axes"),
+        ({"version": 2}, "version"),
+    ],
+)
+def test_a_file_with_faults_is_refused(tmp_path: Path, change: dict[str, object], says: str) -> None:
+    document = load_calibration("wang2019-3x3").model_dump(exclude_none=True) | change
+    path = tmp_path / "broken.toml"
+    path.write_text(to_toml({k: v for k, v in document.items() if v is not None}))
+    with pytest.raises(ConfigError, match=says):
+        load_calibration(str(path))
+
+
+def test_strings_and_numbers_survive_the_file(tmp_path: Path) -> None:
+    words = ['a "quoted" word', "back\\slash", "über"]
+    file = load_calibration("wang2019-3x3").model_copy(update={"verdict": words, "temperature_c": -3.5})
+    save_calibration(tmp_path / "again.toml", file)
+    again = load_calibration(str(tmp_path / "again.toml"))
+    assert again.verdict == words
+    assert again.temperature_c == -3.5
+    assert again.pairs == file.pairs
+
+
+def test_the_picture_shows_only_known_axes(tmp_path: Path) -> None:
+    n = 200
+    draw_calibration(
+        tmp_path / "one.png", np.arange(n) / 25, np.ones((n, 6)), np.zeros((n, 6)), np.ones((n, 3)), [2], "x"
+    )
+    assert (tmp_path / "one.png").exists()
