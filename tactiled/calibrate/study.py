@@ -308,6 +308,7 @@ def _file(
             floor_n=[float(np.hypot(axis.floor_n, live[k])) for k, axis in enumerate(axes)],
             own=[axis.own for axis in axes],
             of_normal=[axis.of_normal for axis in axes],
+            noise=float(np.median(log.noise)),
             zero_sd=float(np.median(log.noise)) / np.sqrt(50.0),  # a tare averages 50 scans
             n_per_unit=sensitivity.tolist(),
         ),

@@ -80,6 +80,7 @@ class Uncertainty(Params):
     floor_n: list[float] = Field(min_length=3, max_length=3, description="of fx, fy, fz, at any load")
     own: list[float] = Field(min_length=3, max_length=3, description="part of the component itself")
     of_normal: list[float] = Field(min_length=3, max_length=3, description="part of the normal force")
+    noise: float = Field(default=0.0, ge=0, description="of a reading of one scan, in the unit of the array")
     zero_sd: float = Field(default=0.0, ge=0, description="of the zero of a channel after a tare, in unit")
     n_per_unit: list[float] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="change of fx, fy, fz by the zero"

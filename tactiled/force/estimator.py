@@ -89,7 +89,7 @@ class ForceEstimator:
         self._array = array
         self._largest = np.maximum(np.array(file.largest_reading), 1e-12)
         uncertainty = file.uncertainty
-        self._zero = DriftZero(array, self._largest, uncertainty.zero_sd)
+        self._zero = DriftZero(array, self._largest, uncertainty.noise, uncertainty.zero_sd)
         self._name = "nominal" if file.nominal else file.name
         self._known = [axis in file.axes for axis in AXES]
         rows = [self._model.weights]

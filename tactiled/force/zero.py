@@ -16,6 +16,9 @@ _FASTEST_DRIFT_PER_S = 2e-4
 _FOLLOW_S = 2.0  # averaging time of the zero: noise falls to a twentieth at 100 Hz
 _HOLD_BACK_S = 1.0  # a contact begins before it is noticed: the zero of so long ago is used from then on
 _SNAPSHOTS = 4  # within the time above
+# A contact is over where all channels stay below this part of its largest reading, and below what drift can
+# have made of the zero meanwhile. A touch that goes on with less than that is taken for drift.
+_LEFT = 0.02
 # Random walk of the zero while it cannot be followed, part of the largest calibrated reading per root second:
 # 0.1 % in an hour, as of a divider with resistors of 100 ppm/K in a room that changes by 10 K.
 _WALK_PER_ROOT_S = 1.7e-5
@@ -29,8 +32,8 @@ class DriftZero:
     array : Array
     largest : (channels,) float64
         Largest reading of each channel in the calibration; the scale of drift.
-    sd : float
-        Standard deviation of the zero after a tare, in the unit of the array.
+    noise, sd : float
+        Standard deviations of a reading, and of the zero after a tare, in the unit of the array.
 
     Attributes
     ----------
@@ -42,9 +45,9 @@ class DriftZero:
         Time since the zero was last followed.
     """
 
-    def __init__(self, array: Array, largest: FloatArray, sd: float) -> None:
+    def __init__(self, array: Array, largest: FloatArray, noise: float, sd: float) -> None:
         self._scale = float(np.median(largest)) or array.full_scale
-        self._level = max(_QUIET_NOISES * sd * np.sqrt(2), _LEAST_QUIET * self._scale)
+        self._level = max(_QUIET_NOISES * noise, _LEAST_QUIET * self._scale)
         self._sd = sd
         self._n = array.n_channels
         self.reset()
@@ -56,27 +59,39 @@ class DriftZero:
         self.touched_s = 0.0
         self._snapshots = deque([self.offset.copy()], maxlen=_SNAPSHOTS)
         self._since_s = 0.0
+        self._margin = 0.0
+        self._peak = self._calm_s = 0.0
 
     def step(self, readings: FloatArray, step_s: float, *, is_complete: bool) -> FloatArray:
         """Return the readings (channels,) of a scan relative to the drifted zero, and follow the drift."""
         relative = readings - self.offset
-        is_quiet = is_complete and float(np.abs(relative).max()) < self._level
-        if not is_quiet:
+        size = float(np.abs(relative).max())
+        if not (is_complete and size < self._level + self._margin):
             if not self.touching:  # the beginning of the contact may have moved the zero
                 self.offset = self._snapshots[0].copy()
                 self.touching = True
                 relative = readings - self.offset
             self.touched_s += step_s
+            self._look_for_release(size, step_s, is_complete=is_complete)
             return relative
-        self.touching = False
-        self.touched_s = 0.0
         most = _FASTEST_DRIFT_PER_S * self._scale * step_s
+        self.touching = False
+        self.touched_s = self._peak = self._calm_s = 0.0
+        self._margin = max(self._margin - most, 0.0)
         self.offset += np.clip(relative * min(1.0, step_s / _FOLLOW_S), -most, most)
         self._since_s += step_s
         if self._since_s >= _HOLD_BACK_S / _SNAPSHOTS:
             self._since_s = 0.0
             self._snapshots.append(self.offset.copy())
         return relative
+
+    def _look_for_release(self, size: float, step_s: float, *, is_complete: bool) -> None:
+        """Notice the end of a contact in which the zero has drifted beyond the level of a free array."""
+        self._peak = max(self._peak, size)
+        left = min(_LEFT * self._peak, _FASTEST_DRIFT_PER_S * self._scale * self.touched_s)
+        self._calm_s = self._calm_s + step_s if is_complete and size < self._level + left else 0.0
+        if self._calm_s >= _HOLD_BACK_S:
+            self._margin = left
 
     def sd(self) -> float:
         """Return the standard deviation of the zero, in the unit of the array."""
