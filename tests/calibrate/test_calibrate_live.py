@@ -53,7 +53,7 @@ def record(log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray) -> 
 
 def test_prompts_until_nothing_is_lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, rng = draw_rig(ARRAY, 2)
-    runs = [rig.run(motion, 60.0, rng).readings for motion in ("walk", "tip")]  # type: ignore[arg-type]
+    runs = [rig.run(motion, 60.0, rng).readings for motion in ("walk", "tip")]
     is_good, said = record(tmp_path / "log.npz", monkeypatch, np.concatenate(runs))
     assert is_good
     assert any("finger tip" in line for line in said)

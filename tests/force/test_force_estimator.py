@@ -116,7 +116,6 @@ def test_a_light_hold_after_a_hard_press_is_not_taken_for_drift() -> None:
     found = forces(volts)
     early, late = (np.mean([f.fz_n for f in found[k : k + 500]]) for k in (1000, 39_500))
     assert late == pytest.approx(early, rel=0.01)
-    assert found[-1].fz_sd_n > found[1000].fz_sd_n
 
 
 def test_a_calibration_of_another_array_is_refused() -> None:
