@@ -42,7 +42,7 @@ from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
 REPORTED_FROM = 1_000
-N_WORLDS, N_QUICK = 12, 4
+N_WORLDS, N_QUICK = 8, 4
 MAIN = Case()
 SHORT, SHARES, CREEPING = Case(seconds=15.0), Case(motion="walk"), Case(creep=4.0)
 BARE = Case(moments=False)
@@ -69,7 +69,7 @@ class ForceFound:
 def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Errors, intervals, holds and cost over drawn rigs.
 
-    Quick: 4 rigs instead of 12, calibrated for 15 and 60 s.
+    Quick: 4 rigs instead of 8, calibrated for 15 and 60 s.
     """
     n = N_QUICK if options.quick else N_WORLDS
     times_s = QUICK_S if options.quick else TIMES_S

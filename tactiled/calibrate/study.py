@@ -248,6 +248,7 @@ def _uncertainties(
         left = best.left_out[:, axis] if axis in used else np.zeros(len(forces))
         out.append(
             axis_uncertainty(
+                AXES[axis],
                 best.features,
                 best.covariance[axis],
                 left,

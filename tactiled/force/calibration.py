@@ -17,9 +17,9 @@ from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
 FOLDER = "config/calibration"
-AXES = ("fx", "fy", "fz")
-OUTPUTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 Axis = Literal["fx", "fy", "fz"]
+AXES: tuple[Axis, Axis, Axis] = ("fx", "fy", "fz")
+OUTPUTS = (*AXES, "tx", "ty", "tz")
 Matrix = list[list[float]]
 
 
