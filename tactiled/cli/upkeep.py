@@ -27,10 +27,11 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.argument("files", type=FILES, nargs=-1, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
 def check_config(files: tuple[Path, ...], schema: bool) -> None:
-    """Check a configuration and the files it names without opening the port, an array file, or a layout file.
+    """Check a configuration and the files it names without opening the port, or one file of another kind.
 
-    Of several configurations, or of those in a directory, it is also checked that one process can serve their
-    boards, as `tactiled run` does. Prints one JSON line for each.
+    Other kinds are array files, layout files and force calibrations. Of several configurations, or of those in
+    a directory, it is also checked that one process can serve their boards, as `tactiled run` does. Prints one
+    JSON line for each.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
@@ -70,6 +71,14 @@ def check_config(files: tuple[Path, ...], schema: bool) -> None:
         array = build(tomlfile.load(file, ArrayFile))
         click.echo(json.dumps(array.summary()))
         click.echo(f"{file}: valid ({array.in_words()})", err=True)
+        return
+    if kind == "calibration":
+        from tactiled.force.calibration import load_calibration
+
+        calibration = load_calibration(str(file.absolute()))
+        shown = {"name", "array", "board", "date", "axes", "verdict"}
+        click.echo(json.dumps(calibration.model_dump(include=shown)))
+        click.echo(f"{file}: valid (calibration {calibration.name} of {calibration.array})", err=True)
         return
     from tactiled.doctor.unplugged import check_files, resolved_in_words
 
