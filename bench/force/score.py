@@ -7,7 +7,7 @@ import numpy as np
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog, ReferenceTable, bin_log
 from tactiled.calibrate.pairs import PHYSICS, PairsFitter
-from tactiled.calibrate.smooth import PLAIN, RICH, Terms, fit_smooth
+from tactiled.calibrate.smooth import PLAIN, RICH, FeatureTerms, fit_smooth
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import LARGEST_N, Loads, Motion
 from tactiled.emulator.rig.session import RATE_HZ, Rig, RigRun, draw_rig
@@ -161,7 +161,7 @@ def score(seed: int, case: Case) -> ForceScore:
     for name, terms in (
         ("ridge, all terms", RICH),
         ("ridge with squares", PLAIN),
-        ("linear map", Terms(squares=False)),
+        ("linear map", FeatureTerms(squares=False)),
     ):
         predicted, binned = _ridge(rig, run, tests, found, terms, case)
         averaged = [_binned(t, size) for t, size in zip(truth, binned, strict=True)]
@@ -224,7 +224,7 @@ def _aligned(
 
 
 def _ridge(
-    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: Terms, case: Case
+    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: FeatureTerms, case: Case
 ) -> tuple[list[FloatArray], list[int]]:
     """Forces of the test runs in bins, by ridge regression with the clocks that the study found."""
     log, _, _ = _aligned(rig, run, found, case)

@@ -26,7 +26,7 @@ _MOST_PRODUCTS = 600  # more features than this cannot be determined by a calibr
 
 
 @dataclass(frozen=True)
-class Terms:
+class FeatureTerms:
     """Features besides the readings themselves."""
 
     squares: bool = True
@@ -34,10 +34,10 @@ class Terms:
     creep: bool = False
 
 
-PLAIN = Terms()
+PLAIN = FeatureTerms()
 """Ridge regression with squares, the baseline."""
-RICH = Terms(products=True, creep=True)
-CHOICES = (Terms(squares=False), Terms(creep=True), Terms(products=True), RICH)
+RICH = FeatureTerms(products=True, creep=True)
+CHOICES = (FeatureTerms(squares=False), FeatureTerms(creep=True), FeatureTerms(products=True), RICH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class SmoothFit:
 
     Attributes
     ----------
-    terms : Terms
+    terms : FeatureTerms
     scale : (channels,) float64
         Readings that count as 1.
     weights : (6, features) float64
@@ -60,7 +60,7 @@ class SmoothFit:
     strength : (6,) float64
     """
 
-    terms: Terms
+    terms: FeatureTerms
     scale: FloatArray
     weights: FloatArray
     covariance: tuple[FloatArray, FloatArray, FloatArray]
@@ -103,7 +103,7 @@ class SmoothFit:
         return np.concatenate(blocks)
 
 
-def smooth_features(array: Array, log: BinnedLog, scale: FloatArray, terms: Terms) -> FloatArray:
+def smooth_features(array: Array, log: BinnedLog, scale: FloatArray, terms: FeatureTerms) -> FloatArray:
     """Features (n, features) of all bins, in the order of the running model."""
     scaled = log.readings / scale
     parts = [scaled]
@@ -125,7 +125,7 @@ def fit_smooth(
     outputs: FloatArray,
     used: list[int],
     rows: NDArray[np.bool_],
-    terms: Terms,
+    terms: FeatureTerms,
 ) -> SmoothFit:
     """Fit one choice of features; the strength of the ridge of each output by cross-validation.
 

@@ -40,7 +40,7 @@ class Identity:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class FittedModel:
     """One fitted model with its errors in the folds."""
 
     model: PairsFit | SmoothFit
@@ -135,7 +135,7 @@ def calibrate(
     rows = reference.inside(late_s, 0.0)
     check_signs(log, reference.means(late_s, 0.0), reference.outputs, rows, array, correlation)
     used = reference.outputs
-    candidates: dict[str, Candidate] = {}
+    candidates: dict[str, FittedModel] = {}
     drift = 0.0
     pairs: tuple[PairsFitter, PairsFit] | None = None
     if has_pairs(array) and "pairs" in models:
@@ -198,7 +198,7 @@ def _offset(outputs: FloatArray, log: BinnedLog, rows: NDArray[np.bool_]) -> Flo
     return np.median(outputs[quiet], axis=0) if quiet.sum() >= 5 else np.zeros(6)
 
 
-def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> Candidate:
+def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> FittedModel:
     """Errors in the folds, and a covariance that counts correlated bins as one."""
     problem, n = fit.regression, int(fit.rows.sum())
     left = np.zeros((n, 6))
@@ -207,22 +207,22 @@ def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> Candidat
         left[left_out] = problem.residuals(found)[left_out]
     correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])
     linear = problem.solve(fit.sd * np.sqrt(correlated), with_covariance=True)
-    return Candidate(fit, fit.linear.weights, linear.covariance, fit.features[fit.rows], left)
+    return FittedModel(fit, fit.linear.weights, linear.covariance, fit.features[fit.rows], left)
 
 
-def _smooth_candidate(fit: SmoothFit, rows: NDArray[np.bool_], used: list[int]) -> Candidate:
+def _smooth_candidate(fit: SmoothFit, rows: NDArray[np.bool_], used: list[int]) -> FittedModel:
     left = fit.left_out[rows]
     covariance = []
     for axis in range(3):
         bins = correlation_bins(left[:, axis]) if axis in used else 1.0
         variance = float((left[:, axis] ** 2).mean()) * bins
         covariance.append(fit.covariance[axis] * variance)
-    return Candidate(
+    return FittedModel(
         fit, fit.weights[:3], (covariance[0], covariance[1], covariance[2]), fit.features[rows], left
     )
 
 
-def _chosen(candidates: dict[str, Candidate], outputs: FloatArray, used: list[int]) -> str:
+def _chosen(candidates: dict[str, FittedModel], outputs: FloatArray, used: list[int]) -> str:
     spread = np.maximum(outputs[:, used].std(axis=0), 1e-12)
     errors = {
         name: float(np.sqrt(((one.left_out[:, used] / spread) ** 2).mean()))
@@ -234,7 +234,7 @@ def _chosen(candidates: dict[str, Candidate], outputs: FloatArray, used: list[in
 
 
 def _uncertainties(
-    best: Candidate,
+    best: FittedModel,
     forces: FloatArray,
     reference: AlignedReference,
     log: BinnedLog,
@@ -266,7 +266,7 @@ def _file(
     identity: Identity,
     log: BinnedLog,
     rows: NDArray[np.bool_],
-    best: Candidate,
+    best: FittedModel,
     axes: list[AxisUncertainty],
     used: list[int],
     outputs: FloatArray,
@@ -321,7 +321,7 @@ def _largest(log: BinnedLog) -> float:
 
 
 def _sensitivity(
-    best: Candidate, log: BinnedLog, rows: NDArray[np.bool_], array: Array, fitter: PairsFitter | None
+    best: FittedModel, log: BinnedLog, rows: NDArray[np.bool_], array: Array, fitter: PairsFitter | None
 ) -> FloatArray:
     """Rms change (3,) of fx, fy, fz for independent errors of 1 of the zeros of all channels."""
     rng = np.random.default_rng(0)

@@ -29,9 +29,9 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 def check_config(files: tuple[Path, ...], schema: bool) -> None:
     """Check a configuration and the files it names without opening the port, or one file of another kind.
 
-    Other kinds are array files, layout files and force calibrations. Of several configurations, or of those in
-    a directory, it is also checked that one process can serve their boards, as `tactiled run` does. Prints one
-    JSON line for each.
+    Other kinds are array files, layout files and force calibrations. Of several configurations, or of those
+    in a directory, it is also checked that one process can serve their boards, as `tactiled run` does. Prints
+    one JSON line for each.
 
     Example: tactiled check-config /etc/tactiled/left.toml
     """
