@@ -44,7 +44,8 @@ def summary(
     )
     yield _range_used(array, readings)
     contact_s, slip_s = _contact_and_slip_s(events, float(time_s[-1]))
-    if not sliding_is_given or {"slip", "contact"} & set(topics):
+    is_forces_alone = set(topics) == {"force"}  # no detector of contact has run
+    if (not sliding_is_given and not is_forces_alone) or {"slip", "contact"} & set(topics):
         yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s"
         if contact_s == 0:
             yield (
