@@ -42,7 +42,7 @@ from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
 REPORTED_FROM = 1_000
-N_WORLDS, N_QUICK = 8, 4
+N_WORLDS, N_QUICK = 12, 4
 MAIN = Case()
 SHORT, SHARES, CREEPING = Case(seconds=15.0), Case(motion="walk"), Case(creep=4.0)
 BARE = Case(moments=False)
@@ -50,6 +50,7 @@ HARD = (SHORT, SHARES, CREEPING)
 TIMES_S = (10.0, 15.0, 30.0, 60.0, 120.0, 300.0)
 QUICK_S = (15.0, 60.0)
 _COST_SCANS = 3000
+_SAME = 1.01  # errors that differ by less are the same: squares of averages are not averages of squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class ForceFound:
 def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Errors, intervals, holds and cost over drawn rigs.
 
-    Quick: 4 rigs instead of 8, calibrated for 15 and 60 s.
+    Quick: 4 rigs instead of 12, calibrated for 15 and 60 s.
     """
     n = N_QUICK if options.quick else N_WORLDS
     times_s = QUICK_S if options.quick else TIMES_S
@@ -235,11 +236,11 @@ def _coverage(found: ForceFound) -> Reading:
 
 def _no_worse(found: ForceFound) -> Reading:
     worse = [
-        one.normal["tactiled"] > one.normal["ridge with squares"]
-        or one.shear["tactiled"] > one.shear["ridge with squares"]
+        one.normal["tactiled"] > _SAME * one.normal["ridge with squares"]
+        or one.shear["tactiled"] > _SAME * one.shear["ridge with squares"]
         for one in found.scores
     ]
-    worse += [any(np.greater(one.tactiled, one.ridge)) for one in found.magnets]
+    worse += [any(np.greater(one.tactiled, _SAME * np.array(one.ridge))) for one in found.magnets]
     return judge(f"{sum(worse)} of {len(worse)} calibrations", not any(worse))
 
 
@@ -264,7 +265,7 @@ AIMS: tuple[Aim[ForceFound], ...] = (
     ),
     Aim("90 % intervals hold", "85 to 95 %", _coverage),
     *map(_wins_by_half, HARD),
-    Aim("worse than ridge with squares", "none", _no_worse),
+    Aim("worse than ridge with squares by 1 % or more", "none", _no_worse),
     Aim("force of an hour's hold within its 90 % interval", "at least 85 % of the time", _holds),
     at_most("processor time of a scan", 40.0, " us", lambda found: found.cost_us, ".1f"),
 )

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.clock import quiet_bins
+from tactiled.calibrate.clock import has_signs, quiet_bins
 from tactiled.calibrate.data import BinnedLog, ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES
@@ -70,13 +70,13 @@ def check_signs(
     correlation: float,
 ) -> None:
     """Refuse a reference whose axes point the other way, or are swapped."""
-    if 2 in used and (_falls(log, outputs, rows) or (correlation < 0 and _has_signs(array))):
+    if 2 in used and (_falls(log, outputs, rows) or (correlation < 0 and has_signs(array))):
         raise DataError(
             "fz_n falls when the array is pressed: force is what the object does to the skin, and fz_n > 0 "
             "presses. Multiply fz_n by -1, and check the other axes"
         )
     weights = array.shear_weights().sum(axis=1)
-    if not weights.any() or not _has_signs(array):
+    if not weights.any() or not has_signs(array):
         return
     # A response to motion of the skin along +x is a force of the object along -x.
     felt = -log.readings[rows] @ weights.T
@@ -102,12 +102,6 @@ def check_signs(
                 f"{name} follows the other axis of the array (correlation {other:.2f}, with its own "
                 f"{own:.2f}): exchange the columns fx_n and fy_n, or turn the sensor by 90 degrees"
             )
-
-
-def _has_signs(array: Array) -> bool:
-    """Return True where the signs of channels are physics, and not those of a magnet or a converter."""
-    is_physical = "side" in array.channel_kind or array.unit in ("N", "kPa")
-    return is_physical and bool(array.normal_weights().any())
 
 
 def _falls(log: BinnedLog, outputs: FloatArray, rows: NDArray[np.bool_]) -> bool:

@@ -11,11 +11,16 @@ WITHIN_S = 5.0
 _LEAST_CORRELATION = 0.5  # records of the same presses reach 0.9 and more, even with a curved sensor
 
 
+def has_signs(array: Array) -> bool:
+    """Return True where the signs of channels are physics, and not those of a magnet or a converter."""
+    is_physical = "side" in array.channel_kind or array.unit in ("N", "kPa")
+    return is_physical and bool(array.normal_weights().any())
+
+
 def pressure(log: BinnedLog, array: Array) -> FloatArray:
     """Size of the response (n,) by which the log is compared with the reference."""
-    weights = array.normal_weights().sum(axis=0)
-    if np.any(weights):
-        return np.asarray(log.readings @ weights)
+    if has_signs(array):
+        return np.asarray(log.readings @ array.normal_weights().sum(axis=0))
     scale = np.maximum(log.readings.std(axis=0), 1e-12)
     return np.asarray(np.sqrt(((log.readings / scale) ** 2).sum(axis=1)))
 

@@ -17,6 +17,9 @@ from tactiled.samples.block import Gap, ScanBlock
 # an hour: 3 % at 0.3 % a kelvin. It cannot be observed in contact, so the standard deviation grows by it.
 _WARMING, _WARMING_S = 0.03, 1800.0
 _MISSING_PART = 0.5  # of what a channel without a reading would add to the force is uncertain
+_AT_LIMIT = (
+    0.9  # of the largest calibrated reading: an invalid reading above is saturated, one below is a fault
+)
 _TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
 _BEYOND = 1.1  # times the largest calibrated reading: above, the load curve is extrapolated
 _BEYOND_PART = 0.25  # relative standard deviation for each e-fold beyond
@@ -110,6 +113,7 @@ class ForceEstimator:
         self._model.reset()
         self._zero.reset()
         self._last_s: float | None = None
+        self._previous = np.zeros(self._array.n_channels)
 
     def tared(self) -> None:
         """Take the present zero of the readings as exact: a tare has just set it."""
@@ -147,9 +151,11 @@ class ForceEstimator:
         """Return the event of a scan (channels,); `valid` is None where all readings are."""
         n_missing, saturated = 0, False
         if valid is not None:
-            saturated = bool(np.any(~valid & (readings > self._array.high - self._array.zero - 1e-9)))
+            at_limit = self._at_limit(readings, valid)
+            saturated = bool(at_limit.any())
             n_missing = int(np.count_nonzero(~valid))
-            readings = self._filled(readings, valid)
+            readings = self._filled(readings, valid | at_limit)
+        self._previous = readings
         relative = self._zero.step(readings, step_s, is_complete=valid is None)
         features = self._model.features(relative, step_s)
         values = self._matrix @ features
@@ -206,12 +212,20 @@ class ForceEstimator:
             late=is_late,
         )
 
-    def _filled(self, readings: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-        """Replace readings that are not valid by the mean of the others of their taxel, or of the array.
+    def _at_limit(self, readings: FloatArray, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Flag channels (channels,) whose reading is not valid because it is as large as it can be."""
+        if not valid.any():  # the whole scan is flagged
+            return np.zeros(len(valid), dtype=np.bool_)
+        return ~valid & (np.abs(readings) >= _AT_LIMIT * self._largest)
 
+    def _filled(self, readings: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+        """Replace readings that are not usable by the mean of the others of their taxel.
+
+        A taxel without any gets the mean of the array, and an array without any the scan before.
         A saturated reading stays as it is: it is the least that the load can be.
         """
-        usable = valid | (readings > self._array.high - self._array.zero - 1e-9)
+        if not usable.any():
+            return self._previous
         known = np.where(usable, readings, 0.0)
         among = self._array.channel_taxel
         count = np.bincount(among, usable, self._n_taxels)

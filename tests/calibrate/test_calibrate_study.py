@@ -1,5 +1,6 @@
 """Calibration on the emulated rig: right forces with honest intervals, or a refusal that says what to do."""
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -219,3 +220,33 @@ def test_the_drawn_reference_turns_forces_and_moments_alike() -> None:
     assert sensor.seen(np.array([[1.0, 0, 0, 0, 2.0, 0]])) == pytest.approx(
         np.array([[0, 1.0, 0, -2.0, 0, 0]]), abs=1e-12
     )
+
+
+@pytest.mark.parametrize("cuts", [(1, 2, 3), (500, 777), tuple(range(100, 1000, 7))])
+def test_a_fitted_file_gives_identical_events_for_any_chunking(cuts: tuple[int, ...]) -> None:
+    _, run, test = rig_run()
+    file = study(run, table(run)).file
+    block = regular_block(test.readings[:1000], 100.0)
+    whole = ForceEstimator(ARRAY, file)
+    expected = whole.process(block)
+    estimator = ForceEstimator(ARRAY, file)
+    edges = (0, *cuts, 1000)
+    parts = [event for a, b in itertools.pairwise(edges) for event in estimator.process(block[a:b])]
+    assert parts == expected
+    whole.reset()
+    assert whole.process(block) == expected
+
+
+@pytest.mark.parametrize(("stride", "unit_offset"), [(7, 0.0), (1, 38_000.0)])
+def test_a_magnetometer_skin_of_any_rate_and_zero(stride: int, unit_offset: float) -> None:
+    array = load_array("magnetometers-5")
+    rig, rng = draw_rig(array, 4)
+    run, test = rig.run("walk", 60.0, rng), rig.run("hold", 20.0, rng)
+    time_s, readings = run.loads.time_s[::stride], run.readings[::stride] + unit_offset
+    found = calibrate(array, time_s, readings, table(run), Identity("skin"))
+    assert found.model == "smooth"
+    assert found.rms[2] <= 1.01 * found.baseline[2]
+    events = ForceEstimator(array, found.file).process(regular_block(test.readings[::stride], 100.0 / stride))
+    force = np.array([event.fz_n for event in events])
+    true = rig.reference.seen(test.loads.wrench(array))[::stride, 2]
+    assert np.sqrt(((force - true) ** 2).mean()) < 0.5

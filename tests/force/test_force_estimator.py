@@ -77,13 +77,24 @@ def test_a_dead_channel_widens_the_interval() -> None:
     assert lacking.fz_sd_n > whole.fz_sd_n
 
 
-def test_a_saturated_channel_is_flagged() -> None:
+@pytest.mark.parametrize("limit", [2.999, ARRAY.high])
+def test_a_saturated_channel_is_flagged_and_counts_as_the_least_that_it_can_be(limit: float) -> None:
     volts = press(100)
-    volts[-1, 7] = ARRAY.high
-    force = forces(volts, ARRAY.in_range(volts))[-1]
+    volts[-1, 7] = limit
+    valid = volts < 2.9
+    force = forces(volts, valid)[-1]
     assert force.saturated
     assert force.beyond_range
+    assert force.fz_n > forces(press(100))[-1].fz_n
     assert force.fz_sd_n > forces(press(100))[-1].fz_sd_n
+
+
+def test_a_flagged_scan_is_missing_and_not_saturated() -> None:
+    volts = press(100)
+    valid = np.ones(volts.shape, dtype=np.bool_)
+    valid[-1] = False
+    force = forces(volts, valid)[-1]
+    assert (force.saturated, force.valid, force.channels_missing) == (False, False, 36)
 
 
 def test_nothing_but_missing_channels_is_finite_and_not_valid() -> None:

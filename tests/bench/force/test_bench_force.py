@@ -43,7 +43,7 @@ def test_aims_read_what_was_measured(scored: ForceScore) -> None:
     assert verdicts["bad"]["90 % intervals hold"] == "MISSED"
     assert verdicts["good"]["centre of pressure above 1 N"] == "met"
     assert verdicts["bad"]["centre of pressure above 1 N"] == "MISSED"
-    assert verdicts["good"]["worse than ridge with squares"] == "met"
+    assert verdicts["good"]["worse than ridge with squares by 1 % or more"] == "met"
 
 
 def test_rms_errors_are_pooled_over_rigs(scored: ForceScore) -> None:
