@@ -216,7 +216,7 @@ class ForceEstimator:
         """Flag channels (channels,) whose reading is not valid because it is as large as it can be."""
         if not valid.any():  # the whole scan is flagged
             return np.zeros(len(valid), dtype=np.bool_)
-        return ~valid & (np.abs(readings) >= _AT_LIMIT * self._largest)
+        return np.asarray(~valid & (np.abs(readings) >= _AT_LIMIT * self._largest))
 
     def _filled(self, readings: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
         """Replace readings that are not usable by the mean of the others of their taxel.
