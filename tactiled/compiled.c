@@ -5,7 +5,8 @@
  * on one element, in the order in which numpy has it, without fused multiply-add (-ffp-contract=off) and without
  * functions other than rint and sqrt, which IEEE 754 defines exactly.
  *
- * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels, r ramps.
+ * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels, r ramps. Arguments
+ * before n belong to an object and stay; those from n on belong to a call.
  */
 #include <math.h>
 #include <stddef.h>
@@ -75,8 +76,8 @@ API ptrdiff_t tactiled_frames(const uint8_t *in, ptrdiff_t n, ptrdiff_t limit, u
 
 /* Round readings to whole steps; where a reading is not ok, repeat the last good one (`last`, kept).
  * Returns whether all are ok. */
-API int tactiled_hold(ptrdiff_t n, ptrdiff_t channels, const real *volts, const flag *valid, real limit,
-                      real steps_per_volt, real *last, real *steps, flag *ok)
+API int tactiled_hold(ptrdiff_t channels, real limit, real steps_per_volt, real *last, ptrdiff_t n,
+                      const real *volts, const flag *valid, real *steps, flag *ok)
 {
     int all = 1;
     for (ptrdiff_t i = 0; i < n; i++)
@@ -118,8 +119,8 @@ static void fir(ptrdiff_t n, ptrdiff_t columns, const real *newest, ptrdiff_t fi
 }
 
 /* Wavelet bank of all channels: out (n, levels, channels). */
-API void tactiled_bank(ptrdiff_t n, ptrdiff_t channels, const real *newest, ptrdiff_t levels,
-                       const int64_t *lengths, const real *taps, real *out)
+API void tactiled_bank(ptrdiff_t channels, ptrdiff_t levels, const int64_t *lengths, const real *taps, ptrdiff_t n,
+                       const real *newest, real *out)
 {
     fir(n, channels, newest, levels, lengths, taps, 0, out);
 }
@@ -131,12 +132,13 @@ API void tactiled_bank(ptrdiff_t n, ptrdiff_t channels, const real *newest, ptrd
  * `release` are (taxels), or (n, taxels) where `each`.
  * Slope: `line` (n_line) on the totals of `held` (n, channels); `totals` holds n_line - 1 older ones, then n.
  */
-API void tactiled_contact(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, ptrdiff_t sides, ptrdiff_t n_line,
-                          const real *steps, const real *held, const int64_t *own, const real *signs,
-                          const real *sign, const real *total_weights, const real *line, const real *readings,
-                          const real *contact, const real *release, int each, real one_side, real least_sides,
-                          real volts_per_step, real slope_scale, real *totals, real *pressure, flag *touches,
-                          flag *touched, flag *released, real *n_touching, real *slope)
+API void tactiled_contact(ptrdiff_t channels, ptrdiff_t taxels, ptrdiff_t sides, ptrdiff_t n_line,
+                          const int64_t *own, const real *signs, const real *sign, const real *total_weights,
+                          const real *line, real one_side, real least_sides, real volts_per_step,
+                          real slope_scale, ptrdiff_t n, const real *steps, const real *held,
+                          const real *readings, const real *contact, const real *release, int each, real *totals,
+                          real *pressure, real *n_touching, real *slope, flag *touches, flag *touched,
+                          flag *released)
 {
     for (ptrdiff_t i = 0; i < n; i++, steps += channels, held += channels) {
         ptrdiff_t level = each ? i * taxels : 0, n_touch = 0;
@@ -169,12 +171,13 @@ API void tactiled_contact(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, ptr
 
 /* ---- slip (tactiled.detect.slip) ---------------------------------------------------------------------------- */
 
-/* Stuck channels: `stuck_channels` states the rule. All arrays from `position` on are kept between calls; the
+/* Stuck channels: `stuck_channels` states the rule. Arrays from `position` to `stayed` are kept between calls; the
  * turns of the last `history` scans are a ring. Returns whether any reading is stuck. */
-API int tactiled_stuck(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, const real *steps,
-                       const real *sign, const int64_t *others, const flag *judged, real pressed, int64_t n_turned,
-                       int64_t n_long, real most_resting, int64_t *position, real *last, real *way, int64_t *run,
-                       real *began, flag *turns, int64_t *n_turns, flag *noisy, flag *stayed, flag *stuck)
+API int tactiled_stuck(ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, const real *sign,
+                       const int64_t *others, const flag *judged, real pressed, int64_t n_turned, int64_t n_long,
+                       real most_resting, int64_t *position, real *last, real *way, int64_t *run, real *began,
+                       flag *turns, int64_t *n_turns, flag *noisy, flag *stayed, ptrdiff_t n, const real *steps,
+                       flag *stuck)
 {
     int any = 0;
     for (ptrdiff_t i = 0; i < n; i++, steps += channels, stuck += channels) {
@@ -212,8 +215,8 @@ API int tactiled_stuck(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t sides, ptrdiff
 
 /* Taxels (n, taxels) whose needed channels have been ok for more than `window` scans; scans count from `first`.
  * Returns whether they are the same in all scans. */
-API int tactiled_clean(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, int64_t first, int64_t window,
-                       const flag *ok, const real *needs, int64_t *newest_bad, flag *clean)
+API int tactiled_clean(ptrdiff_t channels, ptrdiff_t taxels, int64_t window, const real *needs, int64_t *newest_bad,
+                       ptrdiff_t n, int64_t first, const flag *ok, flag *clean)
 {
     int same = 1;
     for (ptrdiff_t i = 0; i < n; i++, ok += channels)
@@ -228,7 +231,7 @@ API int tactiled_clean(ptrdiff_t n, ptrdiff_t channels, ptrdiff_t taxels, int64_
 }
 
 /* Responses of n scans of `steps`: seen (n, 7), and axes (n, 4) of motion and pressure. */
-API void tactiled_respond(ptrdiff_t n, ptrdiff_t channels, const real *steps, const real *weights, real largest,
+API void tactiled_respond(ptrdiff_t channels, real largest, ptrdiff_t n, const real *weights, const real *steps,
                           real *seen, real *axes)
 {
     enum { AXES = 3, PRESSURE = 6, COLUMNS = 7 };
@@ -253,10 +256,10 @@ static real size(const real *v)
 /* Filter n scans of axes (n, 4), of which `newest` is the first, by ramps and wavelets: filtered (n, 4, filters);
  * rises (n, 4, ramps) of the first `ramps` filters; fits (n, ramps), whether a rise may count as evidence
  * (`evidence` states the rule); any (n), whether any does. */
-API void tactiled_evidence(ptrdiff_t n, const real *newest, ptrdiff_t filters, const int64_t *lengths,
-                           const real *taps, ptrdiff_t ramps, const real *rise_scale, real least_shear,
-                           real unequal, real leaked, real least_new, real press, real *filtered, real *rises,
-                           flag *fits, flag *any)
+API void tactiled_evidence(ptrdiff_t filters, const int64_t *lengths, const real *taps, ptrdiff_t ramps,
+                           const real *rise_scale, real least_shear, real unequal, real leaked, real least_new,
+                           real press, ptrdiff_t n, const real *newest, real *filtered, real *rises, flag *fits,
+                           flag *any)
 {
     enum { AXES = 3 };
     fir(n, AXES + 1, newest, filters, lengths, taps, 1, filtered);

@@ -249,7 +249,7 @@ class Pipeline:
             reason, events = tuning.set_thresholds(arguments["values"])
         else:
             raise ContractError(f"{name!r} is no command of the pipeline")
-        return reason, list(self._note(events))
+        return reason, self._note(events)
 
     def _accept(self, hello: Hello, now_s: float) -> None:
         if hello.board_serial != self._tuned_for:
@@ -263,16 +263,16 @@ class Pipeline:
             found = self._note(self.tuning.process(item))
             scans = scan_events(item, now_s) if isinstance(item, ScanBlock) else iter(())
             # Each event follows the scan that completed it, independent of the number of scans in a read.
-            yield from heapq.merge(scans, found, key=lambda event: event.evidence_s)
+            yield from heapq.merge(scans, found, key=lambda event: event.evidence_s) if found else scans
 
-    def _note(self, events: Sequence[Event]) -> Iterator[Event]:
-        """Keep the state of contact and slip for `health`."""
+    def _note(self, events: list[Event]) -> list[Event]:
+        """Keep the state of contact and slip for `health`; returns the events."""
         for event in events:
             if isinstance(event, ContactEvent):
                 self._contact = event.state
             elif isinstance(event, SlipEvent):
                 self._slipping = event.state == "onset"
-            yield event
+        return events
 
 
 def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:

@@ -1,5 +1,6 @@
 """Conversion of scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -103,7 +104,7 @@ class Assembler:
         self._hello: Hello | None = None
         self._handover_s: float | None = None
         self._index = -1
-        self._counts = SampleCounts()
+        self._counts = Counter[str]()
         self._rows: list[tuple[Scan, float, float, bool]] = []
         self._out: list[ScanBlock | Gap] = []
         self._n_corrupt = 0
@@ -128,7 +129,7 @@ class Assembler:
     @property
     def counts(self) -> SampleCounts:
         """Counts of scans since the last reset."""
-        return self._counts
+        return SampleCounts(**self._counts)
 
     @property
     def rate_hz(self) -> float:
@@ -281,7 +282,7 @@ class Assembler:
         # An instant in the future is wrong, and the scan is as unfit to act on as a late one.
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
         self._rows.append((scan, time_s, sd_s, self._live and not fresh))
-        self._count(scans=1)
+        self._counts["scans"] += 1
 
     def flush(self) -> list[ScanBlock | Gap]:
         """Return complete blocks and gaps, in order."""
@@ -307,7 +308,8 @@ class Assembler:
             n_overrun = max(n_missing - n_hidden, min(n_missing, 1))
         elif cause == "missing":
             n_dropped = n_missing
-        self._count(missing=n_missing, overrun=n_overrun, dropped=n_dropped)
+        if n_missing:
+            self._count(missing=n_missing, overrun=n_overrun, dropped=n_dropped)
         self._pending_gap = None
         self._n_corrupt = 0
 
@@ -315,11 +317,14 @@ class Assembler:
         if not self._rows or self._hello is None:
             return
         rows, self._rows = self._rows, []
-        counts = np.stack([scan.counts for scan, *_ in rows])
         n = len(rows)
-        sound = np.array([not scan.flags & self._fault_flag for scan, *_ in rows])
+        counts = np.array([scan.counts for scan, *_ in rows])
         # At full scale the true voltage may be higher; zero is a valid reading without contact.
-        valid = (counts < self._full_count) & sound[:, np.newaxis]
+        valid = counts < self._full_count
+        if self._fault_flag:
+            sound = [not scan.flags & self._fault_flag for scan, *_ in rows]
+            if not all(sound):
+                valid &= np.array(sound)[:, np.newaxis]
         self._out.append(
             ScanBlock(
                 volts=np.asarray(counts * self._per_count, dtype=np.float64),
@@ -334,5 +339,4 @@ class Assembler:
         )
 
     def _count(self, **more: int) -> None:
-        old = vars(self._counts)
-        self._counts = SampleCounts(**old | {name: old[name] + n for name, n in more.items()})
+        self._counts.update(more)

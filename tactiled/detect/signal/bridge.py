@@ -41,7 +41,7 @@ class GapBridge:
             return self._take_gap(item)
         block = item if self._gap is None or self._last is None else _joined(self._last, item)
         self._gap = None
-        self._last = item[-1:]
+        self._last = item
         return self._detector.process(block)
 
     def _take_gap(self, gap: Gap) -> list[Event]:
@@ -54,8 +54,8 @@ class GapBridge:
 
 
 def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:
-    """Prepend to `block` the scans missing since `last`, interpolated linearly."""
-    first = block[:1]
+    """Prepend to `block` the scans missing since the end of `last`, interpolated linearly."""
+    last, first = last[-1:], block[:1]
     n = int(first.index[0] - last.index[0]) - 1
     part = (np.arange(1, n + 1) / (n + 1))[:, np.newaxis]
     finite = np.isfinite(last.volts) & np.isfinite(first.volts)  # interpolate only between finite readings

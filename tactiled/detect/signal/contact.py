@@ -11,7 +11,7 @@ state stays and only the count of steady scans starts anew.
 pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -177,14 +177,28 @@ class ContactTracker:
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         self._line = 2.0 * np.arange(n) - (n - 1)
-        self._compiled = compiled.library()
-        self._signs_of_taxels = self._signs.T.copy()
         self._all_readings = self._counted.sum(axis=0)
         self._slope_scale = (
             self._grid.volts_per_step / self._denominator * rate_hz * 2 / float(self._line @ self._line)
         )
         # Standard deviation of the slope for a standard deviation of 1 of the total.
         self._slope_noise = self._slope_scale * float(np.sqrt(self._line @ self._line))
+        self._signs_of_taxels = self._signs.T.copy()
+        self._given_levels: FloatArray | None = None
+        if (given := self._levels.given) is not None:
+            self._given_levels = np.empty((3, 1, array.n_taxels))
+            self._given_levels[0], self._given_levels[1], self._given_levels[2] = (
+                self._all_readings,
+                given[0],
+                given[1],
+            )
+        self._measure: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            self._measure = compiled.bind(
+                library.tactiled_contact, array.n_channels, *self._own.shape, n, self._own,
+                self._signs_of_taxels, self._sign, self._total_weights, self._line, _ONE_SIDE, _LEAST_SIDES,
+                self._grid.volts_per_step, self._slope_scale,
+            )  # fmt: skip
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self.state: ContactState = "none"
         self._is_first = True
@@ -249,8 +263,8 @@ class ContactTracker:
         release: FloatArray | float,
     ) -> "_Touch":
         """Compare the pressure of steps (n, channels) with levels; the slope is that of the held steps."""
-        if self._compiled is not None:
-            return self._touch_compiled(steps, readings, held, contact, release)
+        if self._measure is not None:
+            return self._touch_compiled(self._measure, steps, readings, held, contact, release)
         pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
         taxel_touches = pressure > contact
         n_touching = np.maximum(taxel_touches.sum(axis=1), 1).astype(np.float64)
@@ -265,6 +279,7 @@ class ContactTracker:
 
     def _touch_compiled(
         self,
+        measure: Callable[..., None],
         steps: FloatArray,
         readings: FloatArray,
         held: FloatArray,
@@ -272,30 +287,26 @@ class ContactTracker:
         release: FloatArray | float,
     ) -> "_Touch":
         steps, held = compiled.dense(steps, np.float64), compiled.dense(held, np.float64)
-        n, channels = steps.shape
-        taxels, sides = self._own.shape
+        n, taxels = len(steps), len(self._own)
         each = readings.ndim == 2 or isinstance(contact, np.ndarray)
-        shape = (n, taxels) if each else (taxels,)
-        levels = np.empty((3, *shape))  # readings, contact, release
-        levels[0], levels[1], levels[2] = readings, contact, release
-        reals, flags = np.empty(n * (taxels + 2)), np.empty(n * (taxels + 2), dtype=np.bool_)
-        pressure, n_touching, slope = reals[: n * taxels].reshape(n, taxels), reals[-2 * n : -n], reals[-n:]
-        taxel_touches = flags[: n * taxels].reshape(n, taxels)
-        touches, released = flags[-2 * n : -n], flags[-n:]
+        levels = self._given_levels
+        if each or levels is None:
+            levels = np.empty((3, n if each else 1, taxels))  # readings, contact, release
+            levels[0], levels[1], levels[2] = readings, contact, release
+        reals, flags = np.empty((taxels + 2, n)), np.empty((taxels + 2, n), dtype=np.bool_)
         n_before = len(self._line) - 1
         totals = np.empty(n_before + n)
         totals[:n_before] = held[0] @ self._total_weights if self._totals is None else self._totals
         at = compiled.address
-        assert self._compiled is not None
-        self._compiled.tactiled_contact(
-            n, channels, taxels, sides, len(self._line), at(steps), at(held), at(self._own),
-            at(self._signs_of_taxels), at(self._sign), at(self._total_weights), at(self._line),
-            at(levels[0]), at(levels[1]), at(levels[2]), each, _ONE_SIDE, _LEAST_SIDES,
-            self._grid.volts_per_step, self._slope_scale, at(totals), at(pressure), at(taxel_touches),
-            at(touches), at(released), at(n_touching), at(slope),
+        level, real, flag = at(levels), at(reals), at(flags)
+        measure(
+            n, at(steps), at(held), level, level + levels[0].nbytes, level + 2 * levels[0].nbytes, each,
+            at(totals), real + 16 * n, real, real + 8 * n, flag + 2 * n, flag, flag + n,
         )  # fmt: skip
+        n_touching, slope_volts_s, pressure = reals[0], reals[1], reals[2:].reshape(n, taxels)
+        touches, released, taxel_touches = flags[0], flags[1], flags[2:].reshape(n, taxels)
         self._totals = totals[n:]
-        return _Touch(pressure, taxel_touches, touches, released, n_touching, slope)
+        return _Touch(pressure, taxel_touches, touches, released, n_touching, slope_volts_s)
 
     def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
         """Sum the steps of each taxel (n, taxels); whole numbers except where one side was clipped."""

@@ -7,6 +7,7 @@ ADC of the 2019 paper), and every sum over readings that a detector takes in blo
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,40 +52,38 @@ class Quantiser:
         self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
         self.volts_per_step = self.full_scale_volts / 2**READING_BITS
         self._n_channels = array.n_channels
-        self._compiled = compiled.library()
-        self.reset()
+        self._last = np.zeros(self._n_channels)
+        self._hold_all: Callable[..., int] | None = None
+        if (library := compiled.library()) is not None:
+            self._hold_all = compiled.bind(
+                library.tactiled_hold,
+                self._n_channels,
+                self.full_scale_volts,
+                1.0 / self.volts_per_step,
+                self._last,
+            )
 
     def reset(self) -> None:
         """Forget the held readings."""
-        self._last = np.zeros(self._n_channels)
+        self._last[:] = 0.0
 
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
-        if self._compiled is not None:
-            return self._process_compiled(block)
+        if self._hold_all is not None:
+            volts, valid = compiled.dense(block.volts, np.float64), compiled.dense(block.valid, np.bool_)
+            steps, ok = np.empty(volts.shape), np.empty(volts.shape, dtype=np.bool_)
+            address = compiled.address
+            none_is_held = self._hold_all(
+                len(volts), address(volts), address(valid), address(steps), address(ok)
+            )
+            return HeldReadings(steps, ok, bool(none_is_held))
         ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
         steps = self.round(block.volts)
         all_ok = bool(ok.all())
         if not all_ok:
             steps = self._hold(steps, ok)
-        self._last = steps[-1].copy()
+        self._last[:] = steps[-1]
         return HeldReadings(steps, ok, all_ok)
-
-    def _process_compiled(self, block: ScanBlock) -> HeldReadings:
-        volts, valid = compiled.dense(block.volts, np.float64), compiled.dense(block.valid, np.bool_)
-        steps, ok = np.empty(volts.shape), np.empty(volts.shape, dtype=np.bool_)
-        assert self._compiled is not None
-        all_ok = self._compiled.tactiled_hold(
-            *volts.shape,
-            compiled.address(volts),
-            compiled.address(valid),
-            self.full_scale_volts,
-            1.0 / self.volts_per_step,
-            compiled.address(self._last),
-            compiled.address(steps),
-            compiled.address(ok),
-        )
-        return HeldReadings(steps, ok, bool(all_ok))
 
     def round(self, volts: FloatArray) -> FloatArray:
         """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""

@@ -93,6 +93,8 @@ class SlipGate:
         yield from self._slid(block[done:])
 
     def _slid(self, block: ScanBlock) -> Iterator[SlidingScans]:
+        if self.slip is None and not self._speeds:
+            return
         speeds_mm_s = self._speeds_of(block)
         wait = max(0, self._begin_index - int(block.index[0]))
         if self.slip is not None and wait < len(block):

@@ -14,6 +14,7 @@ The error from rounding is bounded by `error_volts` and is below 1 uV rms in use
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from pydantic import Field, field_validator
 from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.rolling import RollingRows
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -148,16 +150,20 @@ class SwtBank:
         for row, matrix in zip(self._one_scan, self._toeplitz, strict=True):
             n_taps = matrix.shape[1] - (_ROWS - 1)
             row[-n_taps:] = matrix[0, :n_taps]
-        self._compiled = compiled.library()
         self._lengths = np.array([len(taps(level)) for level in self.levels])
         self._taps = np.concatenate([taps(level) * scale for level in self.levels])
+        self._filter: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            n_levels = len(self.levels)
+            self._filter = compiled.bind(
+                library.tactiled_bank, self._n_channels, n_levels, self._lengths, self._taps
+            )
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen."""
         self._quantiser.reset()
-        self._steps = np.zeros((self._border + 2 * PIECE_SCANS, self._n_channels))
-        self._end = self._border  # rows of `_steps` before it are history
+        self._steps = RollingRows(self._border, (self._n_channels,), PIECE_SCANS)
         self._is_begun = False
         self._n_usable = 0  # scans whose usability was asked for
         # Before the start stand copies of the first scan, which are not readings.
@@ -195,18 +201,10 @@ class SwtBank:
         n = len(steps)
         self._append(steps)
         volts = np.empty((n, len(self.levels), self._n_channels))
-        if self._compiled is not None:
-            self._compiled.tactiled_bank(
-                n,
-                self._n_channels,
-                compiled.address(self._steps) + (self._end - n) * self._n_channels * self._steps.itemsize,
-                len(self._lengths),
-                compiled.address(self._lengths),
-                compiled.address(self._taps),
-                compiled.address(volts),
-            )
+        if self._filter is not None:
+            self._filter(n, self._steps.address(n), compiled.address(volts))
         elif n == 1:
-            np.matmul(self._one_scan, self._steps[self._end - self._border - 1 : self._end], out=volts[0])
+            np.matmul(self._one_scan, self._steps.newest(self._border + 1), out=volts[0])
         else:
             for row, matrix in enumerate(self._toeplitz):
                 self._filter_level(matrix, volts[:, row])
@@ -217,23 +215,19 @@ class SwtBank:
 
         A view, good until the next call of `filter` or `process`.
         """
-        return self._steps[self._end - n - self._border : self._end]
+        return self._steps.newest(n + self._border)
 
     def _append(self, steps: FloatArray) -> None:
         if not self._is_begun:
             self._is_begun = True
-            self._steps[: self._border] = steps[0]
-        if self._end + len(steps) > len(self._steps):
-            self._steps[: self._border] = self._steps[self._end - self._border : self._end].copy()
-            self._end = self._border
-        self._steps[self._end : self._end + len(steps)] = steps
-        self._end += len(steps)
+            self._steps.newest(self._border)[:] = steps[0]
+        self._steps.append(len(steps))[:] = steps
 
     def _filter_level(self, matrix: FloatArray, out: FloatArray) -> None:
         """``out (n, channels)``: Toeplitz products over groups of `_ROWS` scans, then the rest."""
         n_taps = matrix.shape[1] - (_ROWS - 1)
         n = len(out)
-        seen = self._steps[self._end - n - (n_taps - 1) : self._end]
+        seen = self._steps.newest(n + n_taps - 1)
         n_grouped = n - n % _ROWS
         if n_grouped:
             groups = sliding_window_view(seen, matrix.shape[1], axis=0)[::_ROWS][: n_grouped // _ROWS]

@@ -201,7 +201,8 @@ class CoherentSlip:
         events: list[Event] = []
         evidence, slips = self._evidence, self._slips
         for segment in evidence.segments(held):
-            slips.shift(segment.jump)
+            if segment.jump is not None:
+                slips.shift(segment.jump)
             last = len(segment.fits) - 1
             n_quiet, n_to_group = 0, evidence.n_to_group  # quiet scans that are not taken in yet
             for row in range(last + 1):

@@ -15,8 +15,9 @@ by no more than that explains, all floors are raised at once.
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +53,9 @@ class TaxelSetSegment:
     ----------
     scans : slice
         Scans of the block.
-    jump : (7,) float64
-        Difference of the response at one and the same scan from that of the segment before.
+    jump : (7,) float64 or None
+        Difference of the response at one and the same scan from that of the segment before, where the set of
+        taxels has changed.
     steps : (window - 1 + n, channels) float64
     seen : (window - 1 + n, 7) float64
         Responses of these readings.
@@ -73,7 +75,7 @@ class TaxelSetSegment:
     """
 
     scans: slice
-    jump: FloatArray
+    jump: FloatArray | None
     steps: FloatArray
     seen: FloatArray
     ramps: FloatArray
@@ -87,6 +89,14 @@ class TaxelSetSegment:
         """Return the responses (n, 7) of the scans from a row on."""
         at = len(self.seen) - len(self.any_fits) + row
         return self.seen[at : at + n]
+
+
+class _CompiledSteps(NamedTuple):
+    """Compiled functions of a segmenter, bound to its arrays."""
+
+    clean: Callable[..., int]
+    respond: Callable[..., None]
+    evidence: Callable[..., None]
 
 
 class ResponseSegmenter:
@@ -114,7 +124,6 @@ class ResponseSegmenter:
     def __init__(self, array: Array, rate_hz: float, test: RiseTest) -> None:
         self._response = ResponseModel(array)
         self._test = test
-        self._compiled = compiled.library()
         self.filters = RampFilters(rate_hz)
         self._bank = SwtBank(array, BankParams(levels=LEVELS))
         self._steps_per_volt = 1 / Quantiser(array).volts_per_step
@@ -130,6 +139,24 @@ class ResponseSegmenter:
         self._n_seen = 0
         self._noisy = np.zeros(array.n_taxels, dtype=np.bool_)
         self._choose(np.zeros(array.n_taxels, dtype=np.bool_))
+        self._compiled = self._bind(compiled.library(), array.n_channels)
+
+    def _bind(self, library: Any | None, n_channels: int) -> _CompiledSteps | None:
+        """Bind the compiled functions to the arrays of this object."""
+        if library is None:
+            return None
+        filters, needs = self.filters, self._response.needs
+        lengths, taps = filters.backwards
+        return _CompiledSteps(
+            compiled.bind(
+                library.tactiled_clean, n_channels, len(needs), filters.window, needs, self._newest_bad
+            ),
+            compiled.bind(library.tactiled_respond, n_channels, LARGEST),
+            compiled.bind(
+                library.tactiled_evidence, len(lengths), lengths, taps, filters.n_ramps, filters.rise_scale,
+                *self._test.constants,
+            ),
+        )  # fmt: skip
 
     @property
     def axes_sd(self) -> FloatArray:
@@ -147,8 +174,10 @@ class ResponseSegmenter:
         if first == 0:
             self._steps.newest(self.filters.window - 1)[:] = held.steps[0]
         clean, changes = self._clean(held.ok)
-        choices = range(-first % _CHOOSE_SCANS, len(clean), _CHOOSE_SCANS)
-        bounds = sorted({0, *changes, *choices, len(clean)})
+        n = len(held.steps)
+        bounds = [0, n]
+        if n > 1:
+            bounds = sorted({*bounds, *changes, *range(-first % _CHOOSE_SCANS, n, _CHOOSE_SCANS)})
         channels = self._bank.filter_steps(held.steps) * self._steps_per_volt
         for a, b in itertools.pairwise(bounds):
             if (first + a) % _CHOOSE_SCANS == 0:
@@ -162,25 +191,15 @@ class ResponseSegmenter:
         """
         first, self._n_seen = self._n_seen, self._n_seen + len(ok)
         if self._compiled is not None:
-            needs, ok = self._response.needs, compiled.dense(ok, np.bool_)
-            clean = np.empty((len(ok), len(needs)), dtype=np.bool_)
-            is_same = self._compiled.tactiled_clean(
-                *ok.shape,
-                len(needs),
-                first,
-                self.filters.window,
-                compiled.address(ok),
-                compiled.address(needs),
-                compiled.address(self._newest_bad),
-                compiled.address(clean),
-            )
-            if is_same:
-                return clean, []
+            clean = np.empty((len(ok), len(self.taxels)), dtype=np.bool_)
+            ok = compiled.dense(ok, np.bool_)
+            if self._compiled.clean(len(ok), first, compiled.address(ok), compiled.address(clean)):
+                return clean, []  # the same in all scans
         else:
             whole = self._response.whole_taxels(ok)
             scans = np.arange(first, self._n_seen)[:, np.newaxis]
             newest_bad = np.maximum.accumulate(np.where(whole, self._newest_bad, scans), axis=0)
-            self._newest_bad = newest_bad[-1].copy()
+            self._newest_bad[:] = newest_bad[-1]
             clean = np.asarray(scans - newest_bad > self.filters.window)
         return clean, (np.flatnonzero((clean[1:] != clean[:-1]).any(axis=1)) + 1).tolist()
 
@@ -198,17 +217,23 @@ class ResponseSegmenter:
         self, scans: slice, steps: FloatArray, taxels: NDArray[np.bool_], channels: FloatArray
     ) -> TaxelSetSegment:
         n, window = len(steps), self.filters.window
-        jump = np.zeros(COLUMNS)
+        jump = None
         if taxels.tobytes() != self.taxels.tobytes():
             jump = self._change(taxels)
         self._steps.append(n)[:] = steps
         seen, axes, filtered = self._seen.append(n), self._axes.append(n), self._filtered.append(n)
         n_ramps = self.filters.n_ramps
         if self._compiled is not None:
-            self._respond_compiled(steps, seen, axes)
-            rises, fits, any_fits = self._evidence_compiled(axes, filtered)
+            rises = np.empty((n, _RESPONSES, n_ramps))
+            fits, any_fit = np.empty((n, n_ramps), dtype=np.bool_), np.empty(n, dtype=np.bool_)
+            at, axes_at = compiled.address, self._axes.address(n)
+            self._compiled.respond(
+                n, at(self.weights), self._steps.address(n), self._seen.address(n), axes_at
+            )
+            self._compiled.evidence(n, axes_at, self._filtered.address(n), at(rises), at(fits), at(any_fit))
+            any_fits: list[bool] = any_fit.tolist()
         else:
-            self._respond(steps, seen, axes)
+            self._respond(self._steps.newest(n), seen, axes)
             filtered[:] = self.filters.filter(self._axes.newest(window - 1 + n))
             rises = filtered[..., :n_ramps] * self.filters.rise_scale
             fits = self._test.fits(rises, axes)
@@ -247,41 +272,6 @@ class ResponseSegmenter:
         seen[:] = responses(self.weights, steps)
         axes[:, :AXES] = motion(seen)
         axes[:, AXES] = seen[:, PRESSURE]
-
-    def _respond_compiled(self, steps: FloatArray, seen: FloatArray, axes: FloatArray) -> None:
-        assert self._compiled is not None
-        self._compiled.tactiled_respond(
-            *steps.shape,
-            compiled.address(steps),
-            compiled.address(self.weights),
-            LARGEST,
-            compiled.address(seen),
-            compiled.address(axes),
-        )
-
-    def _evidence_compiled(
-        self, axes: FloatArray, filtered: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.bool_], list[bool]]:
-        """Fill in what the filters make of axes (n, 4); return rises, fits and whether any fits."""
-        assert self._compiled is not None
-        n, n_ramps, (lengths, taps) = len(axes), self.filters.n_ramps, self.filters.backwards
-        rises = np.empty((n, _RESPONSES, n_ramps))
-        fits, any_fits = np.empty((n, n_ramps), dtype=np.bool_), np.empty(n, dtype=np.bool_)
-        self._compiled.tactiled_evidence(
-            n,
-            compiled.address(axes),
-            len(lengths),
-            compiled.address(lengths),
-            compiled.address(taps),
-            n_ramps,
-            compiled.address(self.filters.rise_scale),
-            *self._test.constants,
-            compiled.address(filtered),
-            compiled.address(rises),
-            compiled.address(fits),
-            compiled.address(any_fits),
-        )
-        return rises, fits, any_fits.tolist()
 
     def _made_of(self, noise: FloatArray) -> FloatArray:
         """Return the noise (levels, 4) of axes and pressure if the noise of channels is independent."""

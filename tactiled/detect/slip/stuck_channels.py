@@ -16,6 +16,8 @@ long as noise and load stay within it.
 A channel works again with its first reading that differs, and not because the press is over.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,7 +46,6 @@ class StuckChannelDetector:
         )
         self._pressed_steps = pressed / Quantiser(array).volts_per_step
         self._sign = array.sign.astype(np.float64)
-        self._compiled = compiled.library()
         n = array.n_channels
         self._sides = _sides(array)
         """(channels, others): the other sides of a channel's taxel, itself where it has none."""
@@ -52,24 +53,35 @@ class StuckChannelDetector:
         self._channels = np.arange(n)
         self._run = np.zeros(n, dtype=np.int64)  # repeats so far
         self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
-        self._last: FloatArray | None = None
+        self._last = np.zeros(n)
+        self._is_begun = False
         self._way = np.zeros((1, n))  # of the newest change
         self._turns = np.zeros((_HISTORY, n), dtype=np.bool_)  # a ring where compiled
         self._position = np.zeros(1, dtype=np.int64)
         self._n_turns = np.zeros(n, dtype=np.int64)
         self._noisy = np.zeros(n, dtype=np.bool_)  # before the code began to repeat
         self._stayed = np.zeros(n, dtype=np.bool_)  # in a press since the code began
+        self._find: Callable[..., int] | None = None
+        if (library := compiled.library()) is not None:
+            self._find = compiled.bind(
+                library.tactiled_stuck, n, self._sides.shape[1], _HISTORY, self._sign, self._sides,
+                self._judged, self._pressed_steps, _TURNED, _LONG, _MOST * n, self._position, self._last,
+                self._way, self._run, self._began, self._turns, self._n_turns, self._noisy, self._stayed,
+            )  # fmt: skip
 
     def process(self, steps: FloatArray) -> NDArray[np.bool_]:
         """Return which readings (n, channels) are stuck; the result does not depend on chunking."""
         n = len(steps)
-        if self._last is None:
-            self._last = steps[0].copy()
-            self._began = (steps[0] * self._sign)[self._sides]
-        if self._compiled is not None:
-            return self._process_compiled(steps)
+        if not self._is_begun:
+            self._is_begun = True
+            self._last[:] = steps[0]
+            self._began[:] = (steps[0] * self._sign)[self._sides]
+        if self._find is not None:
+            steps, found = compiled.dense(steps, np.float64), np.empty(steps.shape, dtype=np.bool_)
+            self._find(n, compiled.address(steps), compiled.address(found))
+            return found
         seen = np.concatenate([self._last[np.newaxis], steps])
-        self._last = seen[-1]
+        self._last[:] = seen[-1]
         way = np.concatenate([self._way, np.sign(seen[1:] - seen[:-1])])
         self._way = way[-1:]
         rows = np.arange(n)[:, np.newaxis]
@@ -96,22 +108,6 @@ class StuckChannelDetector:
         stayed = (newest_press >= at) | (~in_block & self._stayed)
         self._stayed = stayed[-1]
         return np.asarray(stuck | stayed)
-
-    def _process_compiled(self, steps: FloatArray) -> NDArray[np.bool_]:
-        assert self._compiled is not None
-        assert self._last is not None
-        n, channels = steps.shape
-        steps = compiled.dense(steps, np.float64)
-        stuck = np.empty(steps.shape, dtype=np.bool_)
-        address = compiled.address
-        self._compiled.tactiled_stuck(
-            n, channels, self._sides.shape[1], _HISTORY, address(steps), address(self._sign),
-            address(self._sides), address(self._judged), self._pressed_steps, _TURNED, _LONG,
-            _MOST * channels, address(self._position), address(self._last), address(self._way),
-            address(self._run), address(self._began), address(self._turns), address(self._n_turns),
-            address(self._noisy), address(self._stayed), address(stuck),
-        )  # fmt: skip
-        return stuck
 
     def _pressed(self, moved: FloatArray) -> NDArray[np.bool_]:
         up, down = moved >= self._pressed_steps, moved <= -self._pressed_steps
