@@ -19,12 +19,12 @@ from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
-from tactiled.events.types import Event, ForceEvent, GripEvent, ScanEvent
+from tactiled.events.types import Event, ForceEvent, GripEvent
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.reader import Reached, read_header, read_items
+from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.table import TimeUnit, read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
@@ -213,19 +213,16 @@ def _run_recording(
     pipeline.tuning = choices.suite(log.array, params)
     foreign = ""
     pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
-    for item in read_items(path, reached=reached):
-        if isinstance(item, Input) and item.name == "disconnected":
-            pipeline.disconnected()
-        elif isinstance(item, Input) and item.name in ("damaged", "dropped"):
-            pipeline.interrupted()
-        elif isinstance(item, Input) and item.name in ("adapter", "ping"):
-            pipeline.command(item.name, item.values(), item.time_s)
-        if not isinstance(item, Read):
-            continue
-        for output in pipeline.receive_data(item.data, item.arrival_s):
-            if isinstance(output, ScanEvent):
-                log.time_s.append(output.time_s)
-                log.volts.append(np.array(output.volts))
+    inputs = read_inputs(path, reached)
+    for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
+        for change in batch:
+            if isinstance(change, Input):
+                _change(pipeline, change)
+        reads = [(read.data, read.arrival_s) for read in batch if isinstance(read, Read)]
+        for output in pipeline.receive_blocks(reads):
+            if isinstance(output, ScanBlock):
+                log.time_s += output.time_s.tolist()
+                log.volts += list(output.volts)
             elif isinstance(output, Event):
                 yield output
             elif isinstance(output, Hello) and (fault := check_hello(output, layout, log.array)):
@@ -236,6 +233,16 @@ def _run_recording(
         raise DataError(foreign)
     if not log.time_s:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
+
+
+def _change(pipeline: Pipeline, item: Input) -> None:
+    """Pass an input that is no read to the pipeline; detectors are set by the command line."""
+    if item.name == "disconnected":
+        pipeline.disconnected()
+    elif item.name in ("damaged", "dropped"):
+        pipeline.interrupted()
+    elif item.name in ("adapter", "ping"):
+        pipeline.command(item.name, item.values(), item.time_s)
 
 
 def _run_table(

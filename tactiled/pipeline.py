@@ -1,11 +1,12 @@
 """Pipeline from bytes to events: decoding, timing and detection, for live, replayed and offline data."""
 
 import heapq
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import Field
 
@@ -25,6 +26,7 @@ from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
 Output = Event | Hello | Acknowledge
+BlockOutput = Output | ScanBlock
 RATES_HZ = (0.1, 20_000.0)  # below, a stall cannot be detected; above, no serial line can carry the scans
 
 
@@ -88,6 +90,8 @@ class Pipeline:
         Takes long computations; without one they are computed in place, with the same events.
     """
 
+    MOST_READS = 1000  # that `receive_reads` is given at once: ten seconds of the published board
+
     def __init__(
         self,
         layout: Layout,
@@ -116,6 +120,7 @@ class Pipeline:
         """Due scans of the groove fits that were not ready in the last `receive_data`."""
         self._tuned_for = ""
         self.hello: Hello | None = None
+        self._origins: list[_ScanOrigin] = []  # of the scans that the detectors have not seen yet
         self._frames = 0
         self._fits_late = 0
         self._corrupt: Counter[str] = Counter()
@@ -137,19 +142,50 @@ class Pipeline:
         now_s : float
             Time at which the bytes were handed over, host monotonic seconds.
         """
-        out: list[Output] = []
+        return self.receive_reads([(data, now_s)])[0]
+
+    def receive_reads(self, reads: Sequence[tuple[bytes, float]]) -> list[list[Output]]:
+        """Process reads at the speed of blocks, and return the outputs of each, as `receive_data` gives them.
+
+        Parameters
+        ----------
+        reads : sequence of (bytes, float)
+            Arguments of `receive_data`.
+        """
+        outputs: list[list[Output]] = [[] for _ in reads]
+        for (data, now_s), out in zip(reads, outputs, strict=True):
+            self._receive(data, now_s, out, as_blocks=False)
+        self._flush(as_blocks=False)
+        self.late_fits = self.tuning.take_late_fits()
+        self._fits_late += len(self.late_fits)
+        return outputs
+
+    def receive_blocks(self, reads: Sequence[tuple[bytes, float]]) -> list[BlockOutput]:
+        """Process reads as `receive_reads`, and return their outputs in order, with scans as blocks."""
+        out: list[BlockOutput] = []
+        for data, now_s in reads:
+            self._receive(data, now_s, out, as_blocks=True)
+        self._flush(as_blocks=True)
+        self.late_fits = self.tuning.take_late_fits()
+        self._fits_late += len(self.late_fits)
+        return out
+
+    def _receive(self, data: bytes, now_s: float, out: list[Any], *, as_blocks: bool) -> None:
+        """Process a read, up to the detectors; its outputs go to `out`, by now or with `_flush`."""
         self._assembler.read(now_s, self._decoder.bytes_pending)
         for frame in self._decoder.feed(data):
-            self._frames += not isinstance(frame, Corrupt)
             if isinstance(frame, Scan):
-                if self.hello is not None:
-                    self._assembler.scan(frame, now_s)
-            elif isinstance(frame, Corrupt):
+                self._frames += 1
+                if self.hello is not None and self._assembler.scan(frame, now_s):
+                    self._origins.append(_ScanOrigin(out, now_s))
+                continue
+            self._frames += not isinstance(frame, Corrupt)
+            if isinstance(frame, Corrupt):
                 self._corrupt[frame.reason] += 1
                 self._assembler.corrupt()
             elif isinstance(frame, Hello):
                 self._assembler.other("hello")
-                out += self._run(self._assembler.flush(), now_s)
+                self._flush(as_blocks=as_blocks)
                 out.append(frame)
                 if check_hello(frame, self.layout, self.array) is None:
                     self._accept(frame, now_s)
@@ -158,10 +194,6 @@ class Pipeline:
             elif isinstance(frame, Acknowledge):
                 self._assembler.answered(frame, now_s)
                 out.append(frame)
-        out += self._run(self._assembler.flush(), now_s)
-        self.late_fits = self.tuning.take_late_fits()
-        self._fits_late += len(self.late_fits)
-        return out
 
     def disconnected(self) -> None:
         """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""
@@ -258,12 +290,24 @@ class Pipeline:
         self.hello = hello
         self._assembler.board(hello, now_s)
 
-    def _run(self, items: Sequence[ScanBlock | Gap], now_s: float) -> Iterator[Event]:
-        for item in items:
+    def _flush(self, *, as_blocks: bool) -> None:
+        """Run the detectors on the scans received, and give the outputs to the reads that completed them."""
+        origins, self._origins = self._origins, []
+        n_done = 0
+        for item in self._assembler.flush():
             found = self._note(self.tuning.process(item))
-            scans = scan_events(item, now_s) if isinstance(item, ScanBlock) else iter(())
-            # Each event follows the scan that completed it, independent of the number of scans in a read.
-            yield from heapq.merge(scans, found, key=lambda event: event.evidence_s) if found else scans
+            if isinstance(item, Gap):  # the scan behind it is always there
+                origins[n_done].out.extend(found)
+                continue
+            part = origins[n_done : n_done + len(item)]
+            n_done += len(item)
+            if as_blocks:
+                part[-1].out.extend([item, *found])
+            elif found:
+                _deliver(item, found, part)
+            else:
+                for origin, event in zip(part, scan_events(item, part), strict=True):
+                    origin.out.append(event)
 
     def _note(self, events: list[Event]) -> list[Event]:
         """Keep the state of contact and slip for `health`; returns the events."""
@@ -275,20 +319,39 @@ class Pipeline:
         return events
 
 
-def scan_events(block: ScanBlock, now_s: float) -> Iterator[ScanEvent]:
+class _ScanOrigin(NamedTuple):
+    """Outputs of the read that completed a scan, and the time of that read."""
+
+    out: list[Any]
+    now_s: float
+
+
+def _deliver(block: ScanBlock, found: Sequence[Event], origins: Sequence[_ScanOrigin]) -> None:
+    """Give scans and events to their reads; each event follows the scan that completed its evidence."""
+    time_s: list[float] = block.time_s.tolist()
+    n_scans = 0
+    for event in heapq.merge(scan_events(block, origins), found, key=lambda event: event.evidence_s):
+        if isinstance(event, ScanEvent):
+            origins[n_scans].out.append(event)
+            n_scans += 1
+        else:
+            origins[min(bisect_left(time_s, event.evidence_s), len(time_s) - 1)].out.append(event)
+
+
+def scan_events(block: ScanBlock, origins: Sequence[_ScanOrigin]) -> Iterator[ScanEvent]:
     """Yield one event for each scan of a block."""
     rows = zip(
         block.index.tolist(), block.volts.tolist(), block.valid.tolist(),
-        block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), strict=True,
+        block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), origins, strict=True,
     )  # fmt: skip
-    for index, volts, valid, time_s, sd_s, late in rows:
+    for index, volts, valid, time_s, sd_s, late, origin in rows:
         yield ScanEvent(
             time_s=time_s,
             index=index,
             volts=tuple(volts),
             valid=tuple(valid),
             time_sd_s=sd_s,
-            age_s=now_s - time_s,
+            age_s=origin.now_s - time_s,
             late=late,
         )
 

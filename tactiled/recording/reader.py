@@ -7,18 +7,21 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, McapRecord, Message, Metadata
+from mcap.records import Schema as SchemaRecord
 
 from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES
 from tactiled.recording import contents
+from tactiled.recording.cdr import Schema
 from tactiled.recording.chunks import chunks
 from tactiled.recording.contents import Header, Input, Item, Read
 from tactiled.recording.extent import Damage, Extent
 
 logger = logging.getLogger(__name__)
+T = TypeVar("T")
 
 Reached = Callable[[float], None]
 """Called with the completed fraction of the work, 0 to 1."""
@@ -28,21 +31,43 @@ Reached = Callable[[float], None]
 class _Channels:
     """Schemas and channels read so far, by number."""
 
+    with_events: bool = True
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     other_forms: set[str] = field(default_factory=set)
+    known: dict[int, Schema | None] = field(default_factory=dict)
+    """Schema of our own that the messages of a channel have; None where they are left out."""
 
     def item(self, record: McapRecord, path: Path) -> Item | None:
         """Decode a message; None for other records and unknown channels."""
-        if isinstance(record, Schema):
+        if isinstance(record, Message):
+            channel = self.channels.get(record.channel_id)
+            return None if channel is None else self._decode(channel, record.data, path)
+        if isinstance(record, SchemaRecord):
             self.schemas[record.id] = record.data.decode(errors="replace")
+            self.known.clear()
         elif isinstance(record, Channel):
             self.channels[record.id] = record
-        elif isinstance(record, Message) and (channel := self.channels.get(record.channel_id)) is not None:
-            return self._decode(channel, record.data, path)
+            self.known.clear()
         return None
 
     def _decode(self, channel: Channel, data: bytes, path: Path) -> Item | None:
+        if channel.id not in self.known:
+            self.known[channel.id] = self._schema(channel, path)
+        schema = self.known[channel.id]
+        if schema is None:
+            return None
+        try:
+            if schema is contents.RAW:
+                return Read(**schema.decode(data))
+            if schema is contents.INPUT:
+                return Input(**schema.decode(data))
+            topic = channel.topic.removeprefix("tactile/")
+            return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
+        except DataError as error:
+            raise DataError(f"{path}: {error}") from None
+
+    def _schema(self, channel: Channel, path: Path) -> Schema | None:
         topic = channel.topic.removeprefix("tactile/")
         if channel.topic == contents.RAW_TOPIC:
             schema = contents.RAW
@@ -59,14 +84,7 @@ class _Channels:
             raise DataError(
                 f"{path}: {channel.topic} has the schema of another tactiled version; use that version"
             )
-        try:
-            if schema is contents.RAW:
-                return Read(**schema.decode(data))
-            if schema is contents.INPUT:
-                return Input(**schema.decode(data))
-            return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
-        except DataError as error:
-            raise DataError(f"{path}: {error}") from None
+        return schema if self.with_events or schema in (contents.RAW, contents.INPUT) else None
 
 
 def read_header(path: Path) -> Header:
@@ -126,8 +144,46 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
         It cannot be read.
     """
     extent = Extent() if extent is None else extent
+    return _read(path, extent, reached, _Channels(other_forms=extent.other_forms))
+
+
+def read_inputs(path: Path, reached: Reached | None = None) -> Iterator[Read | Input]:
+    """Yield what `read_items` does, without the events, which take most of the time of reading."""
+    extent = Extent()
+    for item in _read(path, extent, reached, _Channels(with_events=False, other_forms=extent.other_forms)):
+        if isinstance(item, Read | Input):
+            yield item
+
+
+def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterator[list[T]]:
+    """Yield consecutive items for which `joins` is true together, at most `most`, and every other item alone.
+
+    What was read before a `DataError` is yielded before that is raised.
+    """
+    batch: list[T] = []
+    while True:
+        failure: DataError | None = None
+        item: T | None = None
+        try:
+            item = next(items, None)
+        except DataError as error:
+            failure = error
+        is_joined = item is not None and joins(item)
+        if batch and not (is_joined and len(batch) < most):
+            yield batch
+            batch = []
+        if failure is not None:
+            raise failure
+        if item is None:
+            return
+        if is_joined:
+            batch.append(item)
+        else:
+            yield [item]
+
+
+def _read(path: Path, extent: Extent, reached: Reached | None, known: _Channels) -> Iterator[Item]:
     with open_recording(path) as stream:
-        known = _Channels(other_forms=extent.other_forms)
         for found in chunks(stream, extent):
             if reached is not None:
                 reached(extent.share_read)

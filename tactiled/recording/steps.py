@@ -15,7 +15,7 @@ from tactiled.events.types import Event
 from tactiled.pipeline import Output, Pipeline
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent
 from tactiled.recording.extent import Extent
-from tactiled.recording.reader import Reached, in_order, read_items
+from tactiled.recording.reader import Reached, batches, in_order, read_items
 from tactiled.wire.frames import Hello
 
 
@@ -78,14 +78,17 @@ class Replay:
             pipeline.receive_data(self.header.hello, 0.0)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
         for number, (path, extent) in enumerate(self.extents.items()):
-            for cause, live, is_cut in _steps(path, extent, self._share_of(number)):
-                now: list[RecordedEvent] = []
-                for output in _run(pipeline, cause, path):
-                    if isinstance(output, Hello):
-                        board = output.board_serial
-                    elif isinstance(output, Event):
-                        now.append(RecordedEvent(output, board, cause.unix_offset_s, "pipeline"))
-                yield ReplayStep(cause, tuple(now), live, is_cut)
+            steps = _steps(path, extent, self._share_of(number))
+            for batch in batches(steps, lambda step: isinstance(step[0], Read), Pipeline.MOST_READS):
+                outputs = _run(pipeline, [cause for cause, _, _ in batch], path)
+                for (cause, live, is_cut), found in zip(batch, outputs, strict=True):
+                    now: list[RecordedEvent] = []
+                    for output in found:
+                        if isinstance(output, Hello):
+                            board = output.board_serial
+                        elif isinstance(output, Event):
+                            now.append(RecordedEvent(output, board, cause.unix_offset_s, "pipeline"))
+                    yield ReplayStep(cause, tuple(now), live, is_cut)
 
     def _share_of(self, number: int) -> Reached | None:
         """Convert the progress in one part to the progress in all parts, which are about equal in size."""
@@ -93,10 +96,15 @@ class Replay:
         return reached and (lambda share: reached((number + share) / len(self.extents)))
 
 
-def _run(pipeline: Pipeline, cause: Read | Input, path: Path) -> Sequence[Output]:
-    """Feed one recorded input to the pipeline."""
-    if isinstance(cause, Read):
-        return pipeline.receive_data(cause.data, cause.arrival_s)
+def _run(pipeline: Pipeline, causes: Sequence[Read | Input], path: Path) -> Sequence[Sequence[Output]]:
+    """Feed recorded reads, or one other input, to the pipeline; return the outputs of each."""
+    reads = [(cause.data, cause.arrival_s) for cause in causes if isinstance(cause, Read)]
+    if reads:
+        return pipeline.receive_reads(reads)
+    return [_run_input(pipeline, cause, path) for cause in causes if isinstance(cause, Input)]
+
+
+def _run_input(pipeline: Pipeline, cause: Input, path: Path) -> Sequence[Output]:
     if cause.name == "disconnected":
         pipeline.disconnected()
     elif cause.name in ("damaged", "dropped"):

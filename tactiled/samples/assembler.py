@@ -245,8 +245,8 @@ class Assembler:
         earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
         self._fit.answered(board_s, earliest_s, now_s - self._line_s.get("acknowledge", 0.0))
 
-    def scan(self, scan: Scan, now_s: float) -> None:
-        """Take the next scan frame."""
+    def scan(self, scan: Scan, now_s: float) -> bool:
+        """Take the next scan frame; return False for a duplicate, which is left out."""
         whole_by_s = now_s
         if self._begun is not None:  # the rest of that frame took no longer than its bytes on the line
             read_s, n_bytes = self._begun
@@ -266,7 +266,7 @@ class Assembler:
         if step.kind == "duplicate":
             self._count(duplicate=1)
             self.other("scan")
-            return
+            return False
         self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
         waited_s = self._waited_s if self._queued_s <= 0 else np.inf
         period_s = 1 / self._hello.rate_hz
@@ -283,6 +283,7 @@ class Assembler:
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
         self._rows.append((scan, time_s, sd_s, self._live and not fresh))
         self._counts["scans"] += 1
+        return True
 
     def flush(self) -> list[ScanBlock | Gap]:
         """Return complete blocks and gaps, in order."""
