@@ -15,6 +15,7 @@ BENCHES = {
     "clock": "bench.daemon.clock",
     "faults": "bench.daemon.faults",
     "latency": "bench.latency.bench",
+    "throughput": "bench.throughput.bench",
     "boards": "bench.boards.bench",
     "soak": "bench.daemon.soak",
     "paper": "bench.paper.bench",
@@ -40,13 +41,14 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
 
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
     cost and errors of each contact model. latency: from a scan's last byte to a subscriber, beside a C
-    program. boards: cost, memory and latency of many boards in one process, by their number. soak: days of
-    board time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
-    detection latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
-    random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the bound.
-    texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model. sensors:
-    slides of six kinds of sensor in their own units, beside the strongest line of a spectrum. web: delays of
-    the live page in a browser, and what server and page cost.
+    program. throughput: scans a second, files in times real time, processor and memory. boards: cost,
+    memory and latency of many boards in one process, by their number. soak: days of board time, every
+    frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip: detection
+    latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
+    random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the
+    bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the
+    model. sensors: slides of six kinds of sensor in their own units, beside the strongest line of a
+    spectrum. web: delays of the live page in a browser, and what server and page cost.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

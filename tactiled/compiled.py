@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 SOURCE = Path(__file__).with_name("compiled.c")
 LIBRARY = Path(__file__).with_name("_compiled.so")
 SETTING = "TACTILED_COMPILED"
-_octet_of = ctypes.c_char.from_buffer
+_octet_of: Callable[[Any], Any] = ctypes.c_char.from_buffer
 # Results and arguments as `compiled.c` declares them: s size, p pointer, r real, i int, b bytes.
 _KINDS = {
     "s": ctypes.c_ssize_t,

@@ -44,7 +44,7 @@ _SETTLE_S = 4.0
 _TICKS_HZ = os.sysconf("SC_CLK_TCK")
 _LAYOUT = load_layout("board-v1")
 _ADC_VOLTS = 3.0 / 4096  # of the emulated board
-_CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
+CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ class Run:
     reference: Mapping[str, PhaseLatency]
     loop_lag_s: Mapping[str, float]
     fits_late: int
+    rss_mb: float
+    """Resident memory of the daemon at the end, 10^6 bytes."""
 
     def ratio(self, phase: str, q: float) -> float:
         """Quantile of the daemon's latency over that of the reference."""
@@ -89,12 +91,12 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
     runs = []
     with tempfile.TemporaryDirectory(prefix="tactiled-latency-") as name:
-        reference = _compiled(Path(name))
+        reference = compile_reference(Path(name))
         for repeat in range(repeats):
             progress.reach(repeat / repeats)
             folder = Path(name) / str(repeat)
             folder.mkdir()
-            runs.append(_run(folder, reference))
+            runs.append(play_scene(folder, reference))
     load, _, _ = os.getloadavg()
     text = (
         f"{repeats} runs; load average {load:.1f} on {os.cpu_count()} processors. Ratios "
@@ -103,7 +105,7 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     return BenchReport([text, _latency_table(runs), aims_table(AIMS, {"measured": runs})])
 
 
-def _compiled(folder: Path) -> Path:
+def compile_reference(folder: Path) -> Path:
     """Compile the reference."""
     compiler = shutil.which("cc")
     if compiler is None:
@@ -135,12 +137,12 @@ def _process(*command: str | Path, wait_for: str = "ready") -> Iterator[subproce
         process.stdout.close()
 
 
-def _run(folder: Path, reference: Path) -> Run:
+def play_scene(folder: Path, reference: Path) -> Run:
     """Play the scene once through both programs."""
     board, daemon_link, reference_link = folder / "board", folder / "daemon", folder / "reference"
-    endpoint, port = f"ipc://{folder}/events", _free_port()
+    endpoint, port = f"ipc://{folder}/events", free_port()
     config = folder / "tactiled.toml"
-    config.write_text(_CONFIG.format(port=daemon_link, endpoint=endpoint))
+    config.write_text(CONFIG.format(port=daemon_link, endpoint=endpoint))
     relayed, heard = folder / "relayed", folder / "heard"
     python = (sys.executable, "-m")
     cpu: dict[str, list[tuple[float, float]]] = {"daemon": [], "reference": []}
@@ -150,7 +152,7 @@ def _run(folder: Path, reference: Path) -> Run:
         emulator = stack.enter_context(
             _process(*python, "tactiled", "emulate", "--scene", SCENE, "--link", board, wait_for="")
         )
-        _wait(board)
+        wait_for_path(board)
         relay = stack.enter_context(
             _process(*python, "bench.latency.relay", board, daemon_link, reference_link, relayed)
         )
@@ -165,12 +167,14 @@ def _run(folder: Path, reference: Path) -> Run:
             time.sleep(0.2)
             for name, process in programs.items():
                 cpu[name].append((time.monotonic() - start_s, _cpu_s(process.pid)))
+        rss_mb = _rss_mb(programs["daemon"].pid)
         emulator.terminate()
         relay.wait(10)
-    return matched(relayed, heard, start_s, cpu)
+    return matched(relayed, heard, start_s, cpu, rss_mb)
 
 
-def _wait(path: Path) -> None:
+def wait_for_path(path: Path) -> None:
+    """Wait until a path exists."""
     until_s = time.monotonic() + _START_S
     while not path.exists():
         if time.monotonic() > until_s:
@@ -224,8 +228,17 @@ class _SentScan(NamedTuple):
     written_s: Mapping[str, float]
 
 
+def _rss_mb(pid: int) -> float:
+    """Resident memory of a process in 10^6 bytes (proc(5): statm)."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def matched(
-    relayed: Path, heard: Path, start_s: float, cpu: Mapping[str, Sequence[tuple[float, float]]]
+    relayed: Path,
+    heard: Path,
+    start_s: float,
+    cpu: Mapping[str, Sequence[tuple[float, float]]],
+    rss_mb: float = float("nan"),
 ) -> Run:
     """Match frames and messages of a run."""
     decoder, sent = Decoder(_LAYOUT), list[_SentScan]()
@@ -273,7 +286,7 @@ def matched(
         lag[phase] = max(
             (value for at_s, value in lags if any(begin <= at_s < end for begin, end in spans)), default=0.0
         )
-    return Run(found["daemon"], found["reference"], lag, fits_late)
+    return Run(found["daemon"], found["reference"], lag, fits_late, rss_mb)
 
 
 def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[float, float]]) -> float:
@@ -284,7 +297,8 @@ def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[floa
     return used_s / total_s
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a UDP port that is free."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

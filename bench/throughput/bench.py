@@ -1,0 +1,273 @@
+"""Throughput of the daemon and of files, on the compiled path and on numpy.
+
+A flood through a pty is read by the daemon and, after it, by the C program of `bench.latency`: how long the
+board waits until each has taken the scans. Files are detected and replayed by one processor. Memory and
+processor at 100 Hz are those of one run of `bench.latency`.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgpack
+import zmq
+
+from bench.latency.bench import CONFIG, PhaseLatency, compile_reference, free_port, play_scene, wait_for_path
+from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, at_most, judge, table
+from tactiled import compiled
+from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.simulate import Simulation
+from tactiled.errors import OperatorError
+from tactiled.events.types import Event
+from tactiled.pipeline import Pipeline
+from tactiled.progress import ProgressBar
+from tactiled.recording.contents import Header, Read, load_board
+from tactiled.recording.writer import RecordingWriter
+from tactiled.wire.frames import Hello
+
+WAYS = {"compiled": "1", "numpy": "0"}
+"""Path of a scan, and the value of `compiled.SETTING` that selects it."""
+SCENES = ("rest", "slide")
+_HERE = Path(__file__).parent
+_SCANS = {"compiled": 50_000, "numpy": 20_000, "reference": 500_000}
+_QUICK_PART = 5  # so many times fewer scans and seconds
+_LONGEST_S = 120.0
+_DRAIN_S = 3.0
+_SOURCE = load_board("board-v1", "wang2019-3x3")
+
+
+@dataclass(frozen=True)
+class FloodResult:
+    """Scans a second that a program takes from a pty; scans that the daemon did not decode."""
+
+    scans_per_s: float
+    lost: int
+
+
+@dataclass(frozen=True)
+class FileResult:
+    """Seconds of a recording, and processor time for it."""
+
+    duration_s: float
+    cpu_s: float
+
+    @property
+    def times_real(self) -> float:
+        """Duration over processor time."""
+        return self.duration_s / self.cpu_s
+
+
+@dataclass(frozen=True)
+class ThroughputResult:
+    """Everything measured."""
+
+    floods: Mapping[str, FloodResult]
+    files: Mapping[tuple[str, str, str], FileResult]
+    """By path, verb and scene."""
+    daemon: Mapping[str, PhaseLatency]
+    reference: Mapping[str, PhaseLatency]
+    rss_mb: float
+
+    def cpu_ratio(self, phase: str) -> float:
+        """Processor time of the daemon over that of the C program at 100 Hz."""
+        return self.daemon[phase].cpu_part / max(self.reference[phase].cpu_part, 1e-9)
+
+
+def bench_throughput(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Measure flood, files, memory and processor."""
+    part = _QUICK_PART if options.quick else 1
+    with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
+        folder = Path(name)
+        program = compile_reference(folder)
+        files = {}
+        for scene in SCENES:
+            duration_s = _record(folder / f"{scene}.mcap", scene, part)
+            for way in _ways():
+                for verb in ("detect", "replay"):
+                    cpu_s = _cpu_of(verb, folder / f"{scene}.mcap", way)
+                    files[way, verb, scene] = FileResult(duration_s, cpu_s)
+        progress.reach(0.4)
+        floods = {"C": _flood_reference(folder, program, _SCANS["reference"] // part)}
+        floods |= {way: _flood_daemon(folder, way, _SCANS[way] // part) for way in _ways()}
+        progress.reach(0.6)
+        (folder / "run").mkdir()
+        run = play_scene(folder / "run", program)
+    result = ThroughputResult(floods, files, run.daemon, run.reference, run.rss_mb)
+    load, _, _ = os.getloadavg()
+    text = f"Load average {load:.1f} on {os.cpu_count()} processors. Path of a scan: {compiled.path.words}."
+    return BenchReport(
+        [text, _floods(result), _files(result), aims_table(AIMS, {"measured": result})], numbers=result
+    )
+
+
+def _ways() -> list[str]:
+    return list(WAYS) if compiled.path.functions is not None else ["numpy"]
+
+
+def _environment(way: str) -> dict[str, str]:
+    return os.environ | {compiled.SETTING: WAYS[way]}
+
+
+def _record(path: Path, scene: str, part: int) -> float:
+    """Record an emulated board with a scene and its events, as the daemon would; returns the duration."""
+    loaded = load_scene(str(_HERE / f"{scene}.toml"))
+    duration_s = loaded.duration_s / part
+    pipeline = Pipeline(_SOURCE.layout, _SOURCE.array)
+    with RecordingWriter(path, Header(_SOURCE)) as writer:
+        for arrival_s, data in Simulation(loaded, _SOURCE.layout, duration_s=duration_s):
+            writer.read(Read(arrival_s, 0.0, data))
+            for output in pipeline.receive_data(data, arrival_s):
+                if isinstance(output, Hello):
+                    writer.board(output)
+                elif isinstance(output, Event):
+                    writer.event(output, "TS0001", 0.0, "pipeline")
+    return duration_s
+
+
+def _cpu_of(verb: str, path: Path, way: str) -> float:
+    command = [sys.executable, "-m", "bench.throughput.files", verb, str(path)]
+    done = subprocess.run(command, env=_environment(way), capture_output=True, text=True, check=True)
+    return float(done.stdout.splitlines()[-1])
+
+
+@contextmanager
+def _flooding(folder: Path, n_scans: int, *options: str) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
+    """Board that floods a pty, and the name of the pty."""
+    link = folder / "flood"
+    link.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "bench.throughput.flood", str(link), str(n_scans), *options]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as board:
+        wait_for_path(link)
+        try:
+            yield link, board
+        finally:
+            board.kill()
+
+
+def _taken_s(board: subprocess.Popen[str]) -> float:
+    """Wait for the end of a flood; the seconds that it took."""
+    assert board.stdout is not None
+    lines = (line.strip() for line in board.stdout)
+    return next(float(line) for line in lines if line != "ready")
+
+
+def _flood_reference(folder: Path, program: Path, n_scans: int) -> FloodResult:
+    with (
+        _flooding(folder, n_scans) as (link, board),
+        subprocess.Popen([program, link, str(free_port())], stdout=subprocess.DEVNULL) as reader,
+    ):
+        took_s = _taken_s(board)
+        reader.kill()
+    return FloodResult(n_scans / took_s, 0)
+
+
+def _flood_daemon(folder: Path, way: str, n_scans: int) -> FloodResult:
+    endpoint, config = f"ipc://{folder}/{way}", folder / f"{way}.toml"
+    with ExitStack() as stack:
+        link, board = stack.enter_context(_flooding(folder, n_scans, "--ask"))
+        config.write_text(CONFIG.format(port=link, endpoint=endpoint))
+        subscriber = stack.enter_context(_Subscriber(endpoint))
+        daemon = stack.enter_context(
+            subprocess.Popen(
+                [sys.executable, "-m", "tactiled", "run", "--config", str(config)],
+                env=_environment(way),
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        stack.callback(daemon.send_signal, signal.SIGTERM)
+        n_decoded = subscriber.count_scans(board)
+        took_s = _taken_s(board)
+    return FloodResult(n_scans / took_s, n_scans - n_decoded)
+
+
+class _Subscriber:
+    """Subscriber to every message of a daemon, as a controller would have it."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._context = zmq.Context()
+        self._socket: zmq.Socket[bytes] = self._context.socket(zmq.SUB)
+        self._socket.subscribe("")
+        self._socket.connect(endpoint)
+
+    def __enter__(self) -> "_Subscriber":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close(0)
+        self._context.term()
+
+    def count_scans(self, board: subprocess.Popen[str]) -> int:
+        """Receive until the flood is over and the daemon has taken it; the scans that it decoded."""
+        until_s, last_s, n_scans = time.monotonic() + _LONGEST_S, time.monotonic(), 0
+        while time.monotonic() - last_s < _DRAIN_S or not n_scans:
+            if time.monotonic() > until_s or board.poll() is not None:
+                raise OperatorError("the daemon did not take the flood: is this machine too busy?")
+            if not self._socket.poll(100):
+                continue
+            topic, payload = self._socket.recv_multipart()
+            if topic.endswith(b"/status"):
+                counted = msgpack.unpackb(payload)["scans"]
+                last_s = time.monotonic() if counted != n_scans else last_s
+                n_scans = counted
+        return n_scans
+
+
+def _floods(result: ThroughputResult) -> str:
+    rows = []
+    for name, flood in result.floods.items():
+        ratio = flood.scans_per_s / result.floods["C"].scans_per_s
+        rows.append(
+            {
+                "flood through a pty": name if name == "C" else f"tactiled, {name}",
+                "scans/s": f"{flood.scans_per_s:,.0f}",
+                "over C": f"{ratio:.3f}",
+                "scans lost": str(flood.lost) if name != "C" else "not counted",
+            }
+        )
+    return table(rows)
+
+
+def _files(result: ThroughputResult) -> str:
+    return table(
+        {"file": f"{verb}, {'rest' if scene == 'rest' else 'sliding over grooves'}"}
+        | {
+            f"{way}: times real time": f"{result.files[way, verb, scene].times_real:.0f}"
+            for way in WAYS
+            if (way, verb, scene) in result.files
+        }
+        for verb in ("detect", "replay")
+        for scene in SCENES
+    )
+
+
+def _times_real(scene: str, limit: float) -> Aim[ThroughputResult]:
+    def measure(result: ThroughputResult) -> Reading:
+        times = max(
+            r.times_real for (_, verb, of), r in result.files.items() if (verb, of) == ("detect", scene)
+        )
+        return judge(f"{times:.0f}", times >= limit)
+
+    return Aim(f"`detect` of a file, {scene}, times real time", f"at least {limit:g}", measure)
+
+
+def _flood_ratio(result: ThroughputResult) -> Reading:
+    ratio = max(f.scans_per_s for name, f in result.floods.items() if name != "C")
+    ratio /= result.floods["C"].scans_per_s
+    return judge(f"{ratio:.3f}", ratio >= 1 / 4)
+
+
+AIMS: tuple[Aim[ThroughputResult], ...] = (
+    Aim("flood through a pty, over C", "at least 0.25", _flood_ratio),
+    _times_real("rest", 300.0),
+    _times_real("slide", 50.0),
+    at_most("memory of the daemon after the slide (RSS)", 70.0, " MB", lambda r: r.rss_mb, ".0f"),
+    at_most("processor at 100 Hz over C, rest", 3.0, "", lambda r: r.cpu_ratio("rest"), ".1f"),
+    at_most("processor at 100 Hz over C, sliding", 8.0, "", lambda r: r.cpu_ratio("sliding"), ".1f"),
+)
