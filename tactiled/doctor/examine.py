@@ -7,6 +7,7 @@ from tactiled.config import Setup, default_config, load_config
 from tactiled.doctor.board import check_board
 from tactiled.doctor.finding import Finding, as_json, as_text
 from tactiled.doctor.host import (
+    check_compiled_path,
     check_daemon,
     check_disk,
     check_endpoints,
@@ -37,7 +38,7 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
         words = "board, array, endpoints, keys and disk were not checked because the configuration is invalid"
         broken.append(Finding("the rest", "warn", words, "correct the configuration, then run doctor again"))
         url = port or _named_port(config)
-        return [*broken, *(check_port(url) if url else []), *check_installation()]
+        return [*broken, *(check_port(url) if url else []), check_compiled_path(), *check_installation()]
     source = str(config) if config is not None else "defaults"
     return [Finding("configuration", "ok", f"{source}: valid"), *_with_setup(setup, speed_mm_s)]
 
@@ -59,7 +60,7 @@ def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
     findings += check_array(setup.array, texture, rate_hz or 100.0, speed_mm_s or texture.speed_mm_s)
     findings += check_endpoints(publish, is_running)
     findings += check_keys(publish)
-    return [*findings, *check_disk(setup.config.record), *check_installation()]
+    return [*findings, *check_disk(setup.config.record), check_compiled_path(), *check_installation()]
 
 
 def _named_port(config: Path | None) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from tactiled.errors import DataError
 
-_HEAD = b"\x00\x01\x00\x00"  # CDR_LE, no options (RTPS 2.5, table 10.3)
+HEAD = b"\x00\x01\x00\x00"  # CDR_LE, no options (RTPS 2.5, table 10.3)
 _PACKAGE = "tactiled_msgs"
 # Python type: ros2msg type, struct code, size in bytes.
 _PRIMITIVES = {bool: ("bool", "?", 1), int: ("int64", "q", 8), float: ("float64", "d", 8)}
@@ -47,7 +47,7 @@ class Schema:
         out = bytearray()
         for name, kind in self._fields.items():
             _write(out, values[name], kind)
-        return _HEAD + bytes(out)
+        return HEAD + bytes(out)
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Decode a message: tuples for sequences, dataclasses for nested types.
@@ -57,7 +57,7 @@ class Schema:
         DataError
             The bytes are not a message of this type.
         """
-        if data[:4] != _HEAD:
+        if data[:4] != HEAD:
             raise DataError(f"{self.name}: not little-endian CDR")
         reader = _Reader(data[4:])
         try:

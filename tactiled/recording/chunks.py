@@ -19,13 +19,15 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex, Metadata, Schema, Statistics
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from tactiled.recording.extent import Damage, Extent
 
 _HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
+_INDEX, _INDEX_ENTRY_BYTES = struct.Struct("<HI"), 16  # channel, bytes of the entries
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
 _DATA_END_BYTES = 4
 # Bytes that every tactiled chunk holds after two times, a size and a checksum: they locate a chunk whose
@@ -135,11 +137,14 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
     body = ReadDataStream(BytesIO(stream.read(length)))
     try:
         if opcode == Opcode.CHUNK:
-            records = breakup_chunk(Chunk.read(body), validate_crc=True)
+            records = _records_of(Chunk.read(body))
         elif opcode == Opcode.METADATA:
             records = [Metadata.read(body)]
         elif opcode == Opcode.MESSAGE_INDEX:
-            MessageIndex.read(body)
+            index = body.read(length)
+            n_bytes = _INDEX.unpack_from(index)[1]
+            if n_bytes % _INDEX_ENTRY_BYTES or _INDEX.size + n_bytes != length:
+                return None
             records = []
         elif opcode == Opcode.HEADER and at == len(MCAP0_MAGIC):
             return end, []
@@ -148,6 +153,29 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
     except _FAULTS:
         return None
     return (end, records) if body.count == length else None  # otherwise the length is damaged
+
+
+def _records_of(chunk: Chunk) -> list[McapRecord]:
+    """Read the records of a chunk; those of mcap's own reader, in a third of its time."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data = stream.read(size)
+    records: list[McapRecord] = []
+    at = 0
+    while at < size:
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        if at + length > size:
+            raise McapError(f"a record of {length} bytes exceeds its chunk")
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
+            body = data[at + _MESSAGE.size : at + length]
+            records.append(Message(channel, log_ns, body, publish_ns, sequence))
+        elif opcode == Opcode.SCHEMA:
+            records.append(Schema.read(ReadDataStream(BytesIO(data[at : at + length]))))
+        elif opcode == Opcode.CHANNEL:
+            records.append(Channel.read(ReadDataStream(BytesIO(data[at : at + length]))))
+        at += length
+    return records
 
 
 def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:

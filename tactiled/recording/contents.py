@@ -15,6 +15,7 @@ pipeline's events bit for bit. A rotated recording is a chain of such files with
 
 import hashlib
 import json
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
@@ -23,7 +24,7 @@ from tactiled import __version__, resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.pipeline import PipelineParams
-from tactiled.recording.cdr import Schema, fields_of
+from tactiled.recording.cdr import HEAD, Schema, fields_of
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
@@ -185,6 +186,24 @@ RAW = Schema("RawBytes", fields_of(Read))
 INPUT = Schema("Input", fields_of(Input))
 RAW_TOPIC = "tactile/raw"
 INPUT_TOPIC = "tactile/input"
+
+
+_READ = struct.Struct("<4sddI")  # of `RAW`: head, arrival_s, unix_offset_s, bytes of the data
+
+
+def decode_read(data: bytes) -> Read:
+    """Decode a message of `RAW`, in a fifth of the time of its schema.
+
+    Raises
+    ------
+    DataError
+        The bytes are no such message.
+    """
+    if len(data) >= _READ.size:
+        head, arrival_s, unix_offset_s, n_bytes = _READ.unpack_from(data)
+        if head == HEAD and len(data) == _READ.size + n_bytes:
+            return Read(arrival_s, unix_offset_s, data[_READ.size :])
+    return Read(**RAW.decode(data))
 
 
 def schema_of(kind: type[Event]) -> Schema:

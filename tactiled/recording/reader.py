@@ -59,7 +59,7 @@ class _Channels:
             return None
         try:
             if schema is contents.RAW:
-                return Read(**schema.decode(data))
+                return contents.decode_read(data)
             if schema is contents.INPUT:
                 return Input(**schema.decode(data))
             topic = channel.topic.removeprefix("tactile/")

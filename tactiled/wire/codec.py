@@ -105,23 +105,21 @@ class _ScanReader:
     def __init__(self, layout: Layout) -> None:
         fields: Mapping[str, Any] = layout.messages["scan"].dtype.fields or {}
         sign = "<" if layout.byte_order == "little" else ">"
-        self._at = {name: field[1] + layout.type_bytes for name, field in fields.items()}
-        self._whole = {
-            name: struct.Struct(sign + field[0].char)
-            for name, field in fields.items()
-            if name in ("sequence", "ticks", "flags")
-        }
+        form = {name: struct.Struct(sign + field[0].base.char) for name, field in fields.items()}
+        at = {name: field[1] + layout.type_bytes for name, field in fields.items()}
+        self._sequence, self._sequence_at = form["sequence"].unpack_from, at["sequence"]
+        self._ticks = (form["ticks"].unpack_from, at["ticks"]) if "ticks" in fields else None
+        self._flags = (form["flags"].unpack_from, at["flags"]) if "flags" in fields else None
         counts = fields["counts"][0]
-        self._counts, self._n_counts = counts.base, math.prod(counts.shape)
+        self._counts, self._n_counts, self._counts_at = counts.base, math.prod(counts.shape), at["counts"]
 
     def read(self, body: bytes) -> Scan:
         """Return the scan of a body whose length is right."""
-        whole = {name: form.unpack_from(body, self._at[name])[0] for name, form in self._whole.items()}
         return Scan(
-            sequence=int(whole["sequence"]),
-            counts=np.frombuffer(body, self._counts, self._n_counts, self._at["counts"]).astype(np.int64),
-            ticks=int(whole["ticks"]) if "ticks" in whole else None,
-            flags=int(whole.get("flags", 0)),
+            sequence=int(self._sequence(body, self._sequence_at)[0]),
+            counts=np.frombuffer(body, self._counts, self._n_counts, self._counts_at).astype(np.int64),
+            ticks=None if self._ticks is None else int(self._ticks[0](body, self._ticks[1])[0]),
+            flags=0 if self._flags is None else int(self._flags[0](body, self._flags[1])[0]),
         )
 
 

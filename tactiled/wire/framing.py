@@ -102,14 +102,12 @@ class _GoodFrames:
         self._start, self._is_little = crc16_start, layout.byte_order == "little"
         self._bodies = np.empty(self.MOST_BYTES, dtype=np.uint8)
         self._ends = np.empty((self.MOST_FRAMES, 2), dtype=np.int64)
+        self._out = compiled.address(self._bodies), compiled.address(self._ends)
 
     def take(self, buffer: bytearray, limit: int, checker: "_Checker") -> tuple[list[bytes], int]:
         """Return the bodies of the good frames at the beginning, and the bytes that they take."""
-        data = bytes(buffer[: self.MOST_BYTES])
-        n = self._frames(
-            data, len(data), limit, self._start, self._is_little,
-            compiled.address(self._bodies), compiled.address(self._ends), self.MOST_FRAMES,
-        )  # fmt: skip
+        data = bytes(buffer) if len(buffer) <= self.MOST_BYTES else bytes(buffer[: self.MOST_BYTES])
+        n = self._frames(data, len(data), limit, self._start, self._is_little, *self._out, self.MOST_FRAMES)
         bodies: list[bytes] = []
         used = start = 0
         if n:
