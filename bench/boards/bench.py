@@ -143,7 +143,7 @@ def measure(folder: Path, n_boards: int, n_processes: int, window_s: float) -> L
     written, heard = folder / "written.npz", folder / "heard.npz"
     with ExitStack() as stack:
         beside = {*others} or {first}
-        listener = stack.enter_context(_process(beside, "bench.boards.listen", heard, *endpoints))
+        listener = stack.enter_context(_process(beside, "bench.boards.listen", heard, n_boards, *endpoints))
         writer = stack.enter_context(
             _process(beside, "bench.boards.writer", folder, n_boards, RATE_HZ, written)
         )

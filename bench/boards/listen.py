@@ -1,6 +1,7 @@
 """Subscriber of all boards: notes when each message came, and interprets none of them before the end.
 
-Usage: ``python -m bench.boards.listen LOG ENDPOINT...``. Ends on SIGTERM; the log is an npz file.
+Usage: ``python -m bench.boards.listen LOG N ENDPOINT...`` for N boards. Only scans and statuses are received.
+Ends on SIGTERM; the log is an npz file.
 """
 
 import signal
@@ -12,23 +13,30 @@ import msgpack
 import numpy as np
 import zmq
 
+from bench.boards.writer import serial_of
 
-def listen(log: Path, endpoints: list[str]) -> None:
+
+def listen(log: Path, n_boards: int, endpoints: list[str]) -> None:
     """Receive until SIGTERM, then write boards, times and what was measured of scans and statuses."""
     ended: list[int] = []
     signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
     context = zmq.Context()
     events = context.socket(zmq.SUB)
     events.setsockopt(zmq.RCVHWM, 0)  # what the machine delays here is not lost
-    events.subscribe("tactile/")
+    events.setsockopt(zmq.RCVTIMEO, 200)  # ms; to notice the end
+    for number in range(n_boards):
+        for name in ("scan", "status"):
+            events.subscribe(f"tactile/{serial_of(number)}/{name}")
     for endpoint in endpoints:
         events.connect(endpoint)
     print("ready", flush=True)
     rows: list[tuple[float, bytes, bytes]] = []
     while not ended:
-        if events.poll(200):
+        try:
             topic, payload = events.recv_multipart()
-            rows.append((time.monotonic(), topic, payload))
+        except zmq.Again:
+            continue
+        rows.append((time.monotonic(), topic, payload))
     scans, statuses = [], []
     for time_s, topic, payload in rows:
         name = topic.rsplit(b"/", 1)[-1]
@@ -44,4 +52,4 @@ def listen(log: Path, endpoints: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    listen(Path(sys.argv[1]), sys.argv[2:])
+    listen(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:])

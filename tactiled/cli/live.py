@@ -33,6 +33,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.served import ServedBoard, ServiceParams
     from tactiled.daemon.service import run_service
+    from tactiled.errors import ConfigError
 
     set_up(10 if verbose else 20)
     files = config_files(configs)
@@ -41,13 +42,24 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     if len(files) > 1 and recording is not None:
         raise click.UsageError("--record is for one board: set record.directory in each configuration")
 
+    logger = logging.getLogger("tactiled")
+
+    def warn_of_new_files() -> None:
+        try:
+            added = set(config_files(configs)) - set(files)
+        except ConfigError as error:
+            logger.warning("%s", error)
+            return
+        for file in sorted(added):
+            logger.warning("%s was added: its board is read from the next start on", file)
+
     def reload(file: Path, old: Setup) -> ServiceParams:
+        if file == files[0]:  # once for all files
+            warn_of_new_files()
         new = load_config(file, port).config
         for name in ("board", "samples", "detect"):
             if getattr(new, name) != getattr(old.config, name):
-                logging.getLogger("tactiled").warning(
-                    "%s: [%s] changed: takes effect at the next start", file, name
-                )
+                logger.warning("%s: [%s] changed: takes effect at the next start", file, name)
         return new.service
 
     if not files:

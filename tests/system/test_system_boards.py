@@ -110,10 +110,18 @@ def test_three_boards_in_one_process_and_one_unplugged(tmp_path: Path) -> None:
         done = run(*mark)
         assert (done.returncode, "say which one is meant" in done.stderr) == (1, True)
         assert run(*mark, "--board", "TS0003").returncode == 0
+        new = configs / "TS0004.toml"
+        new.write_text('[port]\nurl = "/dev/x"\n[session]\nboard_serial = "TS0004"\n')
+        (configs / "TS0003.toml").unlink()
+        daemon.send_signal(signal.SIGHUP)
+        time.sleep(1.0)
         daemon.send_signal(signal.SIGTERM)
         _, words = daemon.communicate(timeout=PATIENCE_S)
         assert daemon.returncode == 0, words
         assert "Traceback" not in words
+        assert f"{new} was added: its board is read from the next start on" in words
+        assert f"the old one stays: {configs}/TS0003.toml: no such file" in words
+        assert words.count("configuration reloaded") == 2
     for serial in SERIALS:
         files = sorted((tmp_path / "records" / serial).glob("*.mcap"))
         assert files
