@@ -25,8 +25,8 @@ def listen(log: Path, n_boards: int, endpoints: list[str]) -> None:
     events.setsockopt(zmq.RCVHWM, 0)  # what the machine delays here is not lost
     events.setsockopt(zmq.RCVTIMEO, 200)  # ms; to notice the end
     for number in range(n_boards):
-        for name in ("scan", "status"):
-            events.subscribe(f"tactile/{serial_of(number)}/{name}")
+        for kind in ("scan", "status"):
+            events.subscribe(f"tactile/{serial_of(number)}/{kind}")
     for endpoint in endpoints:
         events.connect(endpoint)
     print("ready", flush=True)
