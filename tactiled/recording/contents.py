@@ -4,10 +4,10 @@
 
     metadata  tactiled        layout, array, parameters and versions: the file describes itself
     metadata  tactiled/board  the board's hello: when it changes, at most every 10 s
-    channel   tactile/raw     every read from the port: bytes and arrival time
-    channel   tactile/input   other pipeline inputs: a lost port, commands; and where reads are missing
-    channel   tactile/scan, tactile/slip, ...   events of the pipeline: origin "pipeline"
-    channel   tactile/status, ...               events of the daemon itself: origin "daemon"
+    channel   /tactile/raw    every read from the port: bytes and arrival time
+    channel   /tactile/input  other pipeline inputs: a lost port, commands; and where reads are missing
+    channel   /tactile/scan, /tactile/slip, ... events of the pipeline: origin "pipeline"
+    channel   /tactile/status, ...              events of the daemon itself: origin "daemon"
 
 The raw and input channels, in file order, are the complete input of the pipeline, so a replay reproduces the
 pipeline's events bit for bit. A rotated recording is a chain of such files with one `run` and growing `part`.
@@ -184,8 +184,9 @@ Item = Read | Input | RecordedEvent
 
 RAW = Schema("RawBytes", fields_of(Read))
 INPUT = Schema("Input", fields_of(Input))
-RAW_TOPIC = "tactile/raw"
-INPUT_TOPIC = "tactile/input"
+TOPICS = "/tactile/"  # as ROS names begin; recordings of version 0.1 have no slash before them
+RAW_TOPIC = f"{TOPICS}raw"
+INPUT_TOPIC = f"{TOPICS}input"
 
 
 _READ = struct.Struct("<4sddI")  # of `RAW`: head, arrival_s, unix_offset_s, bytes of the data

@@ -62,16 +62,17 @@ class _Channels:
                 return contents.decode_read(data)
             if schema is contents.INPUT:
                 return Input(**schema.decode(data))
-            topic = channel.topic.removeprefix("tactile/")
+            topic = _path_of(channel).removeprefix(contents.TOPICS)
             return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
 
     def _schema(self, channel: Channel, path: Path) -> Schema | None:
-        topic = channel.topic.removeprefix("tactile/")
-        if channel.topic == contents.RAW_TOPIC:
+        name = _path_of(channel)
+        topic = name.removeprefix(contents.TOPICS)
+        if name == contents.RAW_TOPIC:
             schema = contents.RAW
-        elif channel.topic == contents.INPUT_TOPIC:
+        elif name == contents.INPUT_TOPIC:
             schema = contents.INPUT
         elif topic in EVENT_TYPES:
             schema = contents.SCHEMAS[topic]
@@ -85,6 +86,11 @@ class _Channels:
                 f"{path}: {channel.topic} has the schema of another tactiled version; use that version"
             )
         return schema if self.with_events or schema in (contents.RAW, contents.INPUT) else None
+
+
+def _path_of(channel: Channel) -> str:
+    """Topic as ROS names it; earlier recordings have no slash before it."""
+    return f"/{channel.topic.removeprefix('/')}"
 
 
 def read_header(path: Path) -> Header:

@@ -17,6 +17,7 @@ from tactiled.events.types import Event
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
 from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEvent
+from tactiled.recording.standard import frame_id, standard_message
 from tactiled.wire.frames import Hello, values_of
 
 ACTIVE = ".active"
@@ -76,10 +77,18 @@ class RecordingWriter:
         """Append an event."""
         key = (event.topic, origin)
         if key not in self._ids:
-            topic = f"tactile/{event.topic}"
+            topic = f"{contents.TOPICS}{event.topic}"
             self._ids[key] = self._channel(topic, contents.SCHEMAS[event.topic], origin)
         data = contents.encode_event(RecordedEvent(event, board, unix_offset_s, origin))
         self._add(self._ids[key], event.time_s + unix_offset_s, data)
+        if (standard := standard_message(event, board, unix_offset_s)) is not None:
+            key = (standard.type.topic, origin)
+            if key not in self._ids:
+                kind = standard.type
+                schema_id = self._writer.register_schema(kind.name, "ros2msg", kind.text.encode())
+                metadata = {"origin": origin, "frame_id": frame_id(board)}
+                self._ids[key] = self._writer.register_channel(kind.topic, "cdr", schema_id, metadata)
+            self._add(self._ids[key], event.time_s + unix_offset_s, standard.data)
 
     def board(self, hello: Hello) -> None:
         """Write the hello of the board as metadata."""

@@ -55,6 +55,7 @@ class Feed:
         self._history: deque[Entry] = deque(maxlen=_HISTORY_MESSAGES)
         self._newest: dict[tuple[int, str, str], Entry] = {}
         self._thinned_s: dict[tuple[int, str, str], float] = {}
+        self._newest_s: dict[int, float] = {}
         self._array_ids: dict[tuple[int, str], tuple[str, int]] = {}
         self.unreadable = 0
         """Number of messages that cannot be written as JSON, such as NaN from a foreign publisher."""
@@ -67,10 +68,10 @@ class Feed:
             self._message(source, item.message, recovered=True)
         elif isinstance(item, Lost):
             words = f"{item.count} {item.topic} messages were lost on the way"
-            self.add(source, "notice", {"board": item.board, "kind": "lost", "words": words})
+            self._notice(source, item.board, "lost", words)
         elif isinstance(item, Restarted):
             words = "the daemon was restarted"
-            self.add(source, "notice", {"board": item.board, "kind": "restart", "words": words})
+            self._notice(source, item.board, "restart", words)
         elif isinstance(item, Malformed):
             self.unreadable += 1
 
@@ -84,6 +85,7 @@ class Feed:
         stamp = data.get("timestamp", 0.0)
         entry = Entry(topic, float(stamp) if isinstance(stamp, int | float) else 0.0, text)
         self._pending.append(entry)
+        self._newest_s[source] = max(self._newest_s.get(source, 0.0), entry.timestamp)
         key = (source, str(data.get("board", "")), topic)
         if topic in _NEWEST:
             self._newest[key] = entry
@@ -97,6 +99,7 @@ class Feed:
 
     def frames(self, now_unix_s: float, now_s: float) -> Frames:
         """Return what has come since the last call, as two frames."""
+        self._forget(now_unix_s)
         pending, self._pending = self._pending, []
         kept = [entry.text for entry in pending if entry.topic not in LIVE]
         live = [entry.text for entry in pending if entry.topic in LIVE]
@@ -104,14 +107,23 @@ class Feed:
 
     def history(self, now_unix_s: float, now_s: float) -> str:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans."""
-        while self._history and 0.0 < self._history[0].timestamp < now_unix_s - HISTORY_S:
-            self._history.popleft()
+        self._forget(now_unix_s)
         state = sorted(self._newest.values(), key=lambda entry: _NEWEST.index(entry.topic))
         listed = set(self._history)
         texts = [entry.text for entry in state if entry.topic != "status" and entry not in listed]
         texts += [entry.text for entry in self._history]
         texts += [entry.text for entry in state if entry.topic == "status"]
         return _text(now_unix_s, now_s, texts)
+
+    def _notice(self, source: int, board: str, kind: str, words: str) -> None:
+        """Add a notice at the instant of the newest message of its endpoint."""
+        instant_s = self._newest_s.get(source, 0.0)
+        self.add(source, "notice", {"board": board, "timestamp": instant_s, "kind": kind, "words": words})
+
+    def _forget(self, now_unix_s: float) -> None:
+        """Drop what is older than the timeline."""
+        while self._history and self._history[0].timestamp < now_unix_s - HISTORY_S:
+            self._history.popleft()
 
     def _message(self, source: int, message: Message, *, recovered: bool) -> None:
         if message.topic == "info":

@@ -63,7 +63,7 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
     with AnyReader([path]) as bag:
         for connection, stamp_ns, data in bag.messages():
             message: Any = bag.deserialize(data, connection.msgtype)
-            if connection.topic == "tactile/raw":
+            if connection.topic == "/tactile/raw":
                 read = next(raws)
                 assert message.data.tobytes() == read.data
                 instant_s = read.arrival_s
