@@ -1,7 +1,8 @@
 """``./run bench grip``: how well the contact model tells what is in use, and what comes.
 
 Worlds are drawn with their contact law, materials, sensor and hand (`worlds`). Constants of the model were
-set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPORTED_FROM`.
+set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPORTED_FROM`, a quarter of them
+of a contact law on which nothing was set.
 """
 
 import time
@@ -21,8 +22,9 @@ from bench.grip.score import (
     tell,
     threshold_for,
     warned,
+    without_falling_friction,
 )
-from bench.grip.worlds import DURATION_S, draw_worlds
+from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, draw_worlds
 from bench.pool import workers
 from bench.report import (
     NONE,
@@ -40,12 +42,14 @@ from bench.report import (
 from tactiled.detect.grip.detector import GripParams
 from tactiled.progress import ProgressBar
 
-TUNED_FROM = 10_000  # seeds on which constants were set
-REPORTED_FROM = 1_000  # nothing was set on these; seeds 0..119 showed an error in the ends of trends
-N_WORLDS, N_QUICK = 96, 36
+TUNED_FROM = 20_000  # seeds on which constants were set
+REPORTED_FROM = 3_000  # nothing was set on these
+N_WORLDS, N_QUICK = 240, 48
 _BATCH = 12  # worlds that are simulated at once, and by one process
+_HELD_OUT_EACH = 4  # one batch in so many has the law on which nothing was set
 _TIME_IN_ALARM = 0.015
 _LEAST_SLIPS = 10  # below, a share of slips decides nothing
+_CLEAR = 0.8  # utilisation below which a contact that holds is far from gross slip
 _KNOWN_SD = 0.1  # of log friction, where it is known
 
 
@@ -57,11 +61,16 @@ class GripFound:
     informed: list[GripRecord]
     cost_us: float
 
+    @property
+    def usual(self) -> list[GripRecord]:
+        """Estimates of the worlds but those whose friction falls at constant load."""
+        return without_falling_friction(self.told)
+
 
 def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Margins, forecasts, alarms and gross slips over random worlds.
 
-    Quick: 36 worlds instead of 96.
+    Quick: 48 worlds instead of 240.
     """
     n = N_QUICK if options.quick else N_WORLDS
     progress.begin(n)
@@ -87,16 +96,18 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     return BenchReport(
         [
             f"{n} random worlds of {DURATION_S:g} s ({seeds_in_words(n, REPORTED_FROM)}), "
-            f"{sum(t.world.slips for t in told)} with gross slip.",
+            f"{sum(t.world.slips for t in told)} with gross slip, and "
+            f"{sum(t.world.law == HELD_OUT_LAW for t in told)} with the law {HELD_OUT_LAW}. "
+            "Worlds whose friction falls at constant load are in rows of their own.",
             aims_table(AIMS, {"measured": found}),
             "Rows by kind of hand. u: rms error, bias and coverage of the 90 % intervals of utilisation from "
             "0.5 up; gross: first gross slips called gross within 100 and 300 ms; rests called gross: of the "
             "worlds without gross slip, those ever called gross.",
             table(_row(name, some) for name, some in by_hand(told).items()),
             "The same by contact law of the world.",
-            table(_row(name, some) for name, some in grouped(told, lambda t: t.world.law).items()),
+            table(_row(name, some) for name, some in grouped(found.usual, lambda t: t.world.law).items()),
             "Calibration of p_gross_300ms over scans without gross slip.",
-            table(_reliability(told)),
+            table(_reliability(found.usual)),
         ],
         draw=draw,
     )
@@ -104,7 +115,8 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 
 def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], float]:
     """Run the model over some worlds, twice; processor time of a scan in microseconds, in the first run."""
-    worlds = draw_worlds(seeds)
+    is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
+    worlds = draw_worlds(seeds, (HELD_OUT_LAW,) if is_held_out else LAWS)
     began_s = time.process_time()
     told = [tell(world, GripParams()) for world in worlds]
     spent_s = time.process_time() - began_s
@@ -141,27 +153,30 @@ def _reliability(told: Sequence[GripRecord]) -> Iterator[dict[str, str]]:
 
 def _skill(horizon: int, least: float) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
-        skill = forecast(found.told, horizon).brier_skill
-        return judge(f"{skill:.2f}", skill >= least)
+        skill = forecast(found.usual, horizon).brier_skill
+        bound = forecast(found.usual, horizon, bound=True).brier_skill
+        everything = forecast(found.told, horizon).brier_skill
+        words = f"{skill:.2f} ({bound:.2f} if utilisation were known; {everything:.2f} with falling friction)"
+        return judge(words, skill >= least)
 
     return measure
 
 
 def _calibration(found: GripFound) -> Reading:
-    error = forecast(found.told, 2).calibration_error
+    error = forecast(found.usual, 2).calibration_error
     return judge(f"{error:.2f}", error <= 0.1)
 
 
 def _rms(low_mv: float, high_mv: float, most: float) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
-        rms = margin([t for t in found.told if low_mv < t.world.noise_mv <= high_mv]).rms
+        rms = margin([t for t in found.usual if low_mv < t.world.noise_mv <= high_mv]).rms
         return judge(_number(rms), rms <= most, is_open=not np.isfinite(rms))
 
     return measure
 
 
 def _coverage(found: GripFound) -> Reading:
-    coverage = margin(found.told).coverage
+    coverage = margin(found.usual).coverage
     return judge(f"{100 * coverage:.0f} %", 0.85 <= coverage <= 0.95)
 
 
@@ -182,7 +197,7 @@ def _ahead(told: Callable[[GripFound], Sequence[GripRecord]], least: float) -> C
 
 def _low_hands(found: GripFound) -> Reading:
     """Alarms an hour, at the threshold of all worlds, where utilisation stays below one half."""
-    threshold = threshold_for(found.told, _TIME_IN_ALARM)
+    threshold = threshold_for(found.usual, _TIME_IN_ALARM)
     low = [t for t in found.told if len(t.time_s) and t.utilisation.max() < 0.5]
     hours = sum(len(t.time_s) / t.world.rate_hz for t in low) / 3600
     seen = warned(low, threshold)
@@ -192,9 +207,8 @@ def _low_hands(found: GripFound) -> Reading:
 
 def _gross(within_s: float, least: float, *, falling: bool) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
-        cases = gross_told(
-            [t for t in found.told if (t.world.hand == "falling-friction") == falling], within_s
-        )
+        chosen = [t for t in found.told if t.world.hand == "falling-friction"] if falling else found.usual
+        cases = gross_told(chosen, within_s)
         part = float(np.mean(cases)) if cases else float("nan")
         return judge(ratio(cases), part >= least, is_open=len(cases) < _LEAST_SLIPS)
 
@@ -203,7 +217,9 @@ def _gross(within_s: float, least: float, *, falling: bool) -> Callable[[GripFou
 
 def _rests(found: GripFound) -> Reading:
     cases = rests_called_gross(found.told)
-    return judge(ratio(cases), float(np.mean(cases)) <= 0.02, is_open=len(cases) < 150 and not any(cases))
+    clear = rests_called_gross(found.told, _CLEAR)
+    words = f"{ratio(cases)}; {ratio(clear)} of those below {_CLEAR:.0%} of the limit"
+    return judge(words, float(np.mean(cases)) <= 0.02, is_open=len(cases) < 150 and not any(cases))
 
 
 AIMS: Sequence[Aim[GripFound]] = (
@@ -217,18 +233,20 @@ AIMS: Sequence[Aim[GripFound]] = (
     Aim(
         "slow slips told 100 ms ahead, friction unknown",
         "70 % with 1.5 % of the time in alarm",
-        _ahead(lambda found: found.told, 0.7),
+        _ahead(lambda found: found.usual, 0.7),
     ),
     Aim(
         "slow slips told 100 ms ahead, friction known to 10 %",
         "80 % with 1.5 % of the time in alarm",
-        _ahead(lambda found: found.informed, 0.8),
+        _ahead(lambda found: without_falling_friction(found.informed), 0.8),
     ),
     Aim("alarms an hour of hands below half of the limit", "at most 6, over 10 h", _low_hands),
     Aim("gross slips told within 100 ms", "90 %", _gross(0.1, 0.90, falling=False)),
     Aim("gross slips told within 300 ms", "95 %", _gross(0.3, 0.95, falling=False)),
     Aim(
-        "the same where friction falls at constant load", "none was ever told", _gross(0.3, 0.5, falling=True)
+        "gross slips told within 300 ms where friction falls",
+        "none was ever told",
+        _gross(0.3, 0.5, falling=True),
     ),
     Aim("rests called gross", "at most 2 %", _rests),
     Aim(

@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.grip.score import HORIZONS_S, GripRecord, forecast
+from bench.grip.score import GripRecord, forecast
+from tactiled.detect.grip.model import HORIZONS_S
 
 
 def draw_grip(path: Path, told: Sequence[GripRecord]) -> None:

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from bench.grip.worlds import HANDS, World
 from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.forecast import p_gross_within
+from tactiled.detect.grip.model import HORIZONS_S
+from tactiled.detect.grip.trend import Trend
 from tactiled.events.types import GripEvent
 
 FloatArray = NDArray[np.float64]
-HORIZONS_S = (0.05, 0.1, 0.3)
 _OFF_S = 0.08  # an alarm ends when the probability was below half of its threshold for so long
 _SLOW_S = 0.2  # slips that take as long from a tenth of the area to all of it
 _AHEAD_S = 0.1
@@ -32,6 +34,8 @@ class GripRecord:
     told_gross : (n,) bool
     within : (n, 3) bool
         Gross slip begins within each horizon.
+    p_bound : (n, 3) float64
+        The same forecast from the true utilisation in place of the posterior: what the hand leaves open.
     """
 
     world: World
@@ -42,6 +46,7 @@ class GripRecord:
     gross: NDArray[np.bool_]
     told_gross: NDArray[np.bool_]
     within: NDArray[np.bool_]
+    p_bound: FloatArray
 
     @property
     def calm(self) -> NDArray[np.bool_]:
@@ -80,7 +85,29 @@ def tell(world: World, params: GripParams) -> GripRecord:
         gross=world.gross[scans],
         told_gross=np.array([e.state == "gross" for e in events], dtype=np.bool_),
         within=np.stack([next_gross - time_s <= h for h in HORIZONS_S], axis=1),
+        p_bound=_bound(world, events, scans),
     )
+
+
+def _bound(world: World, events: Sequence[GripEvent], scans: NDArray[np.int64]) -> FloatArray:
+    """Return the forecast (n, 3) of a posterior that knows the utilisation."""
+    found = np.zeros((len(events), 3))
+    if len(events) < 3:
+        return found
+    radius_mm = float(np.hypot(world.array.x_mm, world.array.y_mm).mean())
+    ratios = np.array([(e.shear_x, e.shear_y, e.torsion / radius_mm) for e in events]).reshape(-1, 3)
+    ratios /= np.array([e.load for e in events])[:, np.newaxis]
+    # The noise of white readings is the standard deviation of their second differences over sqrt(6).
+    noise = float(np.median(np.abs(np.diff(ratios, 2, axis=0)))) / 0.6745 / np.sqrt(6)
+    trend = Trend()
+    for k, (ratio, scan) in enumerate(zip(ratios, scans, strict=True)):
+        trend.step(ratio, noise, 1 / world.rate_hz)
+        used = np.log([max(float(world.utilisation[scan]), 1e-9)])
+        scale = max(trend.size, 1e-2)
+        found[k] = p_gross_within(
+            used, np.ones(1), trend.growth / scale, trend.rate_sd / scale, trend.is_fresh, HORIZONS_S
+        )
+    return found
 
 
 class Forecast(NamedTuple):
@@ -93,15 +120,16 @@ class Forecast(NamedTuple):
     time_s: FloatArray
 
 
-def forecast(told: Iterable[GripRecord], horizon: int) -> Forecast:
+def forecast(told: Iterable[GripRecord], horizon: int, *, bound: bool = False) -> Forecast:
     """Brier skill over the base rate, and calibration error over scans with a probability above 0.1.
 
-    Each scan weighs by its time, so that fast boards count no more than slow ones.
+    Each scan weighs by its time, so that fast boards count no more than slow ones. `bound` scores the
+    forecast that knows the utilisation.
     """
-    parts = [
-        (t.p_gross[t.calm, horizon], t.within[t.calm, horizon], np.full(t.calm.sum(), 1 / t.world.rate_hz))
-        for t in told
-    ]
+    parts = []
+    for t in told:
+        p = (t.p_bound if bound else t.p_gross)[t.calm, horizon]
+        parts.append((p, t.within[t.calm, horizon], np.full(len(p), 1 / t.world.rate_hz)))
     p, y, w = (np.concatenate([part[k] for part in parts]) for k in range(3))
     base = float(np.average(y, weights=w))
     brier = float(np.average((p - y) ** 2, weights=w))
@@ -207,9 +235,24 @@ def gross_told(told: Sequence[GripRecord], within_s: float) -> list[bool]:
     return out
 
 
-def rests_called_gross(told: Sequence[GripRecord]) -> list[bool]:
-    """Return, for each world without gross slip, True if one was reported."""
-    return [bool(t.told_gross.any()) for t in told if not t.world.slips]
+def rests_called_gross(told: Sequence[GripRecord], most_used: float = 1.0) -> list[bool]:
+    """Return, for each world without gross slip, True if one was reported.
+
+    Parameters
+    ----------
+    most_used : float
+        Worlds whose utilisation exceeds it are left out.
+    """
+    return [
+        bool(t.told_gross.any())
+        for t in told
+        if not t.world.slips and len(t.time_s) and t.utilisation.max() <= most_used
+    ]
+
+
+def without_falling_friction(told: Iterable[GripRecord]) -> list[GripRecord]:
+    """Worlds but those whose friction falls at constant load, which have rows of their own."""
+    return [t for t in told if t.world.hand != "falling-friction"]
 
 
 def by_hand(told: Sequence[GripRecord]) -> dict[str, list[GripRecord]]:

@@ -1,7 +1,7 @@
 """Random worlds: contact law, materials, sensor, electronics and hand are all drawn.
 
 None of it is shared with `tactiled.emulator` or with the contact model under test. An object of some
-mass is moved over nine taxels by a hand through a spring; each taxel answers with one of four friction laws:
+mass is moved over nine taxels by a hand through a spring; each taxel answers with one of five friction laws:
 
 mindlin
     Parallel elements with Mindlin's curve, in 24 pieces.
@@ -11,6 +11,9 @@ dahl
     ``dF = k (d - |d| F / limit)``: never reaches its limit by a corner.
 lugre
     Dahl with a limit that falls with speed (Stribeck) during the approach too.
+dahl-2
+    Dahl's general law ``dF = k (d - |d| (F / limit)^2)``, which stays stiff for longer. Nothing was set on
+    worlds of this law.
 
 Equations of motion are integrated at 2 ms with semi-implicit steps, for all worlds of a batch at once. A
 gross slip begins where all taxels together bear 0.985 of their limits (`GROSS_AT`; laws without a corner only
@@ -29,6 +32,7 @@ from tactiled.samples.block import ScanBlock, regular_block
 FloatArray = NDArray[np.float64]
 
 LAWS = ("mindlin", "iwan", "dahl", "lugre")
+HELD_OUT_LAW = "dahl-2"
 HANDS = (
     "pull", "pull", "drag", "drag", "twist", "ease", "ease", "falling-friction", "fill",
     "lift", "sway", "tap", "hum", "drift", "rest",
@@ -89,16 +93,16 @@ class _Drawn:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def draw_worlds(seeds: range, hands: tuple[str, ...] = HANDS) -> list[World]:
-    """Simulate a batch of worlds; laws and hands are drawn from the seed, hands from those given."""
-    drawn = [_draw(seed, hands) for seed in seeds]
+def draw_worlds(seeds: range, laws: tuple[str, ...] = LAWS) -> list[World]:
+    """Simulate a batch of worlds; the hand and one of the laws are drawn from the seed."""
+    drawn = [_draw(seed, laws) for seed in seeds]
     found = _simulate(drawn)
     return [_measured(one, *parts) for one, parts in zip(drawn, found, strict=True)]
 
 
-def _draw(seed: int, hands: tuple[str, ...]) -> _Drawn:
+def _draw(seed: int, laws: tuple[str, ...]) -> _Drawn:
     rng = np.random.default_rng([14, seed])
-    law, hand = str(rng.choice(LAWS)), str(rng.choice(hands))
+    law, hand = str(rng.choice(laws)), str(rng.choice(HANDS))
     v: dict[str, Any] = {}
     v["rng"] = rng
     pitch = rng.uniform(3.0, 4.5)
@@ -131,7 +135,9 @@ def _draw(seed: int, hands: tuple[str, ...]) -> _Drawn:
         v["hand_n_mm"] = stiffness * rng.uniform(0.5, 2.0)
     frequency = rng.uniform(15.0, 40.0) * 2 * np.pi
     v["mass"] = (stiffness + v["hand_n_mm"]) / frequency**2
-    v["damping"] = 2 * rng.uniform(0.4, 0.9) * v["mass"] * frequency
+    damping_ratio = rng.uniform(0.4, 0.9)
+    v["damping"] = 2 * damping_ratio * v["mass"] * frequency
+    v["hand_damping"] = 2 * damping_ratio * np.sqrt(v["hand_n_mm"] * v["mass"])
     _plan_hand(v, hand, rng)
     return _Drawn(seed, law, hand, v)
 
@@ -220,7 +226,7 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
     stiffness, exponent, full = stack("stiffness"), stack("exponent"), stack("load_n")
     laws = np.array([d.law for d in drawn])
     ringed = np.flatnonzero(np.isin(laws, ["mindlin", "iwan"]))
-    smooth = np.flatnonzero(np.isin(laws, ["dahl", "lugre"]))
+    smooth = np.flatnonzero(np.isin(laws, ["dahl", "lugre", HELD_OUT_LAW]))
     kappa, phi = _curve(stack("power")[ringed])
     n, taxels = x.shape
     rough, rough_mm, surface = stack("rough"), stack("rough_mm"), stack("surface")
@@ -228,7 +234,7 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
     rings = np.zeros((2, len(ringed), taxels, _RINGS))
     force = np.zeros((2, n, taxels))
     inertia = mass * np.hypot(x, y).mean(axis=1) ** 2
-    spring = np.maximum(damping / mass, 1.0)
+    hand_damping, held = stack("hand_damping"), np.ones_like(x)
     place, velocity = np.zeros((3, n)), np.zeros((3, n))
     out_load, out_shear = np.zeros((n_steps, n, taxels)), np.zeros((n_steps, n, 2, taxels))
     out_u, out_speed = np.zeros((n_steps, n)), np.zeros((n_steps, n))
@@ -251,18 +257,26 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
         rings += (stiff[ringed, :, None] * kappa[:, None, :]) * d[:, ringed, :, None]
         size = np.sqrt(rings[0] ** 2 + rings[1] ** 2)
         np.divide(limit[ringed, :, None] * phi[:, None, :], np.maximum(size, 1e-12), out=size)
+        held[ringed] = (kappa[:, None, :] * (size > 1.0)).sum(axis=2)
         rings *= np.minimum(1.0, size)
         force[:, ringed] = rings.sum(axis=3)
         kd, limits = stiff[smooth] * d[:, smooth], np.maximum(limit[smooth], 1e-9)
-        dahl = (force[:, smooth] + kd) / (1.0 + np.hypot(kd[0], kd[1]) / limits)
-        force[:, smooth] = dahl * np.minimum(1.0, limits / np.maximum(np.hypot(dahl[0], dahl[1]), 1e-12))
+        # The exponent of F / limit is 1, for the general law 2.
+        used = np.where(laws[smooth] == HELD_OUT_LAW, 0.0, 1.0)[:, np.newaxis]
+        used = used + (1 - used) * np.minimum(np.hypot(*force[:, smooth]) / limits, 1.0)
+        dahl = (force[:, smooth] + kd) / (1.0 + used * np.hypot(kd[0], kd[1]) / limits)
+        part_used = np.hypot(dahl[0], dahl[1]) / limits
+        force[:, smooth] = dahl / np.maximum(1.0, part_used)
+        held[smooth] = np.maximum(1.0 - used * part_used, 0.0)
         total = force.sum(axis=2)
         moment = (x * force[1] - y * force[0]).sum(axis=1)
         away = place[:2]
         applied = pull[:, k] * along - hand * away
         velocity[:2] += _STEP_S * (applied - total) / mass
         velocity[2] += _STEP_S * (turn[:, k] - hand_turn * place[2] - moment) / inertia
-        velocity /= 1.0 + _STEP_S * spring
+        # Rubber damps where it sticks; an object that slides is held back by friction and the hand alone.
+        sticks = (stiff * held).sum(axis=1) / np.maximum(stiff.sum(axis=1), 1e-12)
+        velocity /= 1.0 + _STEP_S * np.maximum((damping * sticks + hand_damping) / mass, 1.0)
         place += _STEP_S * velocity
         out_load[k], out_shear[k] = loads, force.transpose(1, 0, 2)
         out_u[k] = np.sqrt((force**2).sum(axis=0)).sum(axis=1) / np.maximum(limit.sum(axis=1), 1e-9)

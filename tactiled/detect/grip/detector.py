@@ -18,7 +18,6 @@ from tactiled.detect.grip.observe import (
     level_for,
     noise_gain,
 )
-from tactiled.detect.grip.ripple import sliding_log_odds
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.events.types import Event, GripEvent, GripState
@@ -30,7 +29,6 @@ _CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
 _ZERO_S = 0.6  # from touch: the shear that pressing alone makes is measured, and subtracted from then on
 _BASELINE_S = 1.0  # averaging time of the readings without contact
-_GROSS_ON, _GROSS_OFF = 0.5, 0.25  # probability of gross slip now at which the state changes
 _PARTIAL = 0.1  # part of the area that slips in incipient slip
 
 
@@ -76,7 +74,7 @@ class GripDetector:
     ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.0
     4.20 s: partial, utilisation 0.4
-    4.60 s: partial, utilisation 0.7
+    4.60 s: partial, utilisation 0.5
     """
 
     def __init__(self, array: Array, params: GripParams | None = None) -> None:
@@ -161,13 +159,7 @@ class GripDetector:
             self._touch = None
             self._friction.end_contact()
             return _no_contact(time_s, valid=is_trusted)
-        if self._touch.take(self._history, shear_sd, total_sd) and details is not None and is_trusted:
-            ripple = sliding_log_odds(
-                self._responses.shears(details),
-                self._responses.shear_noise(channel_sd),
-                response[0].clip(0.0),
-            )
-            self._touch.model.take_ripple(ripple)
+        self._touch.take(self._history, shear_sd, total_sd)
         return self._touch.event(time_s, self._radius_mm, self._unit, is_trusted, is_late)
 
     def _follow_baseline(self, volts: FloatArray) -> None:
@@ -188,18 +180,11 @@ class _Touch:
         self._crossed: FloatArray = np.zeros(())  # sums of shear times load, then shear over load of a press
         self._squares: FloatArray = np.zeros(())
         self._level = 0
-        self._is_gross = False
         self._total = np.zeros(3)
         self._load = 0.0
 
-    def take(self, history: FloatArray, shear_sd: float, total_sd: float) -> bool:
-        """Take loads and shears (n, 3, taxels) of the newest scans, with the noise of the last one.
-
-        Returns
-        -------
-        bool
-            Whether the shares of the taxels were looked at.
-        """
+    def take(self, history: FloatArray, shear_sd: float, total_sd: float) -> None:
+        """Take loads and shears (n, 3, taxels) of the newest scans, with the noise of the last one."""
         self._n += 1
         load, *shear = history[-1]
         self._load = max(float(load.sum()), 1e-9)
@@ -211,7 +196,7 @@ class _Touch:
                 self._crossed = self._crossed / (self._squares + self._n_zero * shear_sd**2)
                 relative = shear_sd * len(load) / self._load
                 self._level = level_for(relative, 1.0 / self._step_s)
-            return False
+            return
         self._total = self.model.total(np.asarray(shear) - self._crossed * load)
         self.model.follow(self._total / self._load, total_sd / self._load, self._step_s)
         if self._n % self._n_look == 0:
@@ -223,17 +208,14 @@ class _Touch:
                 shear_sd * noise_gain(self._level),
                 self._n_look * self._step_s,
             )
-            return True
-        return False
 
     def event(
         self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
     ) -> GripEvent:
         """Return the event of the scan that was taken."""
         grip = self.model.grip()
-        self._is_gross = grip.p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
         state: GripState = "sticking"
-        if self._is_gross:
+        if grip.is_gross:
             state = "gross"
         elif grip.is_unloading:
             state = "unloading"

@@ -4,21 +4,25 @@ Arrays in, numbers out; no clock. `ContactModel.follow` takes every scan, `Conta
 loads and shears of every `STEP_S`, which may be delayed.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.grip.forecast import p_gross_within
 from tactiled.detect.grip.friction import FrictionPosterior
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.grip.shares import ShareEvidence
 from tactiled.detect.grip.trend import Trend
+from tactiled.detect.grip.wander import ShareWander
 
 STEP_S = 0.02  # between looks at the shares: a fifth of the shortest horizon that is useful
 HORIZONS_S = np.array([0.05, 0.1, 0.3])
 _QUANTILES = np.array([0.05, 0.5, 0.95])
 NEEDED_UTILISATION = 0.7  # that `needed_load` would leave
+_GROSS_ON, _GROSS_OFF = 0.5, 0.25  # probability that all slides, at which the state changes
+_LEAST_RATIO = 0.02  # below it, noise and zero make the growth of the ratio's logarithm
+_TINY = 1e-12
 
 
 class Grip(NamedTuple):
@@ -30,9 +34,9 @@ class Grip(NamedTuple):
         Quantiles of 5, 50 and 95 %.
     slipping_share : float
     p_gross : (3,) float64
-        Within `HORIZONS_S`.
+        That gross slip begins within `HORIZONS_S`.
     p_sliding : float
-    is_unloading : bool
+    is_gross, is_unloading : bool
     """
 
     utilisation: FloatArray
@@ -40,6 +44,7 @@ class Grip(NamedTuple):
     slipping_share: float
     p_gross: FloatArray
     p_sliding: float
+    is_gross: bool
     is_unloading: bool
 
 
@@ -58,10 +63,13 @@ class ContactModel:
         self._x, self._y = x, y
         self.friction = friction
         self.trend = Trend()
+        n = len(friction.friction)
         self._rings = RingForces(friction.friction, x, y, mindlin_rings())
-        self._evidence = ShareEvidence(len(friction.friction), len(x))
-        self._slipping = np.zeros(len(friction.friction))
-        self._peak = 0.0
+        self._evidence = ShareEvidence(friction.friction, len(x))
+        self._wander = ShareWander(x, y, n)
+        self._odds = np.zeros(n)
+        self._slipping = np.zeros(n)
+        self._is_gross = False
 
     def total(self, shear: FloatArray) -> FloatArray:
         """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
@@ -70,16 +78,8 @@ class ContactModel:
 
     def follow(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take the ratio (3,) of total shear and moment over load."""
-        trend, friction = self.trend, self.friction
-        trend.step(ratio, noise_sd, step_s)
-        friction.change(step_s)
-        friction.bear(trend.size)
-        if trend.ended_at > 0:
-            friction.trend_ended(trend.size, trend.ended_at, trend.end_rate)
-
-    def take_ripple(self, log_odds: float) -> None:
-        """Take what the wavelet details say of sliding (`ripple.sliding_log_odds`)."""
-        self.friction.take_sliding(log_odds)
+        self.trend.step(ratio, noise_sd, step_s)
+        self.friction.bear(self.trend.size, step_s)
 
     def look(self, load: FloatArray, shear: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take loads (taxels,) and shears (2, taxels) of the taxels.
@@ -92,43 +92,50 @@ class ContactModel:
             Time since the last look.
         """
         load = np.maximum(load, 0.0)
-        mean = max(float(load.mean()), 1e-12)
+        whole = max(float(load.sum()), _TINY)
+        mean = whole / len(load)
         total = self.total(shear)
-        rings, friction = self._rings, self.friction
-        rings.advance(load, total)
-        if np.any(slides := friction.sliding > 0.5):
-            rings.hold_at_limit(load, slides)
-        predicted = rings.taxel_forces()
-        borne = np.sqrt((self.total(predicted) ** 2).sum(axis=0))
-        size = math.sqrt(float(total @ total))
-        # A hypothesis that slides predicts how the shear is shared, and not how much there is of it.
-        scale = np.where(slides, size / np.maximum(borne, 1e-12), 1.0)
+        self._rings.advance(load, total)
+        predicted = self._rings.taxel_forces()
         found = self._evidence.log_likelihood(
             shear / mean,
-            predicted * (scale[:, np.newaxis] / mean),
+            predicted / mean,
+            np.sqrt((self.total(predicted) ** 2).sum(axis=0)) / whole,
             load / mean,
-            total / (mean * len(load)),
+            total / whole,
             noise_sd / mean,
-            friction.weights,
         )
         if found is not None:
-            friction.take(found)
-        friction.walk(step_s)
-        self._slipping = rings.sliding_share() @ load / (mean * len(load))
+            self.friction.take(found)
+        self._odds = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
+        self.friction.walk(step_s)
+        self._slipping = self._rings.sliding_share() @ load / whole
 
     def grip(self) -> Grip:
         """Return the present posterior."""
         trend, friction = self.trend, self.friction
         size = trend.size
-        p_sliding = friction.p_sliding
+        slides, sticks = friction.sliding(self._odds)
+        p_sliding = float(slides.sum())
+        self._is_gross = p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
+        holds = friction.weights * (1.0 - friction.met)
         # The area of a ball that sticks goes as the square of its stick radius (Johnson, 7.2).
         slipping = 1.0 - (1.0 - self._slipping) ** 2
-        share = float(friction.weights @ np.maximum(slipping, friction.sliding))
+        share = p_sliding + float(sticks @ slipping)
+        scale = max(size, _LEAST_RATIO)
         return Grip(
-            utilisation=friction.utilisation_quantiles(size, _QUANTILES),
+            utilisation=friction.utilisation_quantiles(size, sticks if self._is_gross else holds, _QUANTILES),
             friction=friction.friction_quantiles(_QUANTILES),
             slipping_share=min(max(share, 0.0), 1.0),
-            p_gross=friction.p_gross_within(size, trend.growth, trend.rate_sd, trend.end_rate, HORIZONS_S),
+            p_gross=p_gross_within(
+                friction.log_used(size),
+                holds,
+                trend.growth / scale,
+                trend.rate_sd / scale,
+                trend.is_fresh,
+                HORIZONS_S,
+            ),
             p_sliding=p_sliding,
+            is_gross=self._is_gross,
             is_unloading=trend.growth < -2 * trend.rate_sd,
         )

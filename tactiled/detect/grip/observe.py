@@ -97,14 +97,6 @@ class Responses:
         """Return load, shear x and shear y (3, taxels) of one scan (channels,)."""
         return np.asarray((self._flat @ volts).reshape(self.weights.shape[:2]))
 
-    def shears(self, details: FloatArray) -> FloatArray:
-        """Return shears (levels, 2, taxels) of details (levels, channels)."""
-        return np.asarray((details @ self._flat.T).reshape(len(details), *self.weights.shape[:2])[:, 1:])
-
-    def shear_noise(self, channel_sd: FloatArray) -> FloatArray:
-        """Return the standard deviation (2, taxels) of the shear's noise."""
-        return np.asarray(np.sqrt(self._squares[1:] @ channel_sd**2))
-
     def noise(self, channel_sd: FloatArray) -> tuple[float, float, float]:
         """Return standard deviations of a taxel's shear, of the total shear and of the mean load."""
         variances = self._squares @ channel_sd**2  # (3, taxels)

@@ -14,12 +14,11 @@ of the friction coefficient.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
 N_RINGS = 10  # leave the curve within 0.002 of mu P
-_INITIAL_SLOPE = 1.5  # of Q / mu P over x at x = 0
+MINDLIN_POWER = 1.5  # p of Q / mu P = 1 - (1 - x)^p; also its slope at x = 0
 # Near gross slip no ring sticks and the tangent stiffness vanishes; this share of it keeps the step finite.
 _STIFFNESS_FLOOR = 0.02
 _LONGEST_STEP = 0.5  # travels at gross slip that a Newton step may take
@@ -90,9 +89,9 @@ class RingForces:
         cap = (self._friction[:, np.newaxis] * load)[:, :, np.newaxis] * self._rings.limit
         stiffness = np.cbrt(load)
         spring = stiffness[:, np.newaxis] * self._rings.stiffness
-        # Travel at gross slip is `_INITIAL_SLOPE` times limit over stiffness (x = 1).
+        # Travel at gross slip is `MINDLIN_POWER` times limit over stiffness (x = 1).
         reach = (
-            _INITIAL_SLOPE
+            MINDLIN_POWER
             * self._friction
             * float(np.max(load / np.maximum(stiffness, _TINY)))
             * _LONGEST_STEP
@@ -114,14 +113,6 @@ class RingForces:
         For a ball it is ``1 - c / a`` of the stick radius c (Mindlin: tangential stiffness goes as c).
         """
         return np.asarray(1.0 - self._sticks @ self._rings.stiffness)
-
-    def hold_at_limit(self, load: FloatArray, sliding: NDArray[np.bool_]) -> None:
-        """Keep all rings of the hypotheses (hypotheses,) that slide at their limits, in their directions."""
-        cap = (self._friction[sliding, np.newaxis] * load)[:, :, np.newaxis] * self._rings.limit
-        total = self._force[:, sliding].sum(axis=3, keepdims=True)
-        size = np.sqrt((total**2).sum(axis=0))
-        self._force[:, sliding] = cap * total / np.maximum(size, _TINY)
-        self._sticks[sliding] = False
 
     def _return_to_limit(self, cap: FloatArray) -> None:
         """Shorten the forces that exceed their limits, without turning them (radial return)."""

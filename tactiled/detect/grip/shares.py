@@ -1,24 +1,32 @@
 """Likelihood of each friction hypothesis, from how the taxels share the shear.
 
 Before any slip the shear of a taxel goes with its stiffness; when all slips it goes with its load. How far
-the shares have moved from the one to the other tells friction before gross slip. Taxels have unequal gains:
-a static gain of each is a Gaussian nuisance, followed for each hypothesis by a scalar Kalman filter. The
-model is a little wrong: the variance of the misfit is learnt from the residuals of the contact itself.
-Residuals have tails (Student's t), and successive ones repeat each other: a look is taken when the shear has
-moved, not as time passes, and its logarithm counts with a weight below one (tempering).
+the shares have moved from the one to the other tells friction before gross slip. Three nuisances of each
+taxel are followed for each hypothesis by a Kalman filter: its gain, the softening (a taxel that is stiffer
+than its load says slips sooner), and an offset that goes with its load. What is left is the model's misfit,
+with the tails of Student's t.
+
+Only new places count. A look is taken where the ratio of shear over load differs from all ratios at which
+one was taken before: swings at one level repeat the same misfit and are no new evidence.
 """
 
 import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import MISFIT, TEMPER
+from tactiled.detect.grip.rings import MINDLIN_POWER
 
 _GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
-_LOOK = 0.05  # relative change of the shear that makes a new look at the shares
-_NOISES = 4.0  # standard deviations of the total that it must have moved besides, or noise makes looks
-_DEGREES = 4.0  # of freedom of Student's t: tails of a few taxels in a hundred looks
+_SOFTENING_SD = 0.10  # of a taxel's softening, relative to its shear: stiffness and friction of taxels differ
+_OFFSET_SD = 0.02  # of a taxel's shear over its load, which the zero of the contact leaves
+_PLACE = 0.03  # relative distance of ratios that makes a new place: shares move by less within it
+_LEAST_RATIO = 0.03  # below, offsets are larger than what softens
+_NOISES = 4.0  # standard deviations of its noise that the total must exceed
+_DEGREES = 3.0  # of freedom of Student's t: tails of a few taxels in a hundred looks
 _EVEN = 0.2  # part of the misfit that does not go with the load: neighbours pull at a taxel without load
-_MISFIT_LOOKS = 4.0  # looks that the prior of the misfit is worth
+_MEETS = 0.02  # relative difference from the measured total that Newton steps leave
+_N_PLACES = 64  # remembered
+_TINY = 1e-9
 
 
 class ShareEvidence:
@@ -26,29 +34,28 @@ class ShareEvidence:
 
     Parameters
     ----------
-    n_hypotheses, n_taxels : int
+    friction : (hypotheses,) float64
+    n_taxels : int
     """
 
-    def __init__(self, n_hypotheses: int, n_taxels: int) -> None:
-        self._gain = np.zeros((n_hypotheses, n_taxels))
-        self._gain_var = np.full((n_hypotheses, n_taxels), _GAIN_SD**2)
-        self._looks = _MISFIT_LOOKS
-        self._misfit_sum = _MISFIT_LOOKS * MISFIT**2
-        self._looked_at = np.zeros(3)
-
-    @property
-    def misfit(self) -> float:
-        """Standard deviation of what the model does not explain, relative to the mean shear of a taxel."""
-        return float(np.sqrt(self._misfit_sum / self._looks))
+    def __init__(self, friction: FloatArray, n_taxels: int) -> None:
+        shape = (len(friction), n_taxels)
+        self._friction = friction[:, np.newaxis]
+        self._nuisance = np.zeros((3, *shape))
+        self._cov = np.zeros((3, 3, *shape))
+        for k, sd in enumerate((_GAIN_SD, _SOFTENING_SD, _OFFSET_SD)):
+            self._cov[k, k] = sd**2
+        self._places = np.full((_N_PLACES, 3), np.inf)
+        self._n = 0
 
     def log_likelihood(
         self,
         shear: FloatArray,
         predicted: FloatArray,
+        borne: FloatArray,
         part_of_load: FloatArray,
-        total: FloatArray,
+        ratio: FloatArray,
         noise_sd: float,
-        weights: FloatArray,
     ) -> FloatArray | None:
         """Compare measured with predicted shear.
 
@@ -58,44 +65,60 @@ class ShareEvidence:
             Measured shear over the mean load of a taxel.
         predicted : (2, hypotheses, taxels) float64
             In the same unit.
+        borne : (hypotheses,) float64
+            Length of the predicted total, in the unit of `ratio`.
         part_of_load : (taxels,) float64
             Load over the mean load.
-        total : (3,) float64
+        ratio : (3,) float64
             Shear and moment of the array, over the load.
         noise_sd : float
             Of one entry of `shear`.
-        weights : (hypotheses,) float64
-            Posterior so far, by which the misfit is learnt.
 
         Returns
         -------
         (hypotheses,) float64 or None
-            None where the shear has hardly moved since the last look.
+            None where the ratio is at a known place.
         """
-        size = float(np.sqrt(total @ total))
-        moved = float(np.sqrt(((total - self._looked_at) ** 2).sum()))
-        if moved < _LOOK * size + _NOISES * noise_sd / np.sqrt(shear.shape[1]):
+        size = float(np.sqrt(ratio @ ratio))
+        if size < max(_LEAST_RATIO, _NOISES * noise_sd / np.sqrt(shear.shape[1])):
             return None
-        self._looked_at = total
-        weight = TEMPER
-        floor = noise_sd**2 + (self.misfit * size) ** 2 * (_EVEN + part_of_load)
-        found = np.zeros(predicted.shape[1])
-        squares = np.zeros(predicted.shape[1])
-        for measured, model in zip(shear, predicted, strict=True):
-            variance = model**2 * self._gain_var + floor
-            residual = measured - (1.0 + self._gain) * model
-            relative = residual**2 / variance
-            found -= (
-                0.5 * (_DEGREES + 1) * np.log1p(relative / _DEGREES) + 0.5 * np.log(variance / floor)
-            ).sum(axis=1)
-            robust = (_DEGREES + 1) / (_DEGREES + relative)
-            squares += (np.minimum(residual**2, 9 * variance) - noise_sd**2).mean(axis=1)
-            # Kalman gain of a measurement whose variance is floor / (weight robust).
-            part = weight * robust * self._gain_var * model
-            part = part / (part * model + floor)
-            self._gain = self._gain + part * residual
-            self._gain_var = self._gain_var * (1.0 - part * model)
-        if size > 3 * noise_sd:
-            self._looks += 1
-            self._misfit_sum += max(0.0, float(weights @ squares)) / size**2 / (1 + _EVEN)
-        return np.asarray(weight * found)
+        if float(((self._places - ratio) ** 2).sum(axis=1).min()) < (_PLACE * size) ** 2:
+            return None
+        self._places[self._n % _N_PLACES] = ratio
+        self._n += 1
+
+        # A hypothesis that slides predicts how the shear is shared, and not how much there is of it.
+        scale = size / np.maximum(borne, _TINY)
+        scale = np.where(np.abs(scale - 1.0) < _MEETS, 1.0, scale)[:, np.newaxis]
+        force = np.maximum(np.sqrt((predicted**2).sum(axis=0)), _TINY)
+        along = (shear[0] * predicted[0] + shear[1] * predicted[1]) / force
+        model = force * scale
+        offset = np.broadcast_to(part_of_load, model.shape)
+        direction = np.stack([model, model * self._softening(force, part_of_load), offset])
+        expected = model + (self._nuisance * direction).sum(axis=0)
+        spread = np.einsum("abjt,bjt->ajt", self._cov, direction)
+        known = (spread * direction).sum(axis=0)
+        misfit = noise_sd**2 + (MISFIT * size) ** 2 * (_EVEN + (1.0 - _EVEN) * part_of_load)
+        residual = along - expected
+        variance = known + misfit
+        relative = residual**2 / variance
+        found = -(
+            0.5 * (_DEGREES + 1) * np.log1p(relative / _DEGREES) + 0.5 * np.log(variance / size**2)
+        ).sum(axis=1)
+        # A measurement whose variance is that of the misfit over its weight, less where it lies in the tails.
+        robust = (_DEGREES + 1) / (_DEGREES + relative)
+        gain = spread / (known + misfit / (TEMPER * robust))
+        self._nuisance += gain * residual
+        self._cov -= gain[:, np.newaxis] * spread[np.newaxis]
+        return np.asarray(TEMPER * found)
+
+    def _softening(self, force: FloatArray, part_of_load: FloatArray) -> FloatArray:
+        """Return the part of a taxel's shear by which it falls short of its stiffness times the travel.
+
+        With Q / mu P = 1 - (1 - x)^p the shear's derivative by the logarithm of the stiffness is
+        mu P p x (1 - x)^(p - 1).
+        """
+        limit = np.maximum(self._friction * part_of_load, _TINY)
+        used = np.clip(force / limit, 1e-6, 1.0)
+        left = (1.0 - used) ** (1.0 / MINDLIN_POWER)
+        return np.asarray(1.0 - MINDLIN_POWER * (1.0 - left) * left ** (MINDLIN_POWER - 1.0) / used)

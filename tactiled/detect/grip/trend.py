@@ -5,12 +5,12 @@ followed by a Kalman filter of value and rate. Load that falls raises the ratio 
 that an easing grip needs no rule of its own.
 """
 
+import collections
 import math
 
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.grip.constants import END_EACH
 
 # Spectral density of the ratio's acceleration: a pull whose rate changes by 1/s (5 N/s on 5 N) about four
 # times a second. A prior for hands; the rate is averaged again below.
@@ -18,11 +18,7 @@ _ACCELERATION_DENSITY = 4.0  # 1/s^3
 # The rate is averaged over this time: an extrapolation of each swing takes hum and steps of a walk for slip.
 RATE_AVERAGE_S = 0.08
 _START_RATE_SD = 1.0  # 1/s: before the first scans nothing is known of the rate
-# Trends of a hand end: gamma prior of the rate at which they do, one in half a second before any is seen.
-_END_COUNT, _END_TIME_S = 2.0, 1.0
-_FORGET_S = 5.0  # time constant of forgetting: a hand changes its motion within seconds
-_SIGNIFICANT = 2.0  # standard deviations of the rate from which a trend is a trend
-_ENDED = 0.2  # of its former rate: below it, a trend has ended
+_BEFORE_S = 0.3  # a growth that began within this time goes beyond what was borne before: the longest horizon
 
 
 class Trend:
@@ -37,11 +33,8 @@ class Trend:
         self.rate_sd = _START_RATE_SD
         self._fast_rate = np.zeros(3)
         self._cov = (0.0, 0.0, _START_RATE_SD**2)  # value, value with rate, rate
-        self._ends, self._grown_s = _END_COUNT, _END_TIME_S
-        self._is_growing = False
-        self._growing_at = 0.0
-        self.ended_at = 0.0
-        """Rate of growth (1/s) of a trend that ended at this scan; 0 where none ended."""
+        self._largest = 0.0
+        self._recent: collections.deque[float] = collections.deque()
         self._is_new = True
 
     @property
@@ -55,13 +48,9 @@ class Trend:
         return float(self.value @ self.rate) / max(self.size, self.value_sd, 1e-9)
 
     @property
-    def end_rate(self) -> float:
-        """Rate at which trends of this hand end, 1/s.
-
-        A hand that pulls fast reaches what it wants sooner: the rate has a part that goes with the speed.
-        """
-        doublings_per_s = max(self._growing_at, 0.0) / max(self.size, self.value_sd, 1e-9)
-        return self._ends / self._grown_s + END_EACH * doublings_per_s
+    def is_fresh(self) -> bool:
+        """True where the ratio exceeds all that was borne until 0.3 s ago."""
+        return self.size > self._recent[0] if self._recent else True
 
     def step(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take the ratio (3,) of a scan, with the standard deviation of its noise."""
@@ -86,21 +75,11 @@ class Trend:
         # Averaging over n independent rates; they decorrelate within the filter's own memory, about h / gain.
         memory_s = h / max(gain, 1e-9)
         self.rate_sd = math.sqrt(self._cov[2] * memory_s / (memory_s + RATE_AVERAGE_S))
-        self._count_ends(h)
+        self._remember(h)
 
-    def _count_ends(self, step_s: float) -> None:
-        growth = self.growth
-        keep = math.exp(-step_s / _FORGET_S)
-        self._ends = _END_COUNT + keep * (self._ends - _END_COUNT)
-        self._grown_s = _END_TIME_S + keep * (self._grown_s - _END_TIME_S)
-        self.ended_at = 0.0
-        if growth > _SIGNIFICANT * self.rate_sd:
-            self._is_growing = True
-            self._grown_s += step_s
-            self._growing_at = max(growth, self._growing_at * math.exp(-step_s / RATE_AVERAGE_S))
-        elif self._is_growing and growth < max(self.rate_sd, _ENDED * self._growing_at):
-            self._is_growing = False
-            self._ends += 1.0
-            self.ended_at = self._growing_at
-        else:
-            self._growing_at *= math.exp(-step_s / RATE_AVERAGE_S)
+    def _remember(self, step_s: float) -> None:
+        """Keep the largest ratio up to each of the scans of the last 0.3 s."""
+        self._largest = max(self._largest, self.size)
+        self._recent.append(self._largest)
+        while len(self._recent) > round(_BEFORE_S / step_s) + 1:
+            self._recent.popleft()

@@ -62,6 +62,7 @@ def perfect(world: World) -> GripRecord:
         gross=world.gross,
         told_gross=world.gross,
         within=within,
+        p_bound=within.astype(np.float64),
     )
 
 

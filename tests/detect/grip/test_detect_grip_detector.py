@@ -12,7 +12,7 @@ from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, bui
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.observe import approximation_taps, level_for, noise_gain
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
-from tactiled.detect.grip.ripple import sliding_log_odds
+from tactiled.detect.grip.wander import HALF, ShareWander
 from tactiled.detect.signal.wavelet import delay_scans
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -211,14 +211,38 @@ def test_newtons_are_called_newtons() -> None:
     assert {event.unit for event in events} == {"N"}
 
 
-def test_ripple_that_no_hand_makes_speaks_for_sliding() -> None:
+def wandering(change: FloatArray, noise: float = 1e-3) -> float:
+    """Log odds of sliding after a change (2, taxels) of the shares that nothing predicts."""
+    array, rng = xyz(), np.random.default_rng(4)
+    x, y = array.x_mm / 4, array.y_mm / 4
+    wander = ShareWander(x[: change.shape[1]], y[: change.shape[1]], 1)
+    part = PART[: change.shape[1]] / PART.sum()
+    held = np.stack([part, 0 * part])
+    odds = np.zeros(1)
+    for k in range(2 * HALF):
+        shear = held + (change if k >= HALF else 0) + rng.normal(0, noise, change.shape)
+        odds = wander.log_odds(shear, held[:, np.newaxis], part, noise)
+    return float(odds[0])
+
+
+def test_shares_that_wander_speak_for_sliding_and_common_movements_do_not() -> None:
     rng = np.random.default_rng(4)
-    noise = np.full((2, 9), 1e-3)
-    still = rng.normal(0, 1e-3, (2, 2, 9))
-    # A hum moves each taxel by its stiffness, whose unevenness the model knows up to a fifth.
-    hum = 0.1 * np.cbrt(PART) * (1 + 0.1 * rng.normal(size=9)) + still
-    rough = 5e-3 * rng.normal(size=(2, 2, 9)) + still
-    assert sliding_log_odds(still, noise, PART) <= 0
-    assert sliding_log_odds(hum, noise, PART) < 0.5
-    assert sliding_log_odds(rough, noise, PART) > 0.7
-    assert sliding_log_odds(rough[:, :, :3], noise[:, :3], PART[:3]) == 0.0
+    assert wandering(np.zeros((2, 9))) < 0.2
+    # A hum moves each taxel by its stiffness, whose unevenness the model knows up to a twentieth.
+    hum = 0.1 * np.cbrt(PART) * (1 + 0.05 * rng.normal(size=9))
+    assert wandering(np.stack([hum, 0 * hum])) < 0.5
+    assert wandering(5e-3 * rng.normal(size=(2, 9))) > 2
+    assert wandering(5e-3 * rng.normal(size=(2, 4))) == 0.0
+
+
+def test_wandering_that_a_hypothesis_predicts_is_no_evidence() -> None:
+    rng = np.random.default_rng(5)
+    array = xyz()
+    wander = ShareWander(array.x_mm / 4, array.y_mm / 4, 2)
+    softening = 0.01 * rng.normal(size=(2, 9))
+    odds = np.zeros(2)
+    for k in range(2 * HALF):
+        shear = softening * (k >= HALF) + rng.normal(0, 1e-3, (2, 9))
+        predicted = np.stack([softening * (k >= HALF), np.zeros((2, 9))], axis=1)
+        odds = wander.log_odds(shear, predicted, PART / PART.sum(), 1e-3)
+    assert odds[0] < 0.2 < 2 < odds[1]

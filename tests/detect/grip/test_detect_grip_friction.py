@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.forecast import p_gross_within
+from tactiled.detect.grip.friction import N_FRICTION, FrictionPosterior
 from tactiled.detect.grip.trend import Trend
 
 AT = np.array([0.05, 0.5, 0.95])
@@ -19,8 +20,8 @@ def test_quantiles_of_the_prior_are_lognormal() -> None:
 
 def test_utilisation_is_the_borne_ratio_over_friction() -> None:
     posterior = FrictionPosterior(0.6, 0.1)
-    posterior.bear(0.3)
-    low, median, high = posterior.utilisation_quantiles(0.3, AT)
+    posterior.bear(0.3, 0.01)
+    low, median, high = posterior.utilisation_quantiles(0.3, posterior.weights, AT)
     assert median == pytest.approx(0.5, rel=0.03)
     assert (low, high) == pytest.approx((0.5 * np.exp(-0.165), 0.5 * np.exp(0.165)), rel=0.05)
 
@@ -29,40 +30,53 @@ def test_shear_that_is_borne_refutes_lower_friction() -> None:
     posterior = FrictionPosterior(0.6, 0.6)
     before = posterior.friction_quantiles(AT)
     for ratio in np.linspace(0, 0.9, 50):
-        posterior.bear(ratio)
+        posterior.bear(ratio, 0.01)
     after = posterior.friction_quantiles(AT)
     assert after[0] > 0.7
     assert after[1] > before[1]
     # The same shear borne again is no new evidence.
     weights = posterior.weights.copy()
     for ratio in np.tile([0.2, 0.9], 20):
-        posterior.bear(ratio)
+        posterior.bear(ratio, 0.01)
     np.testing.assert_array_equal(posterior.weights, weights)
 
 
-def test_p_gross_grows_with_horizon_rate_and_ratio_and_is_a_probability() -> None:
-    def p(ratio: float, growth: float) -> np.ndarray:
-        posterior = FrictionPosterior(0.6, 0.3)
-        posterior.bear(ratio)
-        return posterior.p_gross_within(ratio, growth, 0.05, 2.0, HORIZONS)
+def p_gross(ratio: float, growth: float, *, is_fresh: bool = True) -> np.ndarray:
+    posterior = FrictionPosterior(0.6, 0.3)
+    return p_gross_within(posterior.log_used(ratio), posterior.weights, growth, 0.05, is_fresh, HORIZONS)
 
+
+def test_p_gross_grows_with_horizon_rate_and_ratio_and_is_a_probability() -> None:
     for ratio in (0.0, 0.3, 0.5, 0.6, 5.0):
         for growth in (-3.0, 0.0, 0.5, 5.0):
-            found = p(ratio, growth)
+            found = p_gross(ratio, growth)
             assert np.all((found >= 0) & (found <= 1))
             assert np.all(np.diff(found) >= 0)
-    assert p(0.4, 1.0)[2] > p(0.4, 0.2)[2]
-    assert p(0.5, 0.5)[2] > p(0.3, 0.5)[2]
+    assert p_gross(0.4, 2.0)[2] > p_gross(0.4, 0.2)[2]
+    assert p_gross(0.5, 0.5)[2] > p_gross(0.3, 0.5)[2]
+    assert p_gross(0.5, 0.5)[2] > p_gross(0.5, 0.5, is_fresh=False)[2]
 
 
-def test_a_growth_that_ends_at_known_friction_is_gross_slip_and_one_far_below_is_none() -> None:
-    for stop, slides in ((0.6, True), (0.3, False)):
-        posterior = FrictionPosterior(0.6, 0.05)
-        for ratio in np.arange(0, stop, 0.01):
-            posterior.bear(float(ratio))
-        posterior.bear(stop)
-        posterior.trend_ended(stop, growth=2.0, end_rate=3.0)
-        assert (posterior.p_sliding > 0.5) == slides
+def test_a_limit_that_is_met_slides_until_kinetic_friction_bears_the_ratio() -> None:
+    posterior = FrictionPosterior(0.6, 0.05)
+    odds = np.zeros(N_FRICTION)
+    for ratio, slides in ((0.3, False), (0.62, True), (0.52, True), (0.35, False)):
+        posterior.bear(ratio, 0.01)
+        sliding, sticking = posterior.sliding(odds)
+        assert sliding.sum() + sticking.sum() == pytest.approx(1)
+        assert (sliding.sum() > 0.5) == slides
+    # The memory of a limit that was met fades: a slide that nothing shows has ended.
+    posterior.bear(0.62, 0.01)
+    for _ in range(200):
+        posterior.bear(0.52, 0.01)
+    assert posterior.sliding(odds)[0].sum() < 0.3
+
+
+def test_odds_of_sliding_count_where_a_limit_may_be_met() -> None:
+    posterior = FrictionPosterior(0.6, 0.3)
+    posterior.bear(0.5, 0.01)
+    silent, loud = (posterior.sliding(np.full(N_FRICTION, odds))[0].sum() for odds in (-1.0, 3.0))
+    assert silent < 0.3 < 0.5 < loud
 
 
 def test_the_next_contact_starts_from_a_wider_posterior() -> None:
@@ -75,27 +89,18 @@ def test_the_next_contact_starts_from_a_wider_posterior() -> None:
     assert posterior.friction_quantiles(np.array([0.4]))[0] == pytest.approx(0.42, abs=0.06)
 
 
-def test_trend_follows_a_ramp_and_tells_its_end() -> None:
+def test_trend_follows_a_ramp_and_knows_what_was_borne_before() -> None:
     rng = np.random.default_rng(2)
-    trend, ends = Trend(), []
-    for k in range(300):
+    trend, fresh = Trend(), {}
+    for k in range(500):
         t = k / 100
-        ratio = np.array([0.5 * np.clip(t - 1, 0, 1), 0.0, 0.0]) + rng.normal(0, 1e-3, 3)
-        trend.step(ratio, 1e-3, 0.01)
+        course = np.interp(t, [1, 2, 3, 4, 5], [0, 0.5, 0.2, 0.4, 0.7])
+        trend.step(np.array([course, 0.0, 0.0]) + rng.normal(0, 1e-3, 3), 1e-3, 0.01)
+        fresh[k] = trend.is_fresh
         if k == 180:
             assert trend.growth == pytest.approx(0.5, abs=4 * trend.rate_sd)
-        if trend.ended_at:
-            ends.append(t)
-    assert any(2.0 < t < 2.3 for t in ends)
-    assert trend.size == pytest.approx(0.5, abs=0.01)
-
-
-def test_a_hum_at_one_ratio_ends_its_growth_but_once() -> None:
-    posterior = FrictionPosterior(0.6, 0.3)
-    posterior.bear(0.5)
-    posterior.trend_ended(0.5, growth=2.0, end_rate=3.0)
-    weights, sliding = posterior.weights.copy(), posterior.sliding.copy()
-    for ratio in (0.48, 0.5, 0.52):
-        posterior.trend_ended(ratio, growth=2.0, end_rate=3.0)
-    np.testing.assert_array_equal(posterior.weights, weights)
-    np.testing.assert_array_equal(posterior.sliding, sliding)
+    assert fresh[180]
+    assert fresh[480]
+    assert not fresh[300]
+    assert not fresh[390]
+    assert trend.size == pytest.approx(0.7, abs=0.02)
