@@ -20,8 +20,9 @@ from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent, TextureEvent
-from tactiled.pipeline import Pipeline, PipelineParams, check_hello
+from tactiled.pipeline import Output, Pipeline, PipelineParams, check_hello
 from tactiled.samples.assembler import SampleParams
+from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Acknowledge, Hello
 from tactiled.wire.layout import load_layout
@@ -293,3 +294,45 @@ def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path)
     assert fault is not None
     assert "reads N" in fault
     assert "in V or count" in fault
+
+
+def spoiled_reads() -> list[tuple[bytes, float]]:
+    """Reads of a touch with lost and damaged bytes, long and short gaps, and several frames in some reads."""
+    reads = [(data, arrival_s) for arrival_s, data in stream()]
+    for k in (250, 251, 300, *range(600, 640), 770):
+        reads[k] = (b"", reads[k][1])
+    reads[500] = (bytes(255 - byte for byte in reads[500][0]), reads[500][1])
+    for k in range(700, 760, 3):  # three frames come with the last of them
+        reads[k : k + 3] = [(b"", reads[k][1]), (b"", reads[k + 1][1]), joined(reads[k : k + 3])]
+    return reads
+
+
+def joined(reads: list[tuple[bytes, float]]) -> tuple[bytes, float]:
+    return b"".join(data for data, _ in reads), reads[-1][1]
+
+
+@pytest.mark.parametrize("size", [2, 37, 1000])
+def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) -> None:
+    reads = spoiled_reads()
+    single, many, blocks = (Pipeline(LAYOUT, ARRAY) for _ in range(3))
+    wanted = [single.receive_data(data, now_s) for data, now_s in reads]
+    found: list[list[Output]] = []
+    events: list[Output] = []
+    n_scans = 0
+    for start in range(0, len(reads), size):
+        part = reads[start : start + size]
+        found += many.receive_reads(part)
+        for output in blocks.receive_blocks(part):
+            if isinstance(output, ScanBlock):
+                n_scans += len(output)
+            else:
+                events.append(output)
+    assert found == wanted
+    assert any(isinstance(output, SlipEvent) for outputs in wanted for output in outputs)
+    everything = [output for outputs in wanted for output in outputs]
+    scans = [output for output in everything if isinstance(output, ScanEvent)]
+    assert n_scans == len(scans) > 600
+    assert many.health() == single.health() == blocks.health()
+    assert [e for e in events if isinstance(e, SlipEvent | ContactEvent)] == [
+        e for e in everything if isinstance(e, SlipEvent | ContactEvent)
+    ]

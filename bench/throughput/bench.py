@@ -36,7 +36,7 @@ WAYS = {"compiled": "1", "numpy": "0"}
 """Path of a scan, and the value of `compiled.SETTING` that selects it."""
 SCENES = ("rest", "slide")
 _HERE = Path(__file__).parent
-_SCANS = {"compiled": 50_000, "numpy": 20_000, "reference": 500_000}
+_SCANS = {"compiled": 30_000, "numpy": 30_000, "reference": 500_000}
 _QUICK_PART = 5  # so many times fewer scans and seconds
 _LONGEST_S = 120.0
 _DRAIN_S = 3.0

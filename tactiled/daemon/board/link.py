@@ -78,22 +78,32 @@ class BoardLink:
         now_s : float
             Host monotonic seconds at which the bytes were read.
         publish : callable
-            Takes each event of the accepted board, in order, before this method returns.
+            Takes each event of the accepted board, in order, before this method returns. A scan that comes
+            alone is published before the detectors run, so that it does not wait for them.
         record : callable, optional
-            See `RecordRead`; called before any event is published, and also when the pipeline raises, because
-            the bytes that made it fail are the ones to look at later.
+            See `RecordRead`; called before any other event is published, and also when the pipeline raises,
+            because the bytes that made it fail are the ones to look at later.
 
         Returns
         -------
         list of Command
             To be sent to the board.
         """
-        outputs: list[Output] = []
+        session, outputs = self.session, list[Output]()
+        published: Event | None = None
+
+        def announce(scan: ScanEvent) -> None:
+            nonlocal published
+            if session.accepted:
+                published = scan
+                publish(scan)
+
+        self.pipeline.announce = announce
         try:
             outputs = self.pipeline.receive_data(data, now_s)
         finally:
+            self.pipeline.announce = None
             record(data, outputs, now_s)
-        session = self.session
         commands: list[Command] = []
         scanned = False
         self._patience_s = SILENT_S
@@ -102,7 +112,8 @@ class BoardLink:
             if isinstance(item, Event):
                 if session.accepted:
                     scanned = scanned or isinstance(item, ScanEvent)
-                    publish(item)
+                    if item is not published:
+                        publish(item)
             elif isinstance(item, Hello):
                 commands += session.greeted(item, now_s)
             else:

@@ -28,7 +28,7 @@ from tactiled.detect.signal.quantise import READING_BITS, HeldReadings, Quantise
 from tactiled.detect.signal.rolling import RollingRows
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.detect.slip.filters import LEVELS, RampFilters
-from tactiled.detect.slip.noise_floor import GROUP_SCANS, GroupedNoiseFloor
+from tactiled.detect.slip.noise_floor import GROUP_SCANS, GroupedNoiseFloor, median
 from tactiled.detect.slip.response import AXES, COLUMNS, LARGEST, PRESSURE, ResponseModel, motion, responses
 from tactiled.detect.slip.rises import RiseTest
 
@@ -206,7 +206,7 @@ class ResponseSegmenter:
     def _find_noisy(self, clean: NDArray[np.bool_]) -> None:
         """Find taxels with far more noise than the median, with hysteresis."""
         noise = self._response.worst(self._floor.sd[0, _RESPONSES:])
-        usual = max(float(np.median(noise[clean])) if clean.any() else 0.0, _NO_NOISE)
+        usual = max(median(noise[clean]) if clean.any() else 0.0, _NO_NOISE)
         self._noisy = noise > np.where(self._noisy, _QUIET_AGAIN, _NOISY) * usual
 
     def newest(self, n: int) -> FloatArray:
@@ -289,9 +289,9 @@ class ResponseSegmenter:
         if not self._floor.add(segment.details[at : at + n], segment.channels[row : row + n], disturbed):
             return False
         newest = self._floor.newest
-        grew = np.median((newest / self._floor.sd)[:, _RESPONSES:], axis=1)
-        if grew[0] > _GREW:
+        grew = (newest / self._floor.sd)[:, _RESPONSES:]
+        if median(grew[0]) > _GREW:
             made = np.maximum(self._made_of(newest)[0], 1.0)
             if np.mean((newest[0, :_RESPONSES] / made) ** 2) < _INCOHERENT**2:
-                self._floor.scale(np.maximum(grew, 1.0)[:, np.newaxis])
+                self._floor.scale(np.maximum(np.median(grew, axis=1), 1.0)[:, np.newaxis])
         return True

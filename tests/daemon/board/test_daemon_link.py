@@ -34,6 +34,7 @@ from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load
 from tactiled.recording.reader import read_items
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams
+from tactiled.samples.block import Gap, ScanBlock
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame
 from tactiled.wire.layout import Layout
@@ -185,6 +186,38 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
     link.received(encode(sim.hello()), 101.6, events.append)
     status = link.status(101.6, started_s=100.0, connects=1)
     assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
+
+
+def test_a_scan_that_comes_alone_is_published_once_and_before_the_detectors_see_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sim, link, order = SimBoard(), bare_link(), list[str]()
+    encode, detect = Encoder(LAYOUT).encode, link.pipeline.tuning.process
+
+    def process(item: ScanBlock | Gap) -> list[Event]:
+        order.append("detectors")
+        return detect(item)
+
+    monkeypatch.setattr(link.pipeline.tuning, "process", process)
+
+    def receive(data: bytes, now_s: float) -> list[str]:
+        order.clear()
+        outputs: list[list[str]] = []
+        link.received(
+            data,
+            now_s,
+            lambda event: order.append(event.topic),
+            lambda _data, found, _now_s: outputs.append([e.topic for e in found if isinstance(e, Event)]),
+        )
+        assert outputs == [[topic for topic in order if topic != "detectors"]]
+        return list(order)
+
+    link.opened(100.0)
+    assert receive(encode(sim.hello()) + stream(sim, 1, 0), 100.5)[:2] == ["detectors", "scan"]
+    assert receive(stream(sim, 1, 10_000), 100.51)[:2] == ["scan", "detectors"]
+    assert receive(stream(sim, 2, 20_000), 100.53)[0] == "detectors"
+    another = replace(sim.hello(), board_serial="TS0002")
+    assert receive(encode(another) + stream(sim, 1, 40_000), 100.54)[0] == "detectors"
 
 
 def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
