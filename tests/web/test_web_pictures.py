@@ -1,0 +1,56 @@
+"""Screenshots of the page while the demo's skin slides over grooves, on a desktop and on a phone.
+
+The pictures in the documents are made by this test: ``TACTILED_PICTURES=docs ./run test
+tests/web/test_web_pictures.py``.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from pages import CONFIG, robot
+from playwright.sync_api import Browser, expect
+
+pytestmark = pytest.mark.system
+SIZES = {"desktop": (1280, 860, 1), "phone": (390, 844, 2)}
+NAMES = {
+    ("desktop", "light"): "web.png",
+    ("desktop", "dark"): "web-dark.png",
+    ("phone", "light"): "web-phone.png",
+    ("phone", "dark"): "web-phone-dark.png",
+}
+
+
+def test_the_page_fits_desktop_and_phone_while_it_slides(
+    browser: Browser, tmp_path: Path, pictures: Path | None
+) -> None:
+    with robot(tmp_path, CONFIG + "[detect.grip]\nenabled = true\n") as made:
+        made.run()
+        made.plug("demo")
+        url = made.serve()
+        schemes: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+        contexts = [
+            (device, scheme, browser.new_context(
+                viewport={"width": width, "height": height}, device_scale_factor=scale, color_scheme=scheme
+            ))
+            for device, (width, height, scale) in SIZES.items()
+            for scheme in schemes
+        ]  # fmt: skip
+        first = contexts[0][2].new_page()
+        first.goto(url)
+        expect(first.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        expect(first.locator(".grooves .texture")).to_contain_text("normal at", timeout=120_000)
+        for number, (device, scheme, context) in enumerate(contexts):
+            page = context.pages[0] if number == 0 else context.new_page()
+            if number:
+                page.goto(url)
+                expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+                expect(page.locator(".grooves .texture")).to_contain_text("normal at")
+                page.wait_for_timeout(800)
+            overflow = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+            assert overflow <= 0, (device, scheme)
+            for element in (".lamp .word", "canvas.array", ".timeline canvas", ".strip"):
+                assert page.locator(element).first.is_visible(), element
+            if pictures is not None:
+                (pictures / NAMES[device, scheme]).write_bytes(page.screenshot())
+            context.close()
