@@ -16,8 +16,8 @@ SIZES = {"desktop": (1280, 860, 1), "phone": (390, 844, 2)}
 NAMES = {
     ("desktop", "light"): "web.png",
     ("desktop", "dark"): "web-dark.png",
-    ("phone", "light"): "web-phone.png",
-    ("phone", "dark"): "web-phone-dark.png",
+    ("phone", "light"): "web-phone-light.png",
+    ("phone", "dark"): "web-phone.png",
 }
 
 
