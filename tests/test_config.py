@@ -223,3 +223,37 @@ def test_the_faults_of_all_configurations_are_reported_together(tmp_path: Path) 
     with pytest.raises(ConfigError) as caught:
         load_configs([*files, board_file(tmp_path, "TS0003")])
     assert all(f"{file}: nonsense: unknown key" in str(caught.value) for file in files)
+
+
+def board_config(tmp_path: Path, board: str) -> Path:
+    path = tmp_path / "board.toml"
+    path.write_text(f'[port]\nurl = "/dev/ttyUSB0"\n[board]\n{board}')
+    return path
+
+
+def test_the_calibration_is_the_nominal_one_a_file_or_none(tmp_path: Path) -> None:
+    nominal = load_config(board_config(tmp_path, "")).pipeline
+    assert nominal.force
+    assert nominal.calibration is not None
+    assert nominal.calibration.nominal
+    text = resources.shipped("config", "calibration", "wang2019-3x3.toml").read_text()
+    (tmp_path / "mine.toml").write_text(
+        text.replace('name = "nominal"', 'name = "mine"').replace("nominal = true", "nominal = false")
+    )
+    mine = load_config(board_config(tmp_path, 'calibration = "mine.toml"\n'))
+    assert mine.pipeline.calibration is not None
+    assert mine.pipeline.calibration.name == "mine"
+    assert mine.recording_header().pipeline == mine.pipeline  # a replay needs it
+    off = load_config(board_config(tmp_path, 'calibration = "off"\n')).pipeline
+    assert (off.force, off.calibration) == (False, None)
+
+
+def test_an_array_without_a_calibration_has_unknown_forces(tmp_path: Path) -> None:
+    array = resources.shipped("config", "arrays", "wang2019-3x3.toml").read_text()
+    (tmp_path / "skin.toml").write_text(array.replace('"wang2019-3x3"', '"skin"'))
+    found = load_config(board_config(tmp_path, 'array = "skin.toml"\n')).pipeline
+    assert (found.force, found.calibration) == (True, None)
+    with pytest.raises(ConfigError, match=r"board\.calibration: .*calibrate this array"):
+        load_config(board_config(tmp_path, 'array = "skin.toml"\ncalibration = "wang2019-3x3"\n'))
+    with pytest.raises(ConfigError, match=r"board\.calibration"):
+        load_config(board_config(tmp_path, 'calibration = "missing.toml"\n'))

@@ -23,7 +23,9 @@ _AT_LIMIT = (
 _TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
 _BEYOND = 1.1  # times the largest calibrated reading: above, the load curve is extrapolated
 _BEYOND_PART = 0.25  # relative standard deviation for each e-fold beyond
-_NO_CENTRE_SDS = 3.0  # a normal force below so many standard deviations has no centre of pressure
+# A normal force below so many standard deviations of that on a free array has no centre of pressure. An error
+# of all taxels together does not move the centre.
+_NO_CENTRE_SDS = 3.0
 
 
 class ForceSource(Protocol):
@@ -87,7 +89,6 @@ class ForceEstimator:
 
     def __init__(self, array: Array, file: CalibrationFile) -> None:
         self._model = build_model(array, file)
-        self._file = file
         self._n_taxels = array.n_taxels
         self._array = array
         self._largest = np.maximum(np.array(file.largest_reading), 1e-12)
@@ -185,7 +186,7 @@ class ForceEstimator:
             sd.append(math.sqrt(variance + float(errors @ errors)))
         fx, fy, fz, tx, ty, tz = outputs[:6]
         x_mm, y_mm = self._centre_mm
-        if fz > _NO_CENTRE_SDS * sd[2] or (self._file.nominal and fz > 0.05 * self._file.range.fz_n[1]):
+        if fz > _NO_CENTRE_SDS * math.sqrt(self._floor2[2] + self._per_unit2[2] * zero2):
             x_mm, y_mm = -ty / fz, tx / fz
         n = self._n_taxels
         return ForceEvent(

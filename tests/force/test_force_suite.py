@@ -1,0 +1,56 @@
+"""Force events beside those of the detectors: order, tare, gaps."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from tactiled.array import load_array
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
+from tactiled.events.types import Event, ForceEvent
+from tactiled.force.calibration import load_calibration
+from tactiled.force.estimator import ForceEstimator
+from tactiled.samples.block import Gap, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+
+
+def suite() -> TunedSuite:
+    force = ForceEstimator(ARRAY, load_calibration("wang2019-3x3"))
+    return TunedSuite(ARRAY, DetectParams(), force=force)
+
+
+def volts(n: int, level: float = 0.0) -> np.ndarray:
+    return np.asarray(level + 1e-3 * np.random.default_rng(0).standard_normal((n, 36)))
+
+
+def forces(events: list[Event]) -> list[ForceEvent]:
+    return [event for event in events if isinstance(event, ForceEvent)]
+
+
+def test_each_scan_has_a_force_and_events_keep_their_order() -> None:
+    readings = volts(600)
+    readings[200:] += np.clip(np.arange(400) / 50, 0, 1)[:, np.newaxis]
+    events = suite().process(regular_block(readings, 100.0))
+    assert len(forces(events)) == 600
+    assert len(events) > 600  # the contact
+    assert all(a.evidence_s <= b.evidence_s for a, b in itertools.pairwise(events))
+
+
+def test_a_tare_sets_the_force_to_zero() -> None:
+    tuned = suite()
+    before = forces(tuned.process(regular_block(volts(200, 0.05), 100.0)))
+    assert before[-1].fz_n > 1.0
+    assert tuned.tare(force=True)[0] == ""
+    after = forces(tuned.process(regular_block(volts(10, 0.05), 100.0, start_s=2.0, index=200)))
+    assert after[-1].fz_n == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_gap_keeps_zero_and_contact() -> None:
+    tuned = suite()
+    held = forces(tuned.process(regular_block(volts(300, 0.5), 100.0)))
+    tuned.process(Gap(500, "missing", 300))
+    again = forces(tuned.process(regular_block(volts(10, 0.5), 100.0, start_s=8.0, index=800)))
+    assert again[0].fz_n == pytest.approx(held[-1].fz_n, rel=0.02)
+    assert len(again) == 10
