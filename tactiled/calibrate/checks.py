@@ -7,7 +7,8 @@ from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import has_signs, quiet_bins
 from tactiled.calibrate.data import BinnedLog, ReferenceTable
 from tactiled.errors import DataError
-from tactiled.force.calibration import AXES
+from tactiled.force.calibration import AXES, has_nominal, load_calibration
+from tactiled.force.model import build_model
 
 _LEAST_S = 5.0
 _LEAST_RESPONSE = 20.0  # standard deviations of the noise: below, nothing pressed the array
@@ -15,6 +16,7 @@ _LARGEST_MPA = 2.0  # silicone skins tear or bottom out at a few MPa
 _OPPOSITE, _UNRELATED, _SWAPPED = -0.5, 0.3, 0.7  # correlations of shear with the axis of the array
 _LEAST_SHEAR = 0.1  # of the range of the normal force: below, the directions of shear cannot be compared
 _LEAST_BINS = 10  # without contact and with it, to compare them
+_MOST_NOMINAL = 15.0  # nominal forces may be wrong by 2.7 and by electrodes; grams are wrong by 102
 _GRAMS_PER_N = 101.97
 
 
@@ -32,6 +34,21 @@ def check_reference(table: ReferenceTable, array: Array) -> None:
         )
     if span == 0:
         raise DataError("the reference never changes: is the force sensor connected, is it the right file?")
+
+
+def check_unit(log: BinnedLog, table: ReferenceTable, array: Array) -> None:
+    """Refuse a normal force that is far from the nominal one of the array, where there is one."""
+    if 2 not in table.outputs or not has_nominal(array.name):
+        return
+    model = build_model(array, load_calibration(array.name))
+    pressed = log.readings[np.argsort(log.readings.sum(axis=1))[-_LEAST_BINS:]].mean(axis=0)
+    nominal = float(model.weights[2] @ model.features(pressed, log.step_s))
+    span = float(np.nanmax(table.values[:, 2]) - np.nanmin(table.values[:, 2]))
+    if nominal > 0 and span > _MOST_NOMINAL * nominal:
+        raise DataError(
+            f"fz_n changes by {span:.0f}; by published sensitivities it is about {nominal:.2g} N: are these "
+            f"grams? Then divide by {_GRAMS_PER_N}; {span:.0f} g are {span / _GRAMS_PER_N:.1f} N"
+        )
 
 
 def _area_mm2(array: Array) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.checks import check_log, check_reference, check_signs
+from tactiled.calibrate.checks import check_log, check_reference, check_signs, check_unit
 from tactiled.calibrate.clock import align, quiet_bins
 from tactiled.calibrate.data import AlignedReference, BinnedLog, ReferenceTable, bin_log
 from tactiled.calibrate.folds import correlation_bins, folds, segments
@@ -126,6 +126,7 @@ def calibrate(
     check_reference(table, array)
     log = bin_log(time_s, readings, array)
     check_log(log, array)
+    check_unit(log, table, array)
     reference = AlignedReference(table, log)
     between_s = float(time_s[0] - table.time_s[0])
     if abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):

@@ -136,6 +136,16 @@ def test_a_wrong_reference_is_refused_with_advice(change, says: str) -> None:  #
         study(run, replace(reference, values=change(reference.values)))
 
 
+def test_grams_of_light_presses_are_refused_too() -> None:
+    rig, run, _ = rig_run()
+    light = replace(run.loads, taxels_n=0.08 * run.loads.taxels_n)  # 1.6 N, which are 163 g
+    readings = rig.sensor.readings(light.taxels_n, 100.0, np.random.default_rng(6))
+    time_s, values = rig.reference.measure(light, ARRAY, np.random.default_rng(7))
+    grams = ReferenceTable(time_s, values * 101.97, np.full(len(values), NO_TAXEL))
+    with pytest.raises(DataError, match="grams"):
+        study(replace(run, loads=light), grams, readings)
+
+
 def test_a_log_without_excitation_is_refused() -> None:
     _, run, _ = rig_run()
     quiet = 1e-3 * np.random.default_rng(1).standard_normal(run.readings.shape)
