@@ -268,7 +268,7 @@ def _bound(
     ]
 
     def at(physics: dict[str, float]) -> tuple[FloatArray, FloatArray]:
-        problem, _, _ = fitter.regression(physics)
+        problem, _ = fitter.regression(physics)
         linear = problem.solve(sd)
         residual = problem.residuals(linear)[:, fitter.used] / sd[fitter.used]
         forces = np.concatenate([s.features(physics) @ linear.weights.T for s in seen])

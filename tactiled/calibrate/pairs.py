@@ -8,7 +8,7 @@ each taxel's own.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,24 +66,18 @@ class PairsFit:
     regression : Regression
         Of all rows, at these parameters.
     features : (n, features) float64
-    outputs : (n, 6) float64
-        Reference in the bins.
     sd : (6,) float64
         Standard deviations of the residuals.
     rows : (n,) bool
         Bins that were used.
-    jacobian : (rows, parameters) float64
-        Of the whitened residuals by the physical parameters, weights eliminated.
     """
 
     physics: dict[str, float]
     linear: LinearFit
     regression: Regression
     features: FloatArray
-    outputs: FloatArray
     sd: FloatArray
     rows: NDArray[np.bool_]
-    jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 class PairsFitter:
@@ -159,8 +153,8 @@ class PairsFitter:
         ratio = part * (1 - s) / (1 - s * part)
         return np.asarray(ratio**q + physics["dead"] * np.tanh(np.maximum(readings, 0.0) / self.step))
 
-    def regression(self, physics: dict[str, float]) -> tuple[Regression, FloatArray, FloatArray]:
-        """Return the linear problem of the used bins, with features and reference of all bins."""
+    def regression(self, physics: dict[str, float]) -> tuple[Regression, FloatArray]:
+        """Return the linear problem of the used bins, and the features of all bins."""
         features = self.features(physics)
         shown = features if self._mask is None else features * self._mask
         outputs = self._reference.means(self._late_s + physics["late_s"], physics["drift"])
@@ -176,7 +170,7 @@ class PairsFitter:
             y - turn * x,
             self._priors(features, outputs),
         )
-        return problem, features, outputs
+        return problem, features
 
     def _priors(self, features: FloatArray, outputs: FloatArray) -> tuple[Prior, Prior, Prior]:
         """Priors of the weights of fx, fy and fz."""
@@ -226,9 +220,8 @@ class PairsFitter:
         free = np.array([_NAMES.index(name) for name in names])
         low = np.array([_LIMITS.get(name, (-np.inf, np.inf))[0] for name in names])
         high = np.array([_LIMITS.get(name, (-np.inf, np.inf))[1] for name in names])
-        steps: FloatArray = np.zeros((0, 0))
         for stage in range(3):
-            problem, _, _ = self.regression(_named(theta))
+            problem, _ = self.regression(_named(theta))
             linear = problem.solve(sd)
             n = max(int(self._rows.sum()) - 1, 1)
             spread = np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n)
@@ -237,7 +230,7 @@ class PairsFitter:
             def loss(z: FloatArray, sd: FloatArray = sd, theta: FloatArray = theta) -> FloatArray:
                 full = theta.copy()
                 full[free] = (z - _SHIFT) * _SD[free]
-                problem, _, _ = self.regression(_named(full))
+                problem, _ = self.regression(_named(full))
                 linear = problem.solve(sd)
                 residuals = problem.residuals(linear)[:, self.used] / sd[self.used]
                 prior = z - _SHIFT - _MEAN[free] / _SD[free]
@@ -253,15 +246,13 @@ class PairsFitter:
                 ftol=1e-4,
             )
             theta[free] = (found.x - _SHIFT) * _SD[free]
-            steps = np.zeros((len(found.fun), len(_NAMES)))
-            steps[:, free] = found.jac / _SD[free]
             reached(f"fit {stage + 1} of 3")
-        problem, features, outputs = self.regression(_named(theta))
+        problem, features = self.regression(_named(theta))
         linear = problem.solve(sd)
         n = max(int(self._rows.sum()) - 1, 1)
         sd = np.maximum(np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n), floor)
         linear = problem.solve(sd, with_covariance=True)
-        return PairsFit(_named(theta), linear, problem, features, outputs, sd, self._rows, steps)
+        return PairsFit(_named(theta), linear, problem, features, sd, self._rows)
 
     def _floor(self) -> FloatArray:
         """Smallest standard deviations (6,) of the outputs: the noise of the reference in a bin."""

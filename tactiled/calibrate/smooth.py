@@ -57,7 +57,6 @@ class SmoothFit:
         Of all bins.
     left_out : (n, 6) float64
         Differences from the reference in the folds; 0 in bins that were not used.
-    strength : (6,) float64
     """
 
     terms: FeatureTerms
@@ -66,7 +65,6 @@ class SmoothFit:
     covariance: tuple[FloatArray, FloatArray, FloatArray]
     features: FloatArray
     left_out: FloatArray
-    strength: FloatArray
 
     def params(self, array: Array, used: list[int]) -> SmoothModelParams:
         """Return the model as it goes into a file; unknown moments follow from forces and places."""
@@ -160,7 +158,6 @@ def fit_smooth(
         (covariance[0], covariance[1], covariance[2]),
         features,
         left,
-        strengths[best],
     )
 
 

@@ -8,8 +8,7 @@ from tactiled.calibrate.uncertainty import unknown_axes
 from tactiled.force.calibration import CalibrationFile
 from tactiled.force.model import N_KINDS
 
-GOOD = 0.05  # relative standard deviation of a sensitivity that is called good
-POOR = 0.15  # above it, a motion is asked for
+POOR = 0.15  # relative standard deviation of a sensitivity above which a motion is asked for
 _LITTLE_SHEAR = 0.1  # of the largest normal force
 _WORDS = {"fx": "shear x", "fy": "shear y", "fz": "normal force"}
 _MOTION = {"fx": "push sideways along x, both ways", "fy": "push sideways along y, both ways", "fz": "press"}
