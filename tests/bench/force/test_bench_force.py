@@ -37,7 +37,7 @@ def test_aims_read_what_was_measured(scored: ForceScore) -> None:
     skin = MagnetScore(1, (0.1, 0.1), (0.1, 0.1), 0.9)
     verdicts = {}
     for name, one in (("good", good), ("bad", bad)):
-        found = ForceFound([one], [hold], [skin], 30.0)
+        found = ForceFound([one], [hold], [skin], 30.0, 90.0)
         verdicts[name] = {aim.name: aim.measure(found).verdict for aim in AIMS}
     assert verdicts["good"]["90 % intervals hold"] == "met"
     assert verdicts["bad"]["90 % intervals hold"] == "MISSED"
@@ -54,7 +54,7 @@ def test_rms_errors_are_pooled_over_rigs(scored: ForceScore) -> None:
 
 def test_the_report_has_a_row_for_each_case(scored: ForceScore) -> None:
     scores = [scored, replace(scored, case=MAIN)]
-    found = ForceFound(scores, [HoldScore(1, 0.9, 1.0, 0.1, 0.2)], [], 30.0)
+    found = ForceFound(scores, [HoldScore(1, 0.9, 1.0, 0.1, 0.2)], [], 30.0, 90.0)
     text = report(found, [SHORT, MAIN], 1).text
     assert text.count(str(SHORT)) >= 3
     assert text.count(str(MAIN)) >= 3
