@@ -6,8 +6,11 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import AlignedReference, BinnedLog
 from tactiled.errors import DataError
+from tactiled.force.calibration import AXES
 
 WITHIN_S = 5.0
+_LEAST_ALWAYS = 0.4  # of the log: presses enough to tell offsets apart
+_LEAST_COVERED_S = 5.0
 _LEAST_CORRELATION = 0.5  # records of the same presses reach 0.9 and more, even with a curved sensor
 
 
@@ -18,7 +21,7 @@ def has_signs(array: Array) -> bool:
 
 
 def pressure(log: BinnedLog, array: Array) -> FloatArray:
-    """Size of the response (n,) by which the log is compared with the reference."""
+    """Size of the response (n,), whose sign is compared with that of the normal force."""
     if has_signs(array):
         return np.asarray(log.readings @ array.normal_weights().sum(axis=0))
     scale = np.maximum(log.readings.std(axis=0), 1e-12)
@@ -26,7 +29,7 @@ def pressure(log: BinnedLog, array: Array) -> FloatArray:
 
 
 def align(log: BinnedLog, reference: AlignedReference, array: Array, between_s: float) -> tuple[float, float]:
-    """Return the offset of the clocks and the correlation there.
+    """Return the offset of the clocks at which the records resemble each other most.
 
     Parameters
     ----------
@@ -39,38 +42,79 @@ def align(log: BinnedLog, reference: AlignedReference, array: Array, between_s: 
     late_s : float
         As `AlignedReference.means` takes it.
     correlation : float
-        Of the two records; negative where the reference falls when the array is pressed.
+        Of pressure and normal force: negative where the force falls when the array is pressed. Without a
+        normal force, 1.
 
     Raises
     ------
     DataError
         The records do not resemble each other, or do not overlap.
     """
-    felt = pressure(log, array)
     step_s = log.step_s / 2
-    lags_s = np.arange(-WITHIN_S, WITHIN_S + step_s, step_s)
-    best, best_s, signed = 0.0, 0.0, 0.0
-    overlaps = False
-    for lag_s in lags_s:
-        inside = reference.inside(between_s + lag_s, 0.0)
-        if inside.sum() < 0.5 * len(log) and inside.sum() * log.step_s < 5.0:
-            continue
-        overlaps = True
-        shown = _size(reference, reference.means(between_s + lag_s, 0.0))
-        value = _correlation(felt[inside], shown[inside])
-        if abs(value) > best:
-            best, best_s, signed = abs(value), float(lag_s), value
-    if not overlaps:
+    lags_s = between_s + np.arange(-WITHIN_S, WITHIN_S + step_s, step_s)
+    always = reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0)
+    if always.sum() > _LEAST_ALWAYS * len(log):
+        alike: _Explained | _SameSize = _Explained(log, reference, always)
+    else:
+        alike = _SameSize(log, reference, array)
+    values = np.array([alike.at(lag_s) for lag_s in lags_s.tolist()])
+    if not np.isfinite(values).any():
         raise DataError(
             f"the reference does not overlap the log within {WITHIN_S:g} s: its first sample is at "
             f"{-between_s:.1f} s from the log's first scan; shift its time_s, or record both together"
         )
-    if best < _LEAST_CORRELATION:
+    best = int(np.nanargmax(values))
+    if values[best] < _LEAST_CORRELATION:
         raise DataError(
-            f"log and reference do not resemble each other (largest correlation {best:.2f} within "
+            f"log and reference do not resemble each other (largest correlation {values[best]:.2f} within "
             f"{WITHIN_S:g} s): are they of the same presses? Press, and let go, at least three times"
         )
-    return between_s + best_s, signed
+    late_s = float(lags_s[best])
+    if 2 not in reference.outputs:
+        return late_s, 1.0
+    inside = reference.inside(late_s, 0.0)
+    normal = reference.means(late_s, 0.0)[:, 2]
+    return late_s, _correlation(pressure(log, array)[inside], normal[inside])
+
+
+class _Explained:
+    """Part of the forces that a linear map of all readings explains, over bins that every offset covers."""
+
+    def __init__(self, log: BinnedLog, reference: AlignedReference, rows: NDArray[np.bool_]) -> None:
+        self._reference, self._rows = reference, rows
+        self._forces = [k for k in reference.outputs if k < len(AXES)]
+        readings = log.readings[rows]
+        u, sizes, _ = np.linalg.svd(readings - readings.mean(axis=0), full_matrices=False)
+        # One direction for ten bins, so that chance explains a tenth.
+        most = max(len(readings) // 10, 1)
+        self._basis = u[:, :most][:, sizes[:most] > 1e-9 * max(float(sizes[0]), 1e-300)]
+
+    def at(self, late_s: float) -> float:
+        """Return the multiple correlation at an offset."""
+        shown = self._reference.means(late_s, 0.0)[self._rows][:, self._forces]
+        shown = shown - shown.mean(axis=0)
+        total = (shown**2).sum(axis=0)
+        if not total.any():
+            return float("nan")
+        part = ((self._basis.T @ shown) ** 2).sum(axis=0)[total > 0] / total[total > 0]
+        return float(np.sqrt(part.mean()))
+
+
+class _SameSize:
+    """Correlation of pressure and normal force, for records of which some offsets cover little."""
+
+    def __init__(self, log: BinnedLog, reference: AlignedReference, array: Array) -> None:
+        self._reference = reference
+        self._felt = pressure(log, array)
+        self._least = min(0.5 * len(log), _LEAST_COVERED_S / log.step_s)
+
+    def at(self, late_s: float) -> float:
+        """Return the size of the correlation at an offset; NaN where too little is covered."""
+        inside = self._reference.inside(late_s, 0.0)
+        if inside.sum() < self._least:
+            return float("nan")
+        shown = _size(self._reference, self._reference.means(late_s, 0.0))
+        return abs(_correlation(self._felt[inside], shown[inside]))
 
 
 def _size(reference: AlignedReference, outputs: FloatArray) -> FloatArray:

@@ -9,7 +9,10 @@ from tactiled.force.calibration import CalibrationFile
 from tactiled.force.model import N_KINDS
 
 POOR = 0.15  # relative standard deviation of a sensitivity above which a motion is asked for
-_LITTLE_SHEAR = 0.1  # of the largest normal force
+_LITTLE_SHEAR, _LITTLE_SD = (
+    0.1,
+    0.05,
+)  # of the largest normal force; relative sd at which that little is enough
 _WORDS = {"fx": "shear x", "fy": "shear y", "fz": "normal force"}
 _MOTION = {"fx": "push sideways along x, both ways", "fy": "push sideways along y, both ways", "fz": "press"}
 
@@ -62,15 +65,11 @@ def verdict(
         if axis not in used:
             continue
         little = name != "fz" and largest[axis] < _LITTLE_SHEAR * max(largest[2], 1e-9)
-        if little or relative[axis] > POOR:
-            sd = (
-                f"{_WORDS[name]} has {100 * relative[axis]:.0f} % sd"
-                if model == "pairs"
-                else "it is poorly known"
-            )
+        if relative[axis] > POOR or (little and (model != "pairs" or relative[axis] > _LITTLE_SD)):
             words.append(
                 f"no {'shear' if name != 'fz' else 'normal force'} beyond {largest[axis]:.2g} N"
-                f"{'' if name == 'fz' else ' along ' + name[1]}: {sd}; {_MOTION[name]}"
+                f"{'' if name == 'fz' else ' along ' + name[1]}: {_WORDS[name]} "
+                f"{_how_well(relative[axis], model)}; {_MOTION[name]}"
             )
         elif model == "pairs":
             words.append(
@@ -101,3 +100,10 @@ def verdict(
     )
     words.append(f"rms error in segments that were left out: {rms}")
     return words
+
+
+def _how_well(relative: float, model: str) -> str:
+    """Words for a relative standard deviation."""
+    if model != "pairs":
+        return "is poorly known"
+    return f"has {100 * relative:.0f} % sd" if relative < 1 else "is not known"
