@@ -9,7 +9,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `recordings`: record, replay, recover, export
 - `emulation`: emulate, demo
 - `analysis`: detect, tune
-- `viewers`: web, top
+- `viewers`: web, top, view
 - `upkeep`: check-config, doctor, keys, fit-material, setup
 """
 

@@ -26,7 +26,7 @@ for verb in (
     recordings.record, recordings.replay, recordings.recover, recordings.export,
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune, calibration.calibrate,
-    viewers.web, viewers.top,
+    viewers.web, viewers.top, viewers.view,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)
