@@ -12,6 +12,7 @@ import numpy as np
 from bench.report import Aim, Reading, grouped, judge, never
 from bench.texture.plates import DRAWN_WINDOWS_S, Plate
 from bench.texture.spoiled import GROOVELESS
+from bench.texture.strays import Strays
 from bench.texture.tables import CONFIDENCE, SPEEDS, TrialSet, by_plate, first_answers, windows_of, within
 from bench.texture.tracks import COLOURED, NOTICED_S, WHITE
 from bench.texture.trials import MEMORIES, MIN_PERIODS, QUANTITIES, Quantity, Trial, noise_name
@@ -25,6 +26,7 @@ _BY_ITS_GRID = 1e-9
 _FIRST_S = 3.0  # since slip began
 _FIRST_PLATE: Plate = (1.2, 30)  # the demo's
 _MOST_REFUSED = 0.02  # of windows over one plate and nothing else
+_STRAYS, _STRAYED_ANSWERED = Strays(0.13, 0.0), 0.8
 _SURE = 2.0  # standard errors
 
 
@@ -101,6 +103,23 @@ def _rarely_wrong_slides(found: Found) -> Reading:
     return judge(words, trials.n_wrong <= _WRONG * len(trials.ok), is_open=not trials.ok)
 
 
+def _strayed(found: Found) -> Reading:
+    mine = [t for t in found["strays"] if t.name == _STRAYS.name and t.after_s > 0]
+    parts = {words: [t for t in mine if t.is_speed_known == known] for known, words in SPEEDS.items()}
+    ok = {words: sum(t.status == "ok" for t in part) / max(len(part), 1) for words, part in parts.items()}
+    both = sum(t.status == "ok" for t in mine) / max(len(mine), 1)
+    words = (
+        f"{100 * both:.0f} % of {len(mine)} ("
+        + ", ".join(f"{w} {100 * x:.0f} %" for w, x in ok.items())
+        + ")"
+    )
+    if not mine:
+        return judge("not measured", False, is_open=True)
+    sd = np.sqrt(_STRAYED_ANSWERED * (1 - _STRAYED_ANSWERED) / max(len(mine) / 2, 1))
+    least = min(ok.values())
+    return judge(words, least >= _STRAYED_ANSWERED, is_open=bool(least + _SURE * sd >= _STRAYED_ANSWERED))
+
+
 def _noticed(found: Found) -> Reading:
     after_s = [t.after_s for t in found["changes"]]
     if not after_s:
@@ -172,6 +191,16 @@ AIMS: tuple[Aim[Found], ...] = (
         for quantity in reversed(QUANTITIES)
     ),
     Aim("wrong answers, followed slides", f"at most {1e3 * _WRONG:g} in 1000", _rarely_wrong_slides),
+    Aim(
+        f"strays of {_STRAYS.channel_rad:g} rad: answered after another slide",
+        f"{100 * _STRAYED_ANSWERED:g} %, speed known or not",
+        _strayed,
+    ),
+    Aim(
+        "strays of 0 to 0.3 rad: wrong answers",
+        f"at most {1e3 * _WRONG:g} in 1000",
+        partial(_rarely_wrong, "strays", None),
+    ),
     Aim("grooves that change are noticed", f"within {NOTICED_S:g} s", _noticed),
     Aim(
         f"plates drawn at random: windows of {max(DRAWN_WINDOWS_S):g} s refused",

@@ -197,6 +197,25 @@ def track_table(trials: Sequence[Trial]) -> str:
     return table(rows)
 
 
+def stray_table(trials: Sequence[Trial]) -> str:
+    """Answers by strays of the channels and by the number of slides before (`Trial.after_s`)."""
+    rows = []
+    for name, mine in grouped(trials, lambda t: t.name).items():
+        found = TrialSet(mine)
+        row = {"strays": name}
+        for is_known, speed in SPEEDS.items():
+            for words, before in (("first slide", {0.0}), ("later", {1.0, 2.0, 3.0})):
+                part = TrialSet(t for t in mine if t.is_speed_known == is_known and t.after_s in before)
+                row[f"{speed}: {words}"] = part.answered_percent
+        row |= {"answers": f"{len(found.ok)}", "wrong": f"{found.n_wrong}"}
+        row |= {
+            f"{quantity} within 95 %": f"{100 * within(found.ok, quantity):.1f} %" if found.ok else NONE
+            for quantity in reversed(QUANTITIES)
+        }
+        rows.append(row | {"refused as": found.refused})
+    return table(rows)
+
+
 def change_table(trials: Sequence[Trial]) -> str:
     """Time until the answer to the old grooves is no longer given."""
     rows = []

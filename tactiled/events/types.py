@@ -147,7 +147,16 @@ class ForceEvent(Event):
 
 
 TextureStatus = Literal[
-    "ok", "period-only", "no-slip", "too-few-periods", "aliased", "ambiguous", "low-snr", "saturated", "stale"
+    "ok",
+    "period-only",
+    "no-slip",
+    "too-few-periods",
+    "aliased",
+    "ambiguous",
+    "uneven-channels",
+    "low-snr",
+    "saturated",
+    "stale",
 ]
 
 
@@ -186,6 +195,8 @@ class TextureEvent(Event):
     frequency_hz: float = 0.0
     window_s: float = 0.0
     snr_db: float = 0.0
+    stray_rad: float = 0.0
+    """Root-mean-square difference of channels' phases from the wave; 0.0 where there is no wave."""
     candidates: tuple[Candidate, ...] = ()
     estimator: str = ""
 

@@ -22,6 +22,7 @@ _REASONS: Mapping[str, str] = {
     "too-few-periods": "no answer, too few ripple periods in the window",
     "aliased": "no answer, ripples are too fast for the scan rate",
     "ambiguous": "no answer, several gratings fit the phases",
+    "uneven-channels": "no answer, the phases of the channels differ too much",
     "period-only": "period without angle",
     "low-snr": "no answer, no ripple above the noise",
     "saturated": "no answer, readings are saturated",

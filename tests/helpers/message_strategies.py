@@ -13,7 +13,7 @@ _MINUS_ONE = 0xFF  # msgpack byte of -1, which only `uid` may be (protocols/even
 NONNEGATIVE = {
     "period_mm", "speed_mm_s", "frequency_hz", "window_s", "rate_hz", "uptime_s", "volts_per_count", "weight",
     "period_min_mm", "period_max_mm", "free_mb", "inhibited_s", "loop_lag_s", "friction", "friction_low",
-    "friction_high", "needed_load",
+    "friction_high", "needed_load", "stray_rad",
 }  # fmt: skip
 SPECIAL: dict[str, st.SearchStrategy[Any]] = {
     "confidence": st.floats(0, 1),

@@ -16,15 +16,16 @@ from tactiled.detect.grooves.model import (
     period_and_angle,
 )
 from tactiled.detect.grooves.phasors import Phasors
-from tactiled.detect.grooves.refine import RefinedWave, design_effect, refine
+from tactiled.detect.grooves.refine import RefinedWave, refine
 from tactiled.detect.grooves.search import channel_phasors, search_wave_vectors
 from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
 from tactiled.detect.grooves.window import DetrendedWindow, normal_equations
 from tactiled.events.types import Candidate
 
-# Likelihoods of mismatch models are tempered (raised to the power 1 / 2), since mismatch is not quite what
-# the models assume.
-TEMPERATURE = 2.0
+# Likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are few, and
+# fitted instead of integrated out.
+_TEMPERATURE = 2.0
 # Probability that phases contradict a true motion.
 _FALSE_CONFLICT = 1e-6
 # Spread of the channels' positions. With less there are no delays to measure.
@@ -40,7 +41,7 @@ def assess_ambiguity(
     motion: WaveMotion,
     params: WaveParams,
 ) -> WaveFit:
-    """Add the probability that another reading is true; "ambiguous" where it is too large.
+    """Add the probability that another reading is true; a refusal where it is too large.
 
     Parameters
     ----------
@@ -54,51 +55,64 @@ def assess_ambiguity(
     motion : WaveMotion
     params : WaveParams
     """
-    # Solve all of them again with the noise and mismatch known by now.
-    solver = WaveSolver(window, layout, motion, best.variance, best.fundamental_mismatch)
-    equations = normal_equations(window, float(best.waves.phase_rate[0]), 1)
-    found = solver.solve(equations, found.k, found.phase_rate, steps=2)
-    effect = (
-        design_effect(solver.standardised_mismatch(equations, found[0]), layout)[0]
-        if best.mismatch.any()
-        else 1.0
-    )
-    odds = np.exp((found.gain - found.gain.max()) / 2 / max(effect, fit.noise_inflation))
-    weights = odds / odds.sum()
+    posterior = weigh_readings(best, found, window, layout, motion, params, fit.noise_inflation)
+    likeliest = int(posterior.weights.argmax())
     if best.mismatch.any():
-        k, likelihood = rank_with_phasors(best, found, window, layout, fit.noise_inflation)
-        fit = _widened(fit, best.waves.k[0], k[0], motion)
-        odds = np.exp((likelihood - likelihood.max()) / TEMPERATURE)
-        # The first model of mismatch is better for small mismatch, the second for that of taxel loads.
-        weights = max(weights, odds / odds.sum(), key=lambda each: float(each[0]))
-    error = float(1 - weights[0])
-    if error <= params.error_probability and not _contradicts_motion(
-        best, found, window, layout, motion, params
-    ):
-        return replace(fit, error_probability=error)
+        fit = _widened(fit, best.waves.k[0], posterior.k, motion)
+    # `best` is the first; where another one is likelier by now, the two are hard to tell.
+    error = float(1 - posterior.weights[0])
+    is_known = likeliest == 0 and error <= params.error_probability
+    if is_known and not _contradicts_motion(best, found, window, layout, motion, params):
+        return replace(
+            fit, error_probability=error, stray_rad=posterior.stray_rad, strays=posterior.log_sigmas
+        )
+    is_uneven = posterior.error_if_alike <= params.error_probability
     return WaveFit(
-        "ambiguous",
+        "uneven-channels" if is_uneven else "ambiguous",
         fit.frequency_hz,
         fit.snr_db,
         error_probability=error,
-        candidates=_candidates(found, weights),
+        candidates=_candidates(found, posterior.weights),
+        stray_rad=posterior.stray_rad,
     )
 
 
-def rank_with_phasors(
+def weigh_readings(
     best: RefinedWave,
     found: PlaneWaves,
     window: DetrendedWindow,
     layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
     noise_inflation: float = 1.0,
-) -> tuple[FloatArray, FloatArray]:
-    """Wave vectors and log-likelihoods where taxel loads may cause the mismatch (`Phasors.nearby`)."""
-    variance = 2 * best.variance * noise_inflation / window.n
-    return Phasors(channel_phasors(window, best.equations, 1), variance, layout).nearby(found.k)
+) -> StrayPosterior:
+    """Probabilities of all readings `found`, given the noise of the best one.
+
+    Where strays that are independent (`strays`) leave it open which reading is true, the alternative is tried
+    that they follow the loads of the taxels (`Phasors`). Both models are averaged by their likelihoods.
+    """
+    variance = best.variance * noise_inflation
+    line = best.equations
+    z = channel_phasors(window, line, 1)
+    posterior = weigh_waves(
+        z,
+        2 * variance / window.n,
+        layout,
+        found.k,
+        motion,
+        float(best.waves.phase_rate[0]) / window.half_travel,
+        line.phase_rate_sd(variance) / window.half_travel,
+    )
+    if 1 - posterior.weights.max() <= params.error_probability:
+        return posterior
+    by_channel, by_load = Phasors(z, 2 * variance / window.n, layout).by_mismatch(found.k)
+    part = special.expit(by_load.max() - by_channel.max())
+    weights = part * special.softmax(by_load / _TEMPERATURE) + (1 - part) * posterior.weights
+    return replace(posterior, weights=weights)
 
 
 def _widened(fit: WaveFit, k: FloatArray, other: FloatArray, motion: WaveMotion) -> WaveFit:
-    """Add the difference between the answers of two mismatch models to the covariance."""
+    """Add the difference to the answer of another model of strays to the covariance."""
     here, there = period_and_angle(k), period_and_angle(other)
     turned = (np.radians(there[1] - here[1]) + np.pi / 2) % np.pi - np.pi / 2
     along = float(k @ motion.heading), float(other @ motion.heading)

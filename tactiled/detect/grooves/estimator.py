@@ -18,13 +18,15 @@
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
 * Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
   every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
+* How far the phases of the array's channels stray is learnt from answers and is known in the next window
+  that is begun (`strays`), which then tells gratings apart that it would leave open alone.
 * With two gratings in view the event describes the stronger one, and `candidates` of an "ok" event lists
   both, weighted by their shares of the ripple's power.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -35,6 +37,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.strays import carried
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
@@ -128,8 +131,9 @@ class _Span(NamedTuple):
 class _Window:
     """Scans of one slip in one direction, and what was answered of them."""
 
-    def __init__(self, n_scans: int, n_channels: int) -> None:
-        self.scans = ScanWindow(n_scans, n_channels)
+    def __init__(self, n_scans: int, layout: ChannelLayout) -> None:
+        self.layout = layout
+        self.scans = ScanWindow(n_scans, len(layout.kind))
         self.n_scans = 0
         self.n_next_fit = 0
         self.n_pending = 0
@@ -216,7 +220,6 @@ class JointTexture:
     ) -> None:
         self._fit = fit
         self._layout = channel_layout(array)
-        self._n_channels = array.n_channels
         self._full_scale_volts = Quantiser(array).full_scale_volts
         self._params = params or JointParams()
         self._worker = worker or InPlace()
@@ -226,6 +229,7 @@ class JointTexture:
         """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s)
         self._pending: deque[_PendingFit] = deque()
+        self._strays: FloatArray | None = None
         self._told_late: set[int] = set()
         self._late: list[int] = []
         self._end_slip()
@@ -256,13 +260,15 @@ class JointTexture:
         Parameters
         ----------
         item : ScanBlock or Gap
-            A gap discards the window and the fits of it; the estimator then waits for the next slip.
+            A gap discards the window, its fits and what was learnt of strays; the estimator then waits
+            for the next slip.
         slip : sequence of Event
             Events of the slip detector for the same item; other topics are ignored.
         """
         if isinstance(item, Gap):
             self._gate.close()
             self._pending.clear()
+            self._strays = None
             self._end_slip()
             return []
         events: list[Event] = []
@@ -272,7 +278,7 @@ class JointTexture:
                 continue
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or _Window(0, self._n_channels)
+                window = self._window or _Window(0, self._layout)
                 window.end = piece
                 events += self._refusal(window, piece.time_s)
             self._end_slip()
@@ -288,7 +294,8 @@ class JointTexture:
             sign = np.sign(speeds[done])
             window = self._window
             if window is None or sign != window.scans.sign:
-                window = self._window = _Window(n_window, self._n_channels)
+                layout = self._layout if self._strays is None else replace(self._layout, strays=self._strays)
+                window = self._window = _Window(n_window, layout)
                 self._slip_speed_sign = self._slip_speed_sign or float(sign)
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
@@ -322,7 +329,7 @@ class JointTexture:
             scans.volts.copy(),
             scans.time_s.copy(),
             newest.channel_offset_s,
-            self._layout,
+            window.layout,
             self._motion(scans),
             self._params,
             scans.good.copy(),
@@ -357,6 +364,8 @@ class JointTexture:
                 fit = WaveFit("stale")
             if fit.status == "ok" and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
                 fit = WaveFit("too-few-periods")
+            if fit.strays is not None:
+                self._strays = carried(fit.strays)
             if self._is_reported(pending, fit):
                 window.has_answer = fit.status in ANSWERS
                 events.append(_event(pending.span, fit, answered_s, self._params))
@@ -444,6 +453,7 @@ def _event(span: _Span, fit: WaveFit, answered_s: float, params: JointParams) ->
         frequency_hz=fit.frequency_hz,
         window_s=span.window_s,
         snr_db=fit.snr_db,
+        stray_rad=fit.stray_rad,
         candidates=fit.gratings if fit.second else fit.candidates,
         estimator=ESTIMATOR,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.ambiguity import TEMPERATURE, assess_ambiguity, has_baseline, rank_with_phasors
+from tactiled.detect.grooves.ambiguity import assess_ambiguity, has_baseline, weigh_readings
 from tactiled.detect.grooves.model import (
     ALIASED,
     ChannelLayout,
@@ -44,7 +44,7 @@ _BROAD_LINE = 0.25 * np.pi
 _SAME_LINE = 0.25 * np.pi
 # Lines tried: hum and the like may be stronger than the grooves.
 _MOST_LINES = 3
-_WAVES = ("ok", "ambiguous")
+_WAVES = ("ok", "ambiguous", "uneven-channels")
 # Harmonics of one grating, none of which is a second grating.
 _MOST_OWN_HARMONICS = 8
 # Part of a grating's power. A weaker second one may be what the model does not describe of the first.
@@ -128,7 +128,7 @@ def prepare_window(
     readings = _filled(volts[:, chosen], usable[:, chosen])
     x_mm, y_mm = layout.x_mm[chosen], layout.y_mm[chosen]
     centre = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
-    here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
+    here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen], layout.strays)
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
@@ -211,12 +211,10 @@ def _wave(
     found = search_wave_vectors(window, equations, layout, motion, params, variance, least)
     best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
     if best is not None and best.mismatch.any():
-        # Mismatch may have made another reading the best; where it is small, the two mismatch models differ
-        # too little to decide.
-        likelihood = rank_with_phasors(best, found, window, layout)[1]
-        likeliest = int(likelihood.argmax())
-        if likelihood[likeliest] - likelihood[0] > -TEMPERATURE * np.log(params.error_probability):
-            found = found[np.argsort(-likelihood, kind="stable")]
+        # Strays of channels may have made another reading the best.
+        weights = weigh_readings(best, found, window, layout, motion, params).weights
+        if weights.argmax():
+            found = found[np.argsort(-weights, kind="stable")]
             best = refine(window, layout, motion, params, found[0])
     is_wave = best is not None and best.is_wave
     if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.mismatch.any())):
@@ -257,7 +255,7 @@ def _wave(
         ), line
     if pairs:  # the other wave distorts the phases: no evidence against the given motion
         return fit, line
-    if fit.status == "ambiguous" and motion.has_speed and has_baseline(layout, motion.without_speed):
+    if fit.status != "ok" and motion.has_speed and has_baseline(layout, motion.without_speed):
         # Phases that allow one reading only, whatever the motion, contradict the given motion.
         loose = _wave(ripple, layout, motion.without_speed, params)
         if loose is not None and loose[0].status == "ok":

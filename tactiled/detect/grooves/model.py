@@ -62,10 +62,10 @@ class WaveParams(Params):
         default=0.8, ge=0.7, le=50, description="ripple periods that a window must hold"
     )
     error_probability: float = Field(
-        default=1e-3,
+        default=1e-2,
         gt=0,
         lt=0.5,
-        description="largest probability of a wrong answer among all that the phases allow",
+        description="largest probability that an answer is wrong; the mean over answers is a tenth of it",
     )
 
 
@@ -112,11 +112,14 @@ class ChannelLayout:
     x_mm, y_mm : (channels,) float64
     kind : (channels,) int64
         Channels with the same number share the phases ``phi_h`` of the ripple.
+    strays : (sigmas_c, sigmas_t) float64 or None
+        How alike they are: prior of the strays of their phases (`strays`), or None before the first slide.
     """
 
     x_mm: FloatArray
     y_mm: FloatArray
     kind: NDArray[np.int64]
+    strays: FloatArray | None = None
 
     @cached_property
     def is_kind(self) -> FloatArray:
@@ -207,6 +210,10 @@ class WaveFit:
         Set where one wave is all that the window holds, so that it can be tracked.
     is_new_pattern : bool
         True where the newest scans show another pattern than those before (`track`).
+    stray_rad : float
+        Root-mean-square stray of the channels' phases from the wave, where it was estimated.
+    strays : (sigmas_c, sigmas_t) float64 or None
+        Posterior of the strays (`strays`), with "ok".
     """
 
     status: TextureStatus
@@ -225,6 +232,8 @@ class WaveFit:
     second: "WaveFit | None" = None
     wave: TrackedWave | None = None
     is_new_pattern: bool = False
+    stray_rad: float = 0.0
+    strays: FloatArray | None = None
 
     @property
     def period_sd_mm(self) -> float:

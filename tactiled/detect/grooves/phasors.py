@@ -76,26 +76,41 @@ class Phasors:
     def likelihood(self, k: FloatArray) -> FloatArray:
         """Log-likelihood at the likeliest mismatch: (pairs,), for wave vectors (pairs, waves, 2)."""
         each = self.fit(k)
-        model = each.sum(axis=-1)
-        left = self.z - model
-        beside = left * np.exp(
-            -1j * np.angle(model)
-        )  # gain mismatch is parallel to a phasor, phase mismatch perpendicular
-        total = self._by_channel_gain(np.abs(model) ** 2, beside)
+        size, left, beside = self._compare(each)
+        total = self._by_channel_gain(size, beside)
         if each.shape[-1] > 1:
             total = np.maximum(total, self._by_wave_gain(each, left))
         return np.maximum(total, self._by_taxel_factor(beside))
 
-    def nearby(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Likeliest wave vectors near single waves (waves, 2), and their log-likelihoods (waves,)."""
+    def by_mismatch(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihoods of single waves under two models of mismatch: of each channel, and of taxel loads.
+
+        Each at its maximum near the given wave vectors (waves, 2).
+        """
         moves = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-        likelihood = np.zeros(len(k))
-        for step_rad in _NEARBY_RAD:
-            near = k[:, np.newaxis] + moves * step_rad / self._radius_mm
-            each = self.likelihood(near.reshape(-1, 1, 2)).reshape(len(k), -1)
-            k = near[np.arange(len(k)), each.argmax(axis=1)]
-            likelihood = each.max(axis=1)
-        return k, likelihood
+        found = []
+        for by_load in (False, True):
+            at, likelihood = k, np.zeros(len(k))
+            for step_rad in _NEARBY_RAD:
+                near = at[:, np.newaxis] + moves * step_rad / self._radius_mm
+                size, _, beside = self._compare(self.fit(near.reshape(-1, 1, 2)))
+                each = self._by_taxel_factor(beside) if by_load else self._by_channel_gain(size, beside)
+                each = each.reshape(len(k), -1)
+                at = near[np.arange(len(k)), each.argmax(axis=1)]
+                likelihood = each.max(axis=1)
+            found.append(likelihood)
+        return found[0], found[1]
+
+    def _compare(
+        self, each: NDArray[np.complex128]
+    ) -> tuple[FloatArray, NDArray[np.complex128], NDArray[np.complex128]]:
+        """Squares of a model (pairs, channels, waves), its residual, and that turned by the model's phase.
+
+        Gain mismatch is parallel to a phasor, phase mismatch perpendicular.
+        """
+        model = each.sum(axis=-1)
+        left = self.z - model
+        return np.abs(model) ** 2, left, left * np.exp(-1j * np.angle(model))
 
     def _by_channel_gain(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
         """Log-likelihood where one gain of each channel applies to all waves: (pairs,).

@@ -152,6 +152,7 @@ def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
         "misfits": [],
         "two waves": [],
         "tracks": [replace(t, name="white noise, 20 dB") for t in grid],
+        "strays": [],
         "changes": [],
     }
     found |= {name.replace("_", " "): trials for name, trials in parts.items()}
@@ -193,6 +194,17 @@ def test_aims_that_are_missed() -> None:
     assert words["plates without grooves: answered"] == "MISSED: 1 of 1"
     exact = aims([RIGHT], plates=plates((0.01, 0.0), (0.002, 0.05)))
     assert exact[name.format("angle")] == "open: no plate answered by both"
+
+
+def test_strayed_channels_must_be_answered_at_either_speed() -> None:
+    name = "strays of 0.13 rad: answered after another slide"
+    known = replace(RIGHT, name="channels 0.13, taxels 0 rad", after_s=1.0)
+    unknown = replace(known, is_speed_known=False)
+    first = replace(refused(known), after_s=0.0)
+    met = aims([RIGHT], strays=[known] * 100 + [unknown] * 100 + [first] * 100)[name]
+    assert met == "met: 100 % of 200 (speed known 100 %, speed unknown 100 %)"
+    missed = aims([RIGHT], strays=[known] * 100 + [unknown] * 50 + [refused(unknown)] * 50)[name]
+    assert missed == "MISSED: 75 % of 200 (speed known 100 %, speed unknown 50 %)"
 
 
 def test_plates_drawn_at_random_must_be_answered() -> None:

@@ -45,13 +45,6 @@ def test_contributions_are_those_of_least_squares() -> None:
     assert each == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_likeliest_wave_nearby_is_the_true_one(seed: int) -> None:
-    seen = phasors(phasors_of(np.random.default_rng(seed), [(K, 1.0)]))
-    k, _ = seen.nearby((K + 0.4 / LAYOUT.radius_mm)[np.newaxis])
-    assert float(np.abs(k[0] - K).max()) * LAYOUT.radius_mm < 0.1
-
-
 def test_a_wave_is_likelier_than_another_and_two_waves_than_one() -> None:
     rng = np.random.default_rng(3)
     one = phasors(phasors_of(rng, [(K, 1.0)]))

@@ -31,6 +31,9 @@ def gains(slide: Slide) -> FloatArray:
     return np.random.default_rng(slide.seed).uniform(0.6, 1.4, 36)
 
 
+REFUSED = ("ambiguous", "uneven-channels")
+
+
 @motions
 @pytest.mark.parametrize("ratio", [1.0, 0.6, 0.3])
 @pytest.mark.parametrize("angle_deg", [20.0, 35.0, 50.0])
@@ -41,7 +44,7 @@ def test_crossed_grooves_are_not_taken_for_others_between_them(
     gratings = Grating(1.3, angle_deg, 0.05), Grating(1.3, -angle_deg, 0.05 * ratio, phase_rad=1.0)
     slide = Slide(gratings, duration_s=4.0)
     found = fit(slide, motion_of(slide))
-    assert found.status == "ambiguous" or (ratio < 1 and is_near(found, gratings[0]))
+    assert found.status in REFUSED or (ratio < 1 and is_near(found, gratings[0]))
 
 
 @motions
@@ -72,7 +75,7 @@ def test_a_vibration_at_the_ripples_frequency_is_no_grating(motion_of: MotionOf,
         time_s = slide.times()[:, np.newaxis] + OFFSETS_S
         hum = part * grating.amplitude * np.cos(2 * np.pi * hertz * time_s + 1.0)
         found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, OFFSETS_S) + hum)
-        assert found.status == "ambiguous" or is_near(found, grating)
+        assert found.status in REFUSED or is_near(found, grating)
 
 
 @motions
@@ -148,7 +151,7 @@ def test_a_slightly_wrong_direction_hides_no_crossed_grooves(
         waves = waves + part * np.cos(along * x - across * y + 1 - 2 * own)
         motion = replace(motion_of(slide), direction_deg=off_deg, direction_sd_deg=1.5)
         found = fit(slide, motion, volts=slide.volts(ARRAY, OFFSETS_S) + waves)
-        assert found.status == "ambiguous" or any(is_near(found, grating) for grating in gratings)
+        assert found.status in REFUSED or any(is_near(found, grating) for grating in gratings)
 
 
 @motions
@@ -171,12 +174,19 @@ def test_equal_crossed_gratings_are_the_pair_reported(motion_of: MotionOf, angle
 
 
 @motions
-def test_a_weak_vibration_at_the_ripples_frequency_is_removed(motion_of: MotionOf) -> None:
-    for angle_deg in (-35.0, 30.0):
-        grating = Grating(1.2, angle_deg)
+def test_a_weak_vibration_at_the_ripples_frequency_is_removed_or_the_window_refused(
+    motion_of: MotionOf,
+) -> None:
+    answered = 0
+    for angle_deg in range(-60, 61, 10):
+        grating = Grating(1.2, float(angle_deg))
         slide = Slide((grating,), duration_s=8.0, noise=0.001)
         hertz = slide.speed_mm_s * np.cos(np.radians(angle_deg)) / grating.period_mm
         time_s = slide.times()[:, np.newaxis] + OFFSETS_S
         hum = 0.1 * grating.amplitude * np.cos(2 * np.pi * hertz * time_s + 1.0)
         volts = (slide.volts(ARRAY, OFFSETS_S) - slide.level) / gains(slide)
-        assert_right(fit(slide, motion_of(slide), volts=volts + hum), grating)
+        found = fit(slide, motion_of(slide), volts=volts + hum)
+        if found.status == "ok":
+            answered += 1
+            assert_right(found, grating)
+    assert answered > 6

@@ -1,0 +1,182 @@
+"""Posterior of plane waves where the phases of channels stray from the wave, by amounts that are unknown.
+
+No two taxels of a skin are alike: the phase of a channel differs from that of the wave by a stray of its own
+(standard deviation `sigma_c`), and the channels of a taxel share one (`sigma_t`). Large strays make a wrong
+wave vector look as good as the true one. Both standard deviations are therefore integrated out over a grid:
+
+    phase_c = phase of the kind + k . place_c + stray_c + stray of the taxel + noise
+    evidence of k = integral over both sigmas of p(sigmas) N(residual; 0, Sigma(sigmas)),
+
+with the phases of the kinds and small corrections of k integrated out as Gaussian unknowns (restricted
+likelihood: Harville, J. Am. Stat. Assoc. 72, 1977). A known motion is one more observation, of the component
+of k along it. Because phases are angles, the chord ``2 sin(residual / 2)`` stands for a residual; it equals
+the residual where that is small and makes the likelihood that of von Mises where it is large.
+
+What a slide tells of the sigmas is the best prior for the next slide on the same array (`carried`): with
+sigmas known, a wave is told from its rivals at strays where one window alone cannot do it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, special
+
+from tactiled.array import FloatArray
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
+
+# Standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a taxel.
+# The largest are where phases tell nothing; below the smallest no noise is as low.
+SIGMAS_C = np.array([0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.13, 0.16, 0.2, 0.25, 0.32, 0.4, 0.5])
+SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])
+# Prior of an array that has not slid yet: median and log-spread of sigma_c, mean of an exponential sigma_t.
+# Skins with physics stray by 0.05 to 0.2 radians, more between channels than between taxels.
+_MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
+# Part of the prior that remains when the next slide is on another surface or under another load.
+_FORGOTTEN = 0.1
+# Grid cells to either side over which a carried posterior is spread: a factor of 1.3 in sigma.
+_SPREAD = (0.25, 0.5, 0.25)
+# Residuals are weighted by the inverse of noise and this variance to find the phase of a kind, radians^2.
+_TYPICAL_VARIANCE = 0.1**2
+# Divisor in place of zero, for channels without any ripple.
+_TINY = 1e-300
+
+
+def _log_prior() -> FloatArray:
+    log = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
+    return np.asarray(log - special.logsumexp(log))
+
+
+# Logarithms of the prior probabilities of the grid, (sigmas_c, sigmas_t).
+LOG_PRIOR = _log_prior()
+
+
+@dataclass(frozen=True, eq=False)
+class StrayPosterior:
+    """Posterior of several waves and of the strays.
+
+    Attributes
+    ----------
+    weights : (waves,) float64
+        Probabilities of the waves; they sum to 1.
+    k : (2,) float64
+        The likeliest wave: mean over the standard deviations of strays.
+    log_sigmas : (sigmas_c, sigmas_t) float64
+        Logarithms of the probabilities of the standard deviations, given the likeliest wave.
+    error_if_alike : float
+        Probability of the waves other than the likeliest if the channels of a kind were alike.
+    """
+
+    weights: FloatArray
+    k: FloatArray
+    log_sigmas: FloatArray
+    error_if_alike: float
+
+    @property
+    def stray_rad(self) -> float:
+        """Root of the mean variance of strays, of channel and taxel together."""
+        variance = SIGMAS_C[:, np.newaxis] ** 2 + SIGMAS_T**2
+        return float(np.sqrt((np.exp(self.log_sigmas) * variance).sum()))
+
+
+def weigh_waves(
+    z: FloatArray,
+    variance: FloatArray,
+    layout: ChannelLayout,
+    k: FloatArray,
+    motion: WaveMotion,
+    along: float,
+    along_sd: float,
+) -> StrayPosterior:
+    """Weigh waves by the phases of one line.
+
+    Parameters
+    ----------
+    z : (channels,) complex128
+        Phasors of the line.
+    variance : (channels,) float64
+        Of noise in the real and in the imaginary part of each.
+    layout : ChannelLayout
+        Its `strays` are the prior of the standard deviations.
+    k : (waves, 2) float64
+        Local maxima of the likelihood, radians per millimetre.
+    motion : WaveMotion
+        With a known speed, `along` counts as an observation.
+    along, along_sd : float
+        Component of the wave vector along the motion, from frequency and speed, and its standard deviation
+        apart from that of speed and direction; radians per millimetre.
+
+    Returns
+    -------
+    StrayPosterior
+    """
+    noise = variance / np.maximum(np.abs(z) ** 2, _TINY)
+    place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+    design = np.concatenate([layout.is_kind, place], axis=1)
+    residual = _residuals(z, noise, layout, place, k)
+    tie, off, log_slack = _tie(motion, k, along, along_sd, design.shape[1])
+    is_taxel = (layout.taxel[:, np.newaxis] == np.arange(len(layout.places_mm))).astype(np.float64)
+
+    weight = 1 / (noise + SIGMAS_C[:, np.newaxis] ** 2)  # (sigmas_c, channels)
+    both = np.concatenate([design, residual], axis=1)
+    n = design.shape[1]
+    products = np.einsum("sc,ca,cb->sab", weight, design, both)
+    squares = weight @ residual**2
+    # A stray that the channels of a taxel share takes a rank-one part out of each product (Woodbury).
+    sums = np.einsum("ct,sc,ca->sta", is_taxel, weight, both)
+    total = weight @ is_taxel
+    shared = SIGMAS_T[:, np.newaxis] ** 2 / (1 + SIGMAS_T[:, np.newaxis] ** 2 * total[:, np.newaxis, :])
+    products = products[:, np.newaxis] - np.einsum("sut,sta,stb->suab", shared, sums[..., :n], sums)
+    squares = squares[:, np.newaxis] - np.einsum("sut,stw->suw", shared, sums[..., n:] ** 2)
+    log_det = -np.log(weight).sum(axis=1)[:, np.newaxis] - np.log(
+        shared / np.maximum(SIGMAS_T[:, np.newaxis] ** 2, _TINY), where=shared > 0, out=np.zeros_like(shared)
+    ).sum(axis=2)
+
+    gram = products[:, :, np.newaxis, :, :n] + np.einsum("wa,wb->wab", tie, tie)
+    seen = products[..., n:].swapaxes(2, 3) + tie * off[:, np.newaxis]
+    best = np.linalg.solve(gram, seen[..., np.newaxis])[..., 0]
+    quadratic = squares + off**2 - (seen * best).sum(axis=-1)
+    log_gram = np.linalg.slogdet(gram)[1]
+    log = -0.5 * (quadratic + log_det[..., np.newaxis] + log_gram) - log_slack
+    error_if_alike = 1 - float(special.softmax(log[0, 0]).max())
+    log = log + (LOG_PRIOR if layout.strays is None else layout.strays)[..., np.newaxis]
+    weights = special.softmax(special.logsumexp(log, axis=(0, 1)))
+    likeliest = int(weights.argmax())
+    log_sigmas = special.log_softmax(log[:, :, likeliest])
+    moved = np.einsum("st,sta->a", np.exp(log_sigmas), best[:, :, likeliest, -2:])
+    return StrayPosterior(weights, k[likeliest] + moved, log_sigmas, error_if_alike)
+
+
+def carried(log_sigmas: FloatArray) -> FloatArray:
+    """Prior for the next slide after a slide with this posterior: (sigmas_c, sigmas_t)."""
+    probability = ndimage.convolve1d(np.exp(log_sigmas), _SPREAD, axis=0, mode="nearest")
+    probability = ndimage.convolve1d(probability, _SPREAD, axis=1, mode="nearest")
+    probability = probability / probability.sum()
+    return np.asarray(np.log((1 - _FORGOTTEN) * probability + _FORGOTTEN * np.exp(LOG_PRIOR)))
+
+
+def _residuals(
+    z: FloatArray, noise: FloatArray, layout: ChannelLayout, place: FloatArray, k: FloatArray
+) -> FloatArray:
+    """Chords of the phases that waves leave, each kind about its mean direction: (channels, waves)."""
+    unit = np.exp(1j * (np.angle(z)[:, np.newaxis] - place @ k.T))
+    mean = layout.is_kind.T @ (unit / (noise + _TYPICAL_VARIANCE)[:, np.newaxis])
+    left = np.angle(unit * np.exp(-1j * (layout.is_kind @ np.angle(mean))))
+    return np.asarray(2 * np.sin(left / 2))
+
+
+def _tie(
+    motion: WaveMotion, k: FloatArray, along: float, along_sd: float, n: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Known motion as an observation of corrections of k: its row, its value and the log of its sigma."""
+    row = np.zeros((len(k), n))
+    if not motion.has_speed:
+        return row, np.zeros(len(k)), np.zeros(len(k))
+    here = k @ motion.heading
+    across = motion.heading[0] * k[:, 1] - motion.heading[1] * k[:, 0]
+    sd = np.radians(motion.direction_sd_deg)
+    by_speed = here * motion.speed_sd_mm_s / motion.speed_mm_s
+    # Error of cos(tilt + error) to first and second order, as `WaveSolver` has it.
+    slack = np.linalg.norm([across * sd, here * np.sqrt(3) / 2 * sd**2, by_speed], axis=0)
+    slack = np.hypot(slack, along_sd)
+    row[:, -2:] = motion.heading / slack[:, np.newaxis]
+    return row, (along - here) / slack, np.log(slack)
