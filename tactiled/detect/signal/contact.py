@@ -135,7 +135,7 @@ class _Levels:
         return np.maximum(np.maximum(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
 
 
-class _Touch(NamedTuple):
+class _TouchingTaxels(NamedTuple):
     """Pressure (n, taxels) of n scans and what of it exceeds the levels; see `PressureMeasurement`."""
 
     pressure: FloatArray
@@ -239,7 +239,7 @@ class ContactTracker:
 
     def _touch_over_noise(
         self, steps: FloatArray, readings: FloatArray, held: HeldReadings
-    ) -> tuple["_Touch", FloatArray]:
+    ) -> tuple["_TouchingTaxels", FloatArray]:
         """Compare the pressure with levels that follow from the noise; return that and the loading slope."""
         levels = self._levels
         noise = levels.noise(held)
@@ -261,14 +261,14 @@ class ContactTracker:
         held: FloatArray,
         contact: FloatArray | float,
         release: FloatArray | float,
-    ) -> "_Touch":
+    ) -> "_TouchingTaxels":
         """Compare the pressure of steps (n, channels) with levels; the slope is that of the held steps."""
         if self._measure is not None:
             return self._touch_compiled(self._measure, steps, readings, held, contact, release)
         pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
         taxel_touches = pressure > contact
         n_touching = np.maximum(taxel_touches.sum(axis=1), 1).astype(np.float64)
-        return _Touch(
+        return _TouchingTaxels(
             pressure,
             taxel_touches,
             taxel_touches.any(axis=1),
@@ -285,7 +285,7 @@ class ContactTracker:
         held: FloatArray,
         contact: FloatArray | float,
         release: FloatArray | float,
-    ) -> "_Touch":
+    ) -> "_TouchingTaxels":
         steps, held = compiled.dense(steps, np.float64), compiled.dense(held, np.float64)
         n, taxels = len(steps), len(self._own)
         each = readings.ndim == 2 or isinstance(contact, np.ndarray)
@@ -306,7 +306,7 @@ class ContactTracker:
         n_touching, slope_volts_s, pressure = reals[0], reals[1], reals[2:].reshape(n, taxels)
         touches, released, taxel_touches = flags[0], flags[1], flags[2:].reshape(n, taxels)
         self._totals = totals[n:]
-        return _Touch(pressure, taxel_touches, touches, released, n_touching, slope_volts_s)
+        return _TouchingTaxels(pressure, taxel_touches, touches, released, n_touching, slope_volts_s)
 
     def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
         """Sum the steps of each taxel (n, taxels); whole numbers except where one side was clipped."""
