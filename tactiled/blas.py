@@ -9,7 +9,9 @@ program that uses tactiled as a library has often imported numpy before. The lim
 process. The client (`tactiled.client`) has no numerics and does not set it.
 """
 
-import scipy.linalg  # noqa: F401  scipy has its own BLAS beside that of numpy, and the limit applies to loaded libraries only
+# scipy has its own BLAS beside that of numpy, and the limit applies to loaded libraries only. The detectors
+# need `scipy.special` anyway, and it loads that BLAS; `scipy.linalg` would take another 7 MB.
+import scipy.special  # noqa: F401
 from threadpoolctl import threadpool_limits
 
 
