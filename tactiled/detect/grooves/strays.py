@@ -23,6 +23,7 @@ from scipy import ndimage, special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
+from tactiled.detect.worker import pause
 
 # Standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a taxel.
 # The largest are where phases tell nothing; below the smallest no noise is as low.
@@ -131,11 +132,14 @@ def weigh_waves(
         shared / np.maximum(SIGMAS_T[:, np.newaxis] ** 2, _TINY), where=shared > 0, out=np.zeros_like(shared)
     ).sum(axis=2)
 
+    pause()
     gram = products[:, :, np.newaxis, :, :n] + np.einsum("wa,wb->wab", tie, tie)
     seen = products[..., n:].swapaxes(2, 3) + tie * off[:, np.newaxis]
     best = np.linalg.solve(gram, seen[..., np.newaxis])[..., 0]
+    pause()
     quadratic = squares + off**2 - (seen * best).sum(axis=-1)
     log_gram = np.linalg.slogdet(gram)[1]
+    pause()
     log = -0.5 * (quadratic + log_det[..., np.newaxis] + log_gram) - log_slack
     error_if_alike = 1 - float(special.softmax(log[0, 0]).max())
     log = log + (LOG_PRIOR if layout.strays is None else layout.strays)[..., np.newaxis]
