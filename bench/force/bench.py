@@ -41,7 +41,7 @@ from tactiled.force.estimator import ForceEstimator
 from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
-REPORTED_FROM = 1_000
+REPORTED_FROM = 2_000
 N_WORLDS, N_QUICK = 12, 4
 MAIN = Case()
 SHORT, SHARES, CREEPING = Case(seconds=15.0), Case(motion="walk"), Case(creep=4.0)
