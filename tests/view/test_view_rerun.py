@@ -37,8 +37,8 @@ def recording(tmp_path: Path) -> Path:
             for event in (scan, grip, force):
                 writer.event(event, "TS0001", UNIX_S, "pipeline")
         texture = TextureEvent(time_s=0.2, status="low-snr", answered_s=0.2)
-        for event in (CONTACT, SLIP, texture):
-            writer.event(event, "TS0001", UNIX_S, "pipeline")
+        for last in (CONTACT, SLIP, texture):
+            writer.event(last, "TS0001", UNIX_S, "pipeline")
     return path
 
 
