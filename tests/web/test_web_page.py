@@ -43,6 +43,9 @@ def test_silence_is_stale_and_a_new_daemon_is_found_again(live: Robot, page: Pag
     live.stop("daemon")
     expect(page.locator(".lamp")).to_have_attribute("data-state", "stale")
     expect(page.locator(".lamp .advice")).to_contain_text("is tactiled running")
+    for card in (".friction .margin", ".grooves .texture"):
+        assert page.locator(card).inner_text() == "Unknown."
+    assert page.locator(".loads div").count() == 0
     age_s = page.locator(".lamp .age").inner_text()
     page.wait_for_timeout(1200)
     assert page.locator(".lamp .age").inner_text() != age_s  # the age grows without any message

@@ -24,6 +24,7 @@ export class BoardModel {
     this.slips = [];         // {from, to, kind, sd, suppressed, direction}
     this.gaps = [];          // {from, to}
     this.seen = new Set();
+    this.knownUntil = Infinity; // instant after which nothing is known, where the data are stale
     this.changed = 0;        // counts messages, so that views know when to draw
     this.eventCount = 0;
     this.health = [];        // for each channel: "", "dead", "noisy" or "stuck"

@@ -52,6 +52,7 @@ export class BoardPanel {
     }
     if (perf >= this.due.plot && now !== null) {
       this.due.plot = perf + PLOT_S;
+      board.knownUntil = lamp.state === "stale" || lamp.state === "none" ? Math.max(board.newestScan?.timestamp ?? 0, board.points.t.at(-1) ?? 0) : now;
       if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, replay === null ? 0 : replay.origin);
     }
     if (perf >= this.due.slow && now !== null) { this.due.slow = perf + SLOW_S; this._slow(now); }
@@ -104,9 +105,11 @@ export class BoardPanel {
   }
 
   _margin(live) {
-    const grip = live ? this.board.grip : null, at = this.at.margin;
-    if (this.board.grip === null || grip === null || grip.state === "none") {
-      fill(at, "none", () => [el("p", "muted", this.board.touch !== null && this.board.touch.state !== "none" && live ? "No grip messages: [detect.grip] enabled = true turns them on." : "Nothing is held.")]);
+    const grip = this.board.grip, at = this.at.margin;
+    if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
+    if (grip === null || grip.state === "none") {
+      const touches = this.board.touch !== null && this.board.touch.state !== "none";
+      fill(at, `none${touches}`, () => [el("p", "muted", touches ? "No grip messages: [detect.grip] enabled = true turns them on." : "Nothing is held.")]);
       return;
     }
     fill(at, `${grip.seq}`, () => [
@@ -119,7 +122,8 @@ export class BoardPanel {
 
   _texture(live) {
     const texture = this.board.texture, at = this.at.texture;
-    if (texture === null || !live) { fill(at, `none${live}`, () => [el("p", "muted", "No slide over grooves now.")]); return; }
+    if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
+    if (texture === null) { fill(at, "none", () => [el("p", "muted", "No slide over grooves now.")]); return; }
     fill(at, `${texture.run}/${texture.seq}`, () => {
       if (texture.status === "ok" || texture.status === "period-only") {
         const lines = [el("p", "big number", pm(texture.period_mm, texture.period_sd_mm, "mm"))];

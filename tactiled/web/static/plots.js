@@ -82,7 +82,7 @@ function lanes(u, board) {
   const lane = LANE * r;
   const row = (n) => top - (LANES.length - n) * lane - 2 * r;
   const x = (t) => u.valToPos(t, "x", true);
-  const end = u.scales.x.max;
+  const end = Math.min(u.scales.x.max, board.knownUntil); // what holds after the newest message is not known
   c.save();
   c.font = `${10 * r}px system-ui, sans-serif`; c.textBaseline = "middle"; c.textAlign = "right"; c.fillStyle = colour("muted");
   LANES.forEach((name, n) => c.fillText(name, left - 5 * r, row(n) + lane / 2));
