@@ -1,9 +1,10 @@
-"""Screenshots of the page while the demo's skin slides over grooves, on a desktop and on a phone.
+"""The page on a desktop and on a phone, in light and in dark, beside the demo scene; screenshots of it.
 
 The pictures in the documents are made by this test: ``TACTILED_PICTURES=docs ./run test
 tests/web/test_web_pictures.py``.
 """
 
+import re
 from pathlib import Path
 from typing import Literal
 
@@ -21,9 +22,7 @@ NAMES = {
 }
 
 
-def test_the_page_fits_desktop_and_phone_while_it_slides(
-    browser: Browser, tmp_path: Path, pictures: Path | None
-) -> None:
+def test_the_page_fits_desktop_and_phone(browser: Browser, tmp_path: Path, pictures: Path | None) -> None:
     with robot(tmp_path, CONFIG + "[detect.grip]\nenabled = true\n") as made:
         made.run()
         made.plug("demo")
@@ -36,17 +35,16 @@ def test_the_page_fits_desktop_and_phone_while_it_slides(
             for device, (width, height, scale) in SIZES.items()
             for scheme in schemes
         ]  # fmt: skip
-        first = contexts[0][2].new_page()
-        first.goto(url)
-        expect(first.locator(".lamp")).to_have_attribute("data-state", "fresh")
-        expect(first.locator(".grooves .texture")).to_contain_text("normal at", timeout=120_000)
-        for number, (device, scheme, context) in enumerate(contexts):
-            page = context.pages[0] if number == 0 else context.new_page()
-            if number:
-                page.goto(url)
-                expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
-                expect(page.locator(".grooves .texture")).to_contain_text("normal at")
-                page.wait_for_timeout(800)
+        for _, _, context in contexts:
+            page = context.new_page()
+            page.goto(url)
+            expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+            expect(page.locator("canvas.array")).to_have_attribute("aria-label", re.compile("TS0001"))
+        if pictures is not None:  # a host that is too slow for the groove fits never shows grooves
+            grooves = contexts[0][2].pages[0].locator(".grooves .texture")
+            expect(grooves).to_contain_text("normal at", timeout=120_000)
+        for device, scheme, context in contexts:
+            (page,) = context.pages
             overflow = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
             assert overflow <= 0, (device, scheme)
             for element in (".lamp .word", "canvas.array", ".timeline canvas", ".strip"):
