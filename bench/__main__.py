@@ -28,6 +28,7 @@ BENCHES = {
     "web": "bench.web.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
+WITH_ABLATION = ("grip",)
 WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 
@@ -36,7 +37,8 @@ WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
 @click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
-def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> None:
+@click.option("--ablate", is_flag=True, help="grip: also without each part of the model, a few minutes more.")
+def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None, ablate: bool) -> None:
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
@@ -55,10 +57,12 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None) -> No
     for option, file, names in (("--plot", plot, WITH_PLOT), ("--json", numbers, WITH_JSON)):
         if file is not None and name not in names:
             raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in names)}")
+    if ablate and name not in WITH_ABLATION:
+        raise click.UsageError(f"--ablate is for {', '.join(f'`bench {one}`' for one in WITH_ABLATION)}")
     if plot is not None:
         need_extra("matplotlib", "plot", "bench --plot")
     measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
-    options = BenchOptions(quick, plot, numbers)
+    options = BenchOptions(quick, plot, numbers, ablate)
     with ProgressBar(f"bench {name}", None) as progress:
         report: BenchReport = measure(progress, options)
     report.write(options)

@@ -61,11 +61,14 @@ class BenchOptions:
         Fewer seeds and cases.
     plot, json : Path, optional
         Files to write. A bench may measure more for them.
+    ablate : bool
+        Also take parts of the method out, one at a time.
     """
 
     quick: bool = False
     plot: Path | None = None
     json: Path | None = None
+    ablate: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPOR
 of a contact law on which nothing was set.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from bench.grip.ablation import ABLATIONS, WHOLE, without
 from bench.grip.score import (
     GripRecord,
     by_hand,
@@ -24,7 +25,7 @@ from bench.grip.score import (
     warned,
     without_falling_friction,
 )
-from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, draw_worlds
+from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, World, draw_worlds
 from bench.pool import workers
 from bench.report import (
     NONE,
@@ -44,7 +45,7 @@ from tactiled.progress import ProgressBar
 
 TUNED_FROM = 20_000  # seeds on which constants were set
 REPORTED_FROM = 3_000  # nothing was set on these
-N_WORLDS, N_QUICK = 240, 48
+N_WORLDS, N_QUICK, N_ABLATED = 240, 48, 96
 _BATCH = 12  # worlds that are simulated at once, and by one process
 _HELD_OUT_EACH = 4  # one batch in so many has the law on which nothing was set
 _TIME_IN_ALARM = 0.015
@@ -73,7 +74,8 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     Quick: 48 worlds instead of 240.
     """
     n = N_QUICK if options.quick else N_WORLDS
-    progress.begin(n)
+    n_ablated = N_ABLATED if options.ablate else 0
+    progress.begin(n + n_ablated * (len(ABLATIONS)))
     told: list[GripRecord] = []
     informed: list[GripRecord] = []
     cost_us: list[float] = []
@@ -86,6 +88,14 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             cost_us.append(cost)
             for _ in some:
                 progress.advance("world")
+        ablated = {
+            part: [
+                record
+                for records in pool.map(partial(_measure_without, part), batches[: n_ablated // _BATCH])
+                for record in _counted(records, progress)
+            ]
+            for part in (ABLATIONS if options.ablate else ())
+        }
     found = GripFound(told, informed, float(np.median(cost_us)))
 
     def draw(path: Path) -> None:
@@ -108,6 +118,9 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             table(_row(name, some) for name, some in grouped(found.usual, lambda t: t.world.law).items()),
             "Calibration of p_gross_300ms over scans without gross slip.",
             table(_reliability(found.usual)),
+            "The slip detector (`balanced`) on the same worlds: what is called gross.",
+            table([_compared("contact model", told), _compared("balanced", told, by_slip=True)]),
+            *_ablation(ablated),
         ],
         draw=draw,
     )
@@ -115,15 +128,62 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 
 def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], float]:
     """Run the model over some worlds, twice; processor time of a scan in microseconds, in the first run."""
-    is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
-    worlds = draw_worlds(seeds, (HELD_OUT_LAW,) if is_held_out else LAWS)
-    began_s = time.process_time()
-    told = [tell(world, GripParams()) for world in worlds]
-    spent_s = time.process_time() - began_s
+    worlds = _worlds(seeds)
+    told = [tell(world, GripParams(), compare=True) for world in worlds]
     informed = [
         tell(world, GripParams(friction=world.friction, friction_log_sd=_KNOWN_SD)) for world in worlds
     ]
-    return told, informed, 1e6 * spent_s / sum(len(world.block) for world in worlds)
+    return told, informed, 1e6 * sum(t.spent_s for t in told) / sum(len(world.block) for world in worlds)
+
+
+def _measure_without(part: str, seeds: range) -> list[GripRecord]:
+    """Run the model without a part over some worlds."""
+    with without(part):
+        return [tell(world, GripParams()) for world in _worlds(seeds)]
+
+
+def _worlds(seeds: range) -> list[World]:
+    """Draw a batch of worlds; one batch in `_HELD_OUT_EACH` has the law on which nothing was set."""
+    is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
+    return draw_worlds(seeds, (HELD_OUT_LAW,) if is_held_out else LAWS)
+
+
+def _counted(records: list[GripRecord], progress: ProgressBar) -> list[GripRecord]:
+    for _ in records:
+        progress.advance("world")
+    return records
+
+
+def _ablation(ablated: dict[str, list[GripRecord]]) -> Iterator[str]:
+    if ablated:
+        yield f"Without parts of the model, on {len(ablated[WHOLE])} worlds."
+        yield table(_ablation_row(part, some) for part, some in ablated.items())
+
+
+def _ablation_row(part: str, told: Sequence[GripRecord]) -> dict[str, str]:
+    usual = without_falling_friction(told)
+    found = margin(usual)
+    return {
+        "left out": part,
+        "Brier skill, 300 ms": f"{forecast(usual, 2).brier_skill:.2f}",
+        "100 ms": f"{forecast(usual, 1).brier_skill:.2f}",
+        "u rms": _number(found.rms),
+        "u coverage": _number(found.coverage),
+        "gross in 300 ms": ratio(gross_told(told, 0.3)),
+        "rests called gross": ratio(rests_called_gross(told)),
+    }
+
+
+def _compared(name: str, told: Sequence[GripRecord], *, by_slip: bool = False) -> dict[str, str]:
+    usual = without_falling_friction(told)
+    falling = [t for t in told if t.world.hand == "falling-friction"]
+    return {
+        "detector": name,
+        "gross in 100 ms": ratio(gross_told(usual, 0.1, by_slip=by_slip)),
+        "gross in 300 ms": ratio(gross_told(usual, 0.3, by_slip=by_slip)),
+        "friction falls": ratio(gross_told(falling, 0.3, by_slip=by_slip)),
+        "rests called gross": ratio(rests_called_gross(told, by_slip=by_slip)),
+    }
 
 
 def _row(name: str, told: Sequence[GripRecord]) -> dict[str, str]:

@@ -4,6 +4,7 @@ import math
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
@@ -29,6 +30,11 @@ _CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
 _ZERO_S = 0.6  # from touch: the shear that pressing alone makes is measured, and subtracted from then on
 _BASELINE_S = 1.0  # averaging time of the readings without contact
+_HOLD_S = (
+    0.05  # for which the last good reading stands in; a channel that is bad for longer takes its taxel out
+)
+_LEAST_KEPT = 0.75  # of the taxels; with fewer, the messages are not valid
+_DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
 _PARTIAL = 0.1  # part of the area that slips in incipient slip
 
 
@@ -102,6 +108,9 @@ class GripDetector:
         self._history = np.zeros((1, 3, self._array.n_taxels))
         self._touch: _Touch | None = None
         self._last_s = 0.0
+        self._bad_scans = np.zeros(self._array.n_channels, dtype=np.int64)
+        self._dropped = np.zeros(self._array.n_taxels, dtype=np.bool_)
+        self._n_hold = 1
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
@@ -114,16 +123,16 @@ class GripDetector:
             events += self._lose()
             self._rate_hz = item.rate_hz
             self._history = np.zeros((history_scans(item.rate_hz), 3, self._array.n_taxels))
+            self._n_hold = max(1, round(_HOLD_S * item.rate_hz))
         held = self._quantiser.process(item)
         details = self._bank.process(item)
-        usable = np.all(details.usable.reshape(len(item), -1), axis=1)
-        trusted = np.all(held.ok, axis=1)
+        usable = np.all(details.usable, axis=1)
         late: list[bool] = item.late.tolist()
         for scan, volts in enumerate(held.steps * self._quantiser.volts_per_step):
-            rows = details.volts[scan] if usable[scan] else None
-            event = self._step(
-                volts, rows, float(item.time_s[scan]), bool(trusted[scan]) and not late[scan], late[scan]
-            )
+            is_trusted = self._take_out(held.ok[scan]) and not late[scan]
+            out = self._responses.taxel_channels[self._dropped].any(axis=0)
+            rows = details.volts[scan] if np.all(usable[scan] | out) else None
+            event = self._step(volts, rows, float(item.time_s[scan]), is_trusted, late[scan])
             if event is not None:
                 events.append(event)
         return events
@@ -134,6 +143,20 @@ class GripDetector:
         self.reset()
         return events
 
+    def _take_out(self, ok: NDArray[np.bool_]) -> bool:
+        """Take out taxels with a channel that is bad for long; return True if the rest can be read.
+
+        A taxel stays out until the contact ends, because its zero and its share are no longer known.
+        """
+        self._bad_scans = np.where(ok, 0, self._bad_scans + 1)
+        bad = self._responses.taxel_channels @ (self._bad_scans > self._n_hold)
+        dropped = bad | self._dropped if self._touch is not None else bad
+        if self._touch is not None and np.any(dropped & ~self._dropped):
+            self._friction.spread(_DROPPED_SD)
+        self._dropped = dropped
+        waits = self._responses.taxel_channels[~dropped] @ ~ok
+        return not bool(np.any(waits)) and int(np.count_nonzero(dropped)) <= (1 - _LEAST_KEPT) * len(dropped)
+
     def _step(
         self, volts: FloatArray, details: FloatArray | None, time_s: float, is_trusted: bool, is_late: bool
     ) -> GripEvent | None:
@@ -142,6 +165,7 @@ class GripDetector:
         if details is not None:
             self._floor.take(volts, details, self._rate_hz)
         response = self._responses.of(volts - self._baseline)
+        response[:, self._dropped] = 0.0
         self._history[:-1] = self._history[1:]
         self._history[-1] = response
         channel_sd = self._floor.sd()

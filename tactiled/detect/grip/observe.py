@@ -84,12 +84,15 @@ class Responses:
     weights : (3, taxels, channels) float64
         Load, shear along x and along y of each taxel. Shear is the force of the object on the skin, so that
         it opposes the motion of the skin.
+    taxel_channels : (taxels, channels) bool
+        True where a channel is part of a taxel's load or shear.
     """
 
     def __init__(self, array: Array) -> None:
         self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
         self._flat = self.weights.reshape(-1, array.n_channels)
         self._squares = self.weights**2
+        self.taxel_channels = np.any(self.weights != 0, axis=0)
         self.senses_load = bool(np.any(self.weights[0] != 0))
         self.senses_shear = array.has_shear
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bench.grip.ablation import ABLATIONS, without
 from bench.grip.bench import AIMS, GripFound
 from bench.grip.score import (
     GripRecord,
@@ -63,6 +64,8 @@ def perfect(world: World) -> GripRecord:
         told_gross=world.gross,
         within=within,
         p_bound=within.astype(np.float64),
+        slip_gross_s=list(world.gross_s),
+        spent_s=0.0,
     )
 
 
@@ -87,6 +90,19 @@ def test_a_constant_probability_has_no_skill(worlds: list[World]) -> None:
     for t in told:
         t.p_gross[:] = rate
     assert forecast(told, 2).brier_skill == pytest.approx(0.0, abs=1e-9)
+
+
+def test_parts_are_taken_out_and_put_back(worlds: list[World]) -> None:
+    def utilisation() -> list[float]:
+        return [float(v) for v in tell(worlds[0], GripParams()).quantiles[-1]]
+
+    whole = utilisation()
+    for part in ABLATIONS:
+        with without(part):
+            assert np.isfinite(utilisation()).all()
+        assert utilisation() == whole
+    with without("shares of the taxels"):
+        assert utilisation() != whole
 
 
 def test_an_alarm_has_hysteresis(worlds: list[World]) -> None:

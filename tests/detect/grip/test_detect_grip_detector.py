@@ -175,6 +175,35 @@ def test_late_scans_and_missing_readings_are_not_valid() -> None:
     assert [events[299].late, events[300].late, events[300].valid] == [False, True, False]
 
 
+def test_a_dead_channel_takes_its_taxel_out_and_the_rest_goes_on() -> None:
+    readings, used = pull(0.9)
+    valid = np.ones(readings.shape, dtype=np.bool_)
+    valid[250:, 3] = False
+    events = grips(GripDetector(xyz()).process(regular_block(readings, RATE_HZ, valid=valid)))
+    by_scan = {round(e.time_s * RATE_HZ): e for e in events}
+    assert [by_scan[k].valid for k in (249, 250, 254, 255, 256, 399)] == [
+        True,
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert by_scan[300].load == pytest.approx(PART.sum() - PART[1], rel=0.02)
+    for scan in range(320, 399):
+        event = by_scan[scan]
+        assert event.utilisation_low - 0.05 <= used[scan] <= event.utilisation_high + 0.05
+    assert events[-1].friction == pytest.approx(MU, rel=0.2)
+
+
+def test_too_many_dead_channels_are_not_valid() -> None:
+    readings, _ = pull(0.9)
+    valid = np.ones(readings.shape, dtype=np.bool_)
+    valid[250:, [0, 4, 8]] = False
+    events = grips(GripDetector(xyz()).process(regular_block(readings, RATE_HZ, valid=valid)))
+    assert not any(e.valid for e in events if e.time_s > 2.505)
+
+
 def test_a_narrow_prior_stays_narrow() -> None:
     readings, _ = pull(0.5)
     detector = GripDetector(xyz(), GripParams(friction=MU, friction_log_sd=0.1))
