@@ -1,7 +1,8 @@
 """Numbers of the contact model that were set on emulated worlds (`bench.grip.worlds`, seeds from 20000).
 
-Everything else in this room is derived, physical with a source, or a prior with a source, and stands beside
-the code that uses it. The worlds that `./run bench grip` reports are others.
+Everything else in this room is derived, physical with a source, or a prior, and stands beside the code that
+uses it; docs/grip.md names the priors that were chosen on the same worlds. The worlds that `./run bench grip`
+reports are others.
 """
 
 TEMPER = 0.35  # weight of a look at the shares: successive looks repeat the same misfit
