@@ -20,6 +20,7 @@ from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
+from tactiled.samples.rate import RateMeter
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
@@ -71,6 +72,10 @@ class Health:
     rate_hz: float
     contact: ContactState
     slipping: bool
+    loss_known: bool
+    """Scans carry a sequence number; otherwise `scans_missing` misses most of the lost ones."""
+    damage_known: bool
+    """Frames carry a checksum; otherwise a damaged reading may pass as a good one."""
     fits_late: int
     """Number of groove fits that were not ready at the scan at which they were due."""
 
@@ -106,7 +111,10 @@ class Pipeline:
         self.array = array
         self._decoder = Decoder(layout)
         in_counts = array.unit == "count"
-        self._assembler = Assembler(layout, params.samples, params.baud, live=live, in_counts=in_counts)
+        self._assembler = Assembler(
+            layout, params.samples, params.baud, live=live, in_counts=in_counts, in_range=array.in_range
+        )
+        self._meter = RateMeter()
         force = build_force(array, params.calibration) if params.force else None
         self.announce: Callable[[ScanEvent], None] | None = None
         """Takes the event of a scan before the detectors run, where a read completes this scan and nothing
@@ -130,10 +138,9 @@ class Pipeline:
         self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
         self._contact: ContactState = "none"
         self._slipping = False
-        if (assumed := self.layout.file.assumed_hello) is not None:
-            fields = assumed.model_dump()
-            fields["channel_offset_s"] = tuple(fields["channel_offset_s"])
-            self._accept(Hello(protocol_version=self.layout.file.protocol_version, **fields), 0.0)
+        self._meter.reset()
+        if (hello := self.layout.assumed_hello()) is not None:
+            self._accept(hello, 0.0)
 
     def receive_data(self, data: bytes, now_s: float) -> list[Output]:
         """Process bytes, and return all outputs that they complete, in the order of the stream.
@@ -179,12 +186,15 @@ class Pipeline:
         for frame in self._decoder.feed(data):
             if isinstance(frame, Scan):
                 self._frames += 1
-                if self.hello is not None and self._assembler.scan(frame, now_s):
+                if self.hello is None and self.layout.measures_rate:
+                    self._measure(now_s, out)
+                elif self.hello is not None and self._assembler.scan(frame, now_s):
                     self._origins.append(_ScanOrigin(out, now_s))
                 continue
             self._frames += not isinstance(frame, Corrupt)
             if isinstance(frame, Corrupt):
                 self._corrupt[frame.reason] += 1
+                self._meter.reset()
                 self._assembler.corrupt()
             elif isinstance(frame, Hello):
                 self._assembler.other("hello")
@@ -198,10 +208,22 @@ class Pipeline:
                 self._assembler.answered(frame, now_s)
                 out.append(frame)
 
+    def _measure(self, now_s: float, out: list[Any]) -> None:
+        """Measure the rate; once it is known, the board is known, as if it had said hello."""
+        rate_hz = self._meter.add(now_s)
+        hello = self.layout.assumed_hello(rate_hz) if rate_hz is not None else None
+        if hello is not None:
+            self._meter.reset()
+            out.append(hello)
+            if check_hello(hello, self.layout, self.array) is None:
+                self._accept(hello, now_s)
+
     def disconnected(self) -> None:
         """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""
         self.interrupted()
-        self.hello = None if self.layout.has("hello") else self.hello
+        if self.layout.has("hello") or self.layout.measures_rate:
+            self.hello = None
+            self._meter.reset()
 
     def interrupted(self) -> None:
         """Handle missing bytes: as `disconnected`, but the board stays known."""
@@ -238,6 +260,8 @@ class Pipeline:
             rate_hz=self._assembler.rate_hz,
             contact=self._contact,
             slipping=self._slipping,
+            loss_known=self.layout.counts_scans,
+            damage_known=self.layout.detects_damage,
             fits_late=self._fits_late,
         )
 
@@ -391,7 +415,7 @@ def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:
             f"array {array.name!r} has {array.n_channels} channels ({array.n_taxels} taxels), a scan of "
             f"{layout.name} has {layout.n_channels}: correct the array file or the layout file"
         )
-    if array.unit not in ("V", "count"):
+    if array.unit not in ("V", "count") and not layout.carries_units:
         return (
             f"array {array.name!r} reads {array.unit}, but the frames of {layout.name} carry the counts of a "
             "converter: describe the array in V or count (tactiled detect reads logs in any unit)"

@@ -66,7 +66,13 @@ class EmulatedPort:
         params, self._faults = board or EmulatedBoardParams(), faults or FaultParams()
         array = emulated_array(scene, layout)
         hello = identity(params, layout, array)
-        sensor = Sensor(scene, array, adc_bits=hello.adc_bits, adc_reference_v=hello.adc_reference_v)
+        sensor = Sensor(
+            scene,
+            array,
+            adc_bits=hello.adc_bits,
+            adc_reference_v=hello.adc_reference_v,
+            span=(array.low, array.high) if layout.carries_units else None,
+        )
         self.array = array
         self.contact = sensor.contact
         self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=self._scanned)

@@ -276,6 +276,10 @@ class StatusEvent(Event):
     """Longest time since the last status for which the daemon could not react to anything."""
     fits_late: int = 0
     """Number of groove fits that were not ready at the scan at which they were due."""
+    loss_known: bool = True
+    """False where frames have no sequence number: lost scans are then not counted."""
+    damage_known: bool = True
+    """False where frames have no checksum: a damaged reading may then pass as a good one."""
     sent: Sent = Sent()
     """Messages that a subscriber without losses has received by now."""
 

@@ -89,7 +89,7 @@ def _diagnostics(header: bytes, status: StatusEvent, board: str) -> bytes:
         "age_s": f"{status.age_s:.4f}",
         "rate_hz": f"{status.rate_hz:.3f}",
         "scans": str(status.scans),
-        "scans_missing": str(status.scans_missing),
+        "scans_missing": str(status.scans_missing) if status.loss_known else "unknown",
         "frames_corrupt": str(status.frames_corrupt),
         "clock_sd_s": f"{status.clock_sd_s:.6g}",
         "loop_lag_s": f"{status.loop_lag_s:.4f}",

@@ -1,15 +1,17 @@
 """Conversion of scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.errors import ContractError
 from tactiled.samples.block import Gap, GapCause, ScanBlock
-from tactiled.samples.clock import ClockFit, ClockParams
+from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
 from tactiled.samples.unwrap import ScanCounter
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
@@ -66,6 +68,8 @@ class Assembler:
         Events are acted on as they come. Otherwise no scan counts as late.
     in_counts : bool
         Readings are the converter's counts as they came, not volts.
+    in_range : callable, optional
+        Returns True for the readings that are not saturated, where the layout carries readings in a unit.
     """
 
     LARGEST_LEAD_S = 0.05  # largest error of the clock fit towards the future
@@ -84,11 +88,16 @@ class Assembler:
         *,
         live: bool = True,
         in_counts: bool = False,
+        in_range: Callable[[NDArray[np.float64]], NDArray[np.bool_]] = np.isfinite,
     ) -> None:
         self._layout = layout
         self._live = live
-        self._in_counts = in_counts
+        self._in_counts = in_counts or layout.carries_units
+        self._in_range = in_range if layout.carries_units else None
         self._params = params or SampleParams()
+        self._clock = self._params.clock
+        if layout.measures_rate:  # the clock of the board has no nominal rate that it could deviate from
+            self._clock = self._clock.model_copy(update={"max_drift_ppm": STEEPEST_PPM})
         self._line_s: dict[str, float] = {}  # seconds on the line by message; empty where they take none
         if self._params.transfer == "line":  # start, eight data, stop bits
             byte_s = 10 / (baud or layout.file.baud)
@@ -174,7 +183,7 @@ class Assembler:
             # A restart that scans have shown before this hello is counted already.
             self._count(restarts=same_board and not same_run and not restart_seen)
             self._new_run("rate" if same_run else "restart")
-        self._fit = ClockFit(self._params.clock, self._frame_s + float(self._offset_s.max()))
+        self._fit = ClockFit(self._clock, self._frame_s + float(self._offset_s.max()))
         self.adapter(self._handover_s)
 
     def adapter(self, handover_s: float | None) -> None:
@@ -190,10 +199,15 @@ class Assembler:
         """
         self._close_block()
         self._pending_gap = cause
+        if cause == "disconnect" and not self._layout.counts_scans:  # nobody knows how many scans it lasted
+            self._new_clock()
 
     def _new_run(self, cause: GapCause) -> None:
         """Begin a new run of counters and clock."""
         self.interrupt(cause)
+        self._new_clock()
+
+    def _new_clock(self) -> None:
         self._counter.reset()
         self._not_before_s = -np.inf  # instants of the old run do not bound those of the new one
         self._pings.clear()
@@ -210,7 +224,8 @@ class Assembler:
         if now_s > self._read_s:
             wait_s = now_s - self._read_s
             self._waited_s = wait_s if wait_s > self.TIMELY_PART * self._wait_s else np.inf
-            self._begun = (self._read_s, bytes_pending) if bytes_pending else None
+            is_begun = 0 < bytes_pending < self._layout.wire_bytes("scan")
+            self._begun = (self._read_s, bytes_pending) if is_begun else None
             self._wait_s, self._read_s = wait_s, now_s
             self._whole = bytes_pending == 0
 
@@ -257,7 +272,10 @@ class Assembler:
         if scan.flags & self._start_flag and self._index >= 0:
             self.interrupt("start")
             self._counter.forget_sequence()
-        step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+        if self._layout.counts_scans:
+            step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+        else:
+            step = self._counter.follow(now_s, self._hello.rate_hz)
         if step.kind == "restart":
             self._count(restarts=1)
             self._restart_seen = True
@@ -299,7 +317,8 @@ class Assembler:
         """
         n_missing = n_scans - 1
         cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
-        if self._index >= 0 and (n_missing or self._pending_gap):
+        is_unknown = self._n_corrupt > 0 and not self._layout.counts_scans
+        if self._index >= 0 and (n_missing or self._pending_gap or is_unknown):
             self._close_block()
             self._out.append(Gap(n_missing, cause, self._index + n_scans))
         self._index += n_scans
@@ -321,7 +340,11 @@ class Assembler:
         n = len(rows)
         counts = np.array([scan.counts for scan, *_ in rows])
         # At full scale the true voltage may be higher; zero is a valid reading without contact.
-        valid = counts < self._full_count
+        if self._in_range is None:
+            valid = counts < self._full_count
+        else:
+            valid = self._in_range(counts)
+            counts = np.where(np.isfinite(counts), counts, 0.0)
         if self._fault_flag:
             sound = [not scan.flags & self._fault_flag for scan, *_ in rows]
             if not all(sound):

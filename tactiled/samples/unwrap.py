@@ -118,6 +118,14 @@ class ScanCounter:
         self._keep(sequence, ticks, arrival_s, elapsed_s if ticks is not None else n_scans / rate_hz)
         return CounterStep("next", n_scans)
 
+    def follow(self, arrival_s: float, rate_hz: float) -> CounterStep:
+        """Take the next scan of a board that does not count its scans: it is taken to follow the one before.
+
+        A scan that was lost makes later ones seem older than they are, never fresher.
+        """
+        self._keep(0, None, arrival_s, 0.0 if self._sequence is None else 1 / rate_hz)
+        return CounterStep("next", 1)
+
     def _keep(self, sequence: int, ticks: int | None, arrival_s: float, elapsed_s: float) -> None:
         self._sequence, self._ticks, self._arrival_s = sequence, ticks, arrival_s
         self._sequence_known = True

@@ -1,7 +1,7 @@
 """Screen of one board as lines of text with colours; 80x24 is enough. No I/O."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -110,9 +110,7 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
         words = texture_in_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
         rows.append(("grooves", words, ""))
     if status is not None:
-        rows.append(
-            ("rate", f"{status['rate_hz']:.1f} Hz, {status['scans_missing']} of {status['scans']} lost", "")
-        )
+        rows.append(("rate", f"{status['rate_hz']:.1f} Hz, {_lost_in_words(status)}", ""))
         sd_ms = 1000 * status["clock_sd_s"]
         rows.append(
             (
@@ -205,3 +203,10 @@ def _taxel_arrow(felt: Felt | None, taxel: int) -> str:
 
 def _arrow(angle_deg: float) -> str:
     return _ARROWS[round(angle_deg / 45) % 8]
+
+
+def _lost_in_words(status: Mapping[str, Any]) -> str:
+    """Number of lost scans, or that it is not known: frames without a sequence number do not tell."""
+    if not status.get("loss_known", True):
+        return "lost scans not known"
+    return f"{status['scans_missing']} of {status['scans']} lost"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactiled.errors import ContractError
-from tactiled.wire import cobs
+from tactiled.wire import cobs, lines
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
 from tactiled.wire.framing import make_framer
 from tactiled.wire.layout import Layout, MessageFormat
@@ -107,17 +107,22 @@ class _ScanReader:
         sign = "<" if layout.byte_order == "little" else ">"
         form = {name: struct.Struct(sign + field[0].base.char) for name, field in fields.items()}
         at = {name: field[1] + layout.type_bytes for name, field in fields.items()}
-        self._sequence, self._sequence_at = form["sequence"].unpack_from, at["sequence"]
+        self._sequence = (form["sequence"].unpack_from, at["sequence"]) if "sequence" in fields else None
         self._ticks = (form["ticks"].unpack_from, at["ticks"]) if "ticks" in fields else None
         self._flags = (form["flags"].unpack_from, at["flags"]) if "flags" in fields else None
         counts = fields["counts"][0]
         self._counts, self._n_counts, self._counts_at = counts.base, math.prod(counts.shape), at["counts"]
+        self._is_float = layout.carries_units
+        self._places = layout.channel_places
 
     def read(self, body: bytes) -> Scan:
         """Return the scan of a body whose length is right."""
+        counts = np.frombuffer(body, self._counts, self._n_counts, self._counts_at)
+        if self._places is not None:
+            counts = counts[self._places]
         return Scan(
-            sequence=int(self._sequence(body, self._sequence_at)[0]),
-            counts=np.frombuffer(body, self._counts, self._n_counts, self._counts_at).astype(np.int64),
+            sequence=0 if self._sequence is None else int(self._sequence[0](body, self._sequence[1])[0]),
+            counts=counts.astype(np.float64) if self._is_float else counts.astype(np.int64),
             ticks=None if self._ticks is None else int(self._ticks[0](body, self._ticks[1])[0]),
             flags=0 if self._flags is None else int(self._flags[0](body, self._flags[1])[0]),
         )
@@ -161,6 +166,10 @@ class Encoder:
         row = np.zeros(1, message.dtype)
         for name in message.dtype.names or ():
             per_unit = 1 if name == "ticks" else message.per_unit[name]
+            if name == "counts" and (places := self.layout.channel_places) is not None:
+                padded = np.zeros(message.dtype[name].shape)
+                padded[places] = values[name]
+                values[name] = padded
             try:
                 row[name] = _to_wire(values[name], per_unit, message.dtype[name])
             except (OverflowError, ValueError, TypeError) as error:
@@ -171,7 +180,11 @@ class Encoder:
         layout = self.layout
         order = layout.byte_order
         length = len(body).to_bytes(layout.length_bytes, order) if layout.length_bytes else b""
-        covered = length + body if layout.file.checksum.covers == "length-and-body" else body
+        if layout.file.framing.kind == "terminator":
+            return body + layout.terminator
+        if layout.file.framing.kind == "lines":
+            return lines.encode(layout, body) + layout.terminator
+        covered = length + body if layout.covers_length else body
         guarded = body + layout.checksum.compute(covered).to_bytes(layout.checksum.n_bytes, order)
         if layout.file.framing.kind == "cobs":
             return cobs.encode(guarded) + b"\0"

@@ -14,9 +14,9 @@ class Scan:
     Attributes
     ----------
     sequence : int
-        Sequence number; wraps on the wire.
-    counts : (channels,) int64
-        ADC counts.
+        Sequence number; wraps on the wire. 0 where the layout has none.
+    counts : (channels,) int64 or float64
+        ADC counts; float64 in the unit of the array, NaN included, where the layout carries such readings.
     ticks : int or None
         Board clock at the beginning of the scan; wraps on the wire. None where the layout has no ticks.
     flags : int
@@ -24,7 +24,7 @@ class Scan:
     """
 
     sequence: int
-    counts: NDArray[np.int64]
+    counts: NDArray[np.int64] | NDArray[np.float64]
     ticks: int | None = None
     flags: int = 0
 
@@ -32,7 +32,7 @@ class Scan:
         return (
             isinstance(other, Scan)
             and (self.sequence, self.ticks, self.flags) == (other.sequence, other.ticks, other.flags)
-            and np.array_equal(self.counts, other.counts)
+            and np.array_equal(self.counts, other.counts, equal_nan=True)
         )
 
     __hash__ = None  # type: ignore[assignment]  # holds an array

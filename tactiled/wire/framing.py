@@ -30,11 +30,13 @@ from tactiled import compiled
 from tactiled.wire import cobs
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
+from tactiled.wire.lines import LineFramer
 from tactiled.wire.schema import Direction
+from tactiled.wire.terminated import TerminatorFramer
 
 
 class Framer(Protocol):
-    """Interface of both kinds of framing to the codec."""
+    """Interface of every kind of framing to the codec."""
 
     bytes_in: int
     bytes_framed: int
@@ -57,7 +59,7 @@ class _Checker:
         self._order = layout.byte_order
         self._type_bytes = layout.type_bytes
         self._checksum = layout.checksum
-        self._with_length = layout.file.checksum.covers == "length-and-body"
+        self._with_length = layout.covers_length
         self._length_bytes = layout.length_bytes
         self.body_bytes = {
             type_: layout.body_bytes(message) for type_, message in layout.incoming(direction).items()
@@ -142,8 +144,7 @@ class CobsFramer:
         crc16_start = layout.checksum.crc16_start
         library = compiled.library()
         self._good: _GoodFrames | None = None
-        whole = layout.file.checksum.covers != "length-and-body"
-        if library is not None and crc16_start is not None and whole:
+        if library is not None and crc16_start is not None and not layout.covers_length:
             self._good = _GoodFrames(library, layout, crc16_start)
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
@@ -339,6 +340,9 @@ class SyncFramer:
 
 def make_framer(layout: Layout, direction: Direction) -> Framer:
     """Make the framer of a layout for one direction."""
-    return (
-        CobsFramer(layout, direction) if layout.file.framing.kind == "cobs" else SyncFramer(layout, direction)
-    )
+    kind = layout.file.framing.kind
+    if kind == "cobs":
+        return CobsFramer(layout, direction)
+    if kind == "terminator":
+        return TerminatorFramer(layout, direction)
+    return LineFramer(layout, direction) if kind == "lines" else SyncFramer(layout, direction)

@@ -7,12 +7,23 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled import tomlfile, tomltext
-from tactiled.wire.checksum import CHECKSUMS, Checksum
+from tactiled.wire.checksum import CHECKSUMS, NO_CHECKSUM, Checksum
+from tactiled.wire.frames import Hello
 from tactiled.wire.schema import Direction, FieldLayout, LayoutFile, width
 
-_NUMPY = {"u8": "u1", "u16": "u2", "u32": "u4", "i8": "i1", "i16": "i2", "i32": "i4", "f32": "f4"}
+_NUMPY = {
+    "u8": "u1",
+    "u16": "u2",
+    "u32": "u4",
+    "i8": "i1",
+    "i16": "i2",
+    "i32": "i4",
+    "f32": "f4",
+    "number": "f8",
+}
 
 
 @dataclass(frozen=True)
@@ -34,6 +45,7 @@ class Layout:
     type_bytes: int
     length_bytes: int
     sync: bytes
+    terminator: bytes
     checksum: Checksum
     messages: dict[str, MessageFormat]
 
@@ -46,6 +58,63 @@ class Layout:
     def n_channels(self) -> int:
         """Number of channels in a scan."""
         return self.file.channels
+
+    @property
+    def covers_length(self) -> bool:
+        """True when the checksum covers the length, too."""
+        return self.file.checksum is not None and self.file.checksum.covers == "length-and-body"
+
+    @property
+    def counts_scans(self) -> bool:
+        """True when scans carry a sequence number, so that a lost one shows."""
+        return self.bits("scan", "sequence") is not None
+
+    @property
+    def detects_damage(self) -> bool:
+        """True when frames carry a checksum, so that a damaged one shows."""
+        return self.checksum.n_bytes > 0
+
+    @property
+    def carries_units(self) -> bool:
+        """True when readings are numbers in the unit of the array, not counts of a converter."""
+        return self.messages["scan"].dtype["counts"].base.kind == "f"
+
+    @property
+    def measures_rate(self) -> bool:
+        """True when the scan rate is not stated and must be measured."""
+        return self.file.assumed_hello is not None and self.file.assumed_hello.rate_hz is None
+
+    def assumed_hello(self, measured_hz: float | None = None) -> Hello | None:
+        """Return the hello of firmware that sends none; None where there is none, or its rate is not known.
+
+        Parameters
+        ----------
+        measured_hz : float, optional
+            Scan rate, where the layout does not state it.
+        """
+        assumed = self.file.assumed_hello
+        rate_hz = measured_hz if assumed is None else assumed.rate_hz or measured_hz
+        if assumed is None or rate_hz is None:
+            return None
+        return Hello(
+            board_serial=assumed.board_serial,
+            array_id=assumed.array_id,
+            rate_hz=rate_hz,
+            adc_bits=assumed.adc_bits,
+            adc_reference_v=assumed.adc_reference_v,
+            channel_offset_s=tuple(assumed.channel_offset_s),
+            protocol_version=self.file.protocol_version,
+        )
+
+    @property
+    def channel_places(self) -> NDArray[np.int64] | None:
+        """Positions of the channels among the values of a scan, (channels,); None where all are channels."""
+        (counts,) = (
+            f for m in self.file.messages if m.name == "scan" for f in m.fields if f.name == "counts"
+        )
+        if not counts.left_out:
+            return None
+        return np.setdiff1d(np.arange(counts.n_values(self.n_channels)), counts.left_out)
 
     def incoming(self, direction: Direction) -> dict[int, MessageFormat]:
         """Return the messages of one direction by their type on the wire."""
@@ -87,7 +156,10 @@ class Layout:
         guarded = self.body_bytes(self.messages[message]) + self.checksum.n_bytes
         if self.file.framing.kind == "cobs":  # one code for each started run of 254, one delimiter
             return guarded + 1 + (guarded - 1) // 254 + 1
-        return len(self.sync) + self.length_bytes + guarded
+        if self.file.framing.kind == "lines":  # typical: numbers differ in length
+            (scan,) = self.file.messages
+            return sum(f.n_bytes(self.n_channels) for f in scan.fields) + len(self.terminator)
+        return len(self.sync) + self.length_bytes + guarded + len(self.terminator)
 
 
 def compile_layout(file: LayoutFile) -> Layout:
@@ -96,7 +168,7 @@ def compile_layout(file: LayoutFile) -> Layout:
 
     def field(f: FieldLayout) -> tuple[Any, ...]:
         kind = f"S{f.size}" if f.type == "text" else order + _NUMPY[f.type]
-        return (f.name, kind, (file.channels,)) if f.count else (f.name, kind)
+        return (f.name, kind, (f.n_values(file.channels),)) if f.count else (f.name, kind)
 
     return Layout(
         file=file,
@@ -104,7 +176,8 @@ def compile_layout(file: LayoutFile) -> Layout:
         type_bytes=width(file.framing.message_type),
         length_bytes=width(file.framing.length),
         sync=bytes.fromhex(file.framing.sync_hex or ""),
-        checksum=CHECKSUMS[file.checksum.algorithm],
+        terminator=bytes.fromhex(file.framing.terminator_hex or ""),
+        checksum=CHECKSUMS[file.checksum.algorithm] if file.checksum else NO_CHECKSUM,
         messages={
             m.name: MessageFormat(
                 name=m.name,

@@ -13,7 +13,7 @@ from tactiled.tomlfile import Params
 from tactiled.wire.checksum import CHECKSUMS
 
 Unsigned = Literal["u8", "u16", "u32"]
-FieldType = Literal["u8", "u16", "u32", "i8", "i16", "i32", "f32", "text"]
+FieldType = Literal["u8", "u16", "u32", "i8", "i16", "i32", "f32", "text", "number"]
 Direction = Literal["board-to-host", "host-to-board"]
 
 # Required and optional fields of each message.
@@ -33,6 +33,9 @@ _MAY: dict[str, set[str]] = {
     "acknowledge": {"ticks"},
 }  # fmt: skip
 _PER_CHANNEL = {"counts", "channel_offset_s"}
+UNCHECKED = ("terminator", "lines")  # kinds of framing without a checksum
+# Bytes of a number in a line with its separator: sign, six digits, point. Only times on the line use it.
+_TYPICAL_NUMBER = 9
 _TEXT = {"board_serial", "array_id", "firmware_version"}
 IN_UNITS = {"rate_hz", "adc_reference_v", "channel_offset_s"}  # converted to the unit in the name
 # Flags that tactiled.samples uses; another name would be a typing error that nobody notices.
@@ -47,6 +50,10 @@ class FieldLayout(Params):
     count: Literal["channels"] | None = Field(default=None, description="an array, one for each channel")
     size: int | None = Field(default=None, ge=1, le=64, description="bytes of a text, padded with NUL")
     per_unit: int = Field(default=1, ge=1, description="wire value of one unit of the named quantity")
+    left_out: list[int] = Field(
+        default=[],
+        description="positions among the values of counts that are no channels, such as temperatures",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -58,7 +65,11 @@ class FieldLayout(Params):
             raise ValueError(f"count = 'channels' belongs to {' and '.join(sorted(_PER_CHANNEL))}")
         if self.per_unit != 1 and self.name not in IN_UNITS | {"ticks"}:
             raise ValueError(f"per_unit has no meaning for {self.name}")
-        if self.type == "f32" and self.name not in IN_UNITS:
+        if self.left_out and self.name != "counts":
+            raise ValueError("left_out belongs to counts")
+        if (self.type == "f32" and self.name not in IN_UNITS | {"counts"}) or (
+            self.type == "number" and self.name != "counts"
+        ):
             raise ValueError(f"{self.name} must be an integer")
         if self.type in ("i8", "i16", "i32") and self.name not in IN_UNITS | {"counts"}:
             raise ValueError(f"{self.name} must be unsigned")
@@ -66,8 +77,14 @@ class FieldLayout(Params):
 
     def n_bytes(self, channels: int) -> int:
         """Return the number of bytes on the wire."""
+        if self.type == "number":
+            return _TYPICAL_NUMBER * self.n_values(channels)
         one = self.size if self.size is not None else int(self.type[1:]) // 8
-        return one * (channels if self.count else 1)
+        return one * (self.n_values(channels) if self.count else 1)
+
+    def n_values(self, channels: int) -> int:
+        """Return the number of values of an array of all channels, with those that are left out."""
+        return channels + len(self.left_out)
 
 
 class MessageLayout(Params):
@@ -82,6 +99,8 @@ class MessageLayout(Params):
     def _roles(self) -> Self:
         names = [field.name for field in self.fields]
         must, may = _MUST[self.name], _MAY.get(self.name, set())
+        if self.name == "scan":  # only framing without a checksum may do without: see `LayoutFile`
+            must, may = must - {"sequence"}, may | {"sequence"}
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"{self.name}: field {', '.join(sorted(twice))} is listed twice")
         if lacking := must - set(names):
@@ -97,16 +116,26 @@ class MessageLayout(Params):
 class Framing(Params):
     """Kind of framing and its parameters."""
 
-    kind: Literal["cobs", "sync-length"]
+    kind: Literal["cobs", "sync-length", "terminator", "lines"]
     message_type: Unsigned | None = Field(default=None, description="absent: all is scans")
     sync_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
     length: Unsigned | None = Field(default=None, description="bytes of message type and fields")
+    terminator_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
+    separator: Literal[",", ";", " ", "\t"] | None = Field(
+        default=None, description="between the numbers of a line; a blank stands for any blanks and tabs"
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         has_sync = (self.sync_hex is not None, self.length is not None)
         if has_sync != ((self.kind == "sync-length"),) * 2:
             raise ValueError("sync_hex and length belong to kind = 'sync-length', both of them")
+        if (self.terminator_hex is not None) != (self.kind in UNCHECKED):
+            raise ValueError("terminator_hex belongs to kind = 'terminator' and kind = 'lines'")
+        if (self.separator is not None) != (self.kind == "lines"):
+            raise ValueError("separator belongs to kind = 'lines'")
+        if self.kind in UNCHECKED and self.message_type is not None:
+            raise ValueError(f"kind = '{self.kind}' has no message_type: all frames are scans")
         return self
 
 
@@ -128,9 +157,9 @@ class AssumedHello(Params):
 
     board_serial: str
     array_id: str
-    rate_hz: float = Field(gt=0)
-    adc_bits: int = Field(ge=1, le=32)
-    adc_reference_v: float = Field(gt=0)
+    rate_hz: float | None = Field(default=None, gt=0, description="left out: measured")
+    adc_bits: int = Field(default=16, ge=1, le=32)
+    adc_reference_v: float = Field(default=3.0, gt=0)
     channel_offset_s: list[float] = []
 
 
@@ -148,7 +177,7 @@ class LayoutFile(Params):
     byte_order: Literal["little", "big"]
     baud: int = Field(gt=0)
     framing: Framing
-    checksum: ChecksumLayout
+    checksum: ChecksumLayout | None = None
     messages: list[MessageLayout] = Field(min_length=1)
     results: dict[str, int] = {}
     flags: dict[str, int] = {}
@@ -156,7 +185,12 @@ class LayoutFile(Params):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        faults = [*self._message_faults(), *self._field_faults(), *self._table_faults()]
+        faults = [
+            *self._message_faults(),
+            *self._field_faults(),
+            *self._table_faults(),
+            *self._protection_faults(),
+        ]
         if faults:
             raise ValueError("; ".join(faults))
         return self
@@ -188,8 +222,45 @@ class LayoutFile(Params):
             size = width(self.framing.message_type) + sum(f.n_bytes(self.channels) for f in message.fields)
             if length_bytes and size >= 1 << (8 * length_bytes):
                 yield f"framing.length: messages[{index}] has {size} bytes, too many for it"
-        if self.checksum.covers == "length-and-body" and not length_bytes:
+        if self.checksum is not None and self.checksum.covers == "length-and-body" and not length_bytes:
             yield "checksum.covers = 'length-and-body', but the framing has no length"
+
+    def _protection_faults(self) -> Iterator[str]:
+        kind = self.framing.kind
+        fields = {f.name: f for m in self.messages if m.name == "scan" for f in m.fields}
+        if kind not in UNCHECKED:
+            if self.checksum is None:
+                yield "checksum: missing"
+            if fields and "sequence" not in fields:
+                yield "scan: lacks the field sequence"
+        else:
+            if self.checksum is not None:
+                yield f"checksum: framing.kind = '{kind}' has none"
+            if [m.name for m in self.messages] != ["scan"]:
+                yield f"messages: framing.kind = '{kind}' carries scans only"
+            if "ticks" in fields and "sequence" not in fields:
+                yield "scan: ticks without a sequence cannot be counted"
+        counts = fields.get("counts")
+        if counts is None:
+            return
+        if counts.type == "f32" and kind != "terminator":
+            yield "counts must be an integer: f32 belongs to framing.kind = 'terminator'"
+        if (counts.type == "number") != (kind == "lines") or (kind == "lines" and len(fields) > 1):
+            yield "type = 'number' belongs to the counts of framing.kind = 'lines', which has no other field"
+        if len(set(counts.left_out)) < len(counts.left_out) or any(
+            not 0 <= place < counts.n_values(self.channels) for place in counts.left_out
+        ):
+            yield f"left_out: positions must differ and lie in 0 to {counts.n_values(self.channels) - 1}"
+        hello = self.assumed_hello
+        if hello is not None and kind not in UNCHECKED:
+            given = hello.model_fields_set
+            for name in ("rate_hz", "adc_bits", "adc_reference_v"):
+                if name not in given:
+                    yield f"assumed_hello.{name}: missing"
+        elif hello is not None and counts.type not in ("f32", "number"):
+            for name in ("adc_bits", "adc_reference_v"):
+                if name not in hello.model_fields_set:
+                    yield f"assumed_hello.{name}: missing"
 
     def _table_faults(self) -> Iterator[str]:
         bits = {(m.name, f.name): 8 * f.n_bytes(1) for m in self.messages for f in m.fields}

@@ -81,7 +81,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put("messages", 0, "name", value="scans"), "messages[0].name: "),
     (V1, put("messages", 0, "direction", value="host-to-board"), "messages[0]: scan cannot go host-to-board"),
     (V1, put("messages", 0, "direction", value="up"), "messages[0].direction: "),
-    (V1, drop(*SCAN, 0), "messages[0]: scan: lacks the field sequence"),
+    (V1, drop(*SCAN, 0), "scan: lacks the field sequence"),
     (V1, drop(*SCAN, 3), "messages[0]: scan: lacks the field counts"),
     (V1, drop("messages", 5, "fields", 1), "messages[5]: set_rate: lacks the field rate_hz"),
     (V1, add_field(0, name="flags", type="u8"), "messages[0]: scan: field flags is listed twice"),
@@ -89,7 +89,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put(*SCAN, 0, "type", value="u64"), "messages[0].fields[0].type: "),
     (V1, put(*SCAN, 0, "type", value="f32"), "messages[0].fields[0]: sequence must be an int"),
     (V1, put(*SCAN, 0, "type", value="i16"), "messages[0].fields[0]: sequence must be unsig"),
-    (V1, put(*SCAN, 3, "type", value="f32"), "messages[0].fields[3]: counts must be an int"),
+    (V1, put(*SCAN, 3, "type", value="f32"), "counts must be an integer: f32"),
     (V1, put(*SCAN, 0, "type", value="text"), "messages[0].fields[0]: size belongs to type"),
     (V1, put(*SCAN, 0, "size", value=2), "messages[0].fields[0]: size belongs to type"),
     (V1, put(*SCAN, 0, "per_unit", value=10), "per_unit has no meaning for sequence"),
@@ -134,7 +134,7 @@ def test_a_broken_layout_is_refused_by_its_place(
 def test_faults_of_one_file_are_told_together() -> None:
     document = shipped("board-v1")
     document["baud"] = 0
-    del document["messages"][0]["fields"][0]
+    del document["messages"][0]["fields"][3]
     document["checksum"]["algorithm"] = "md5"
     with pytest.raises(ConfigError) as caught:
         tomlfile.parse(document, LayoutFile, "lab.toml")
@@ -162,7 +162,9 @@ def test_shipped_sizes_are_those_of_the_prose() -> None:
 
 
 def test_a_name_that_is_not_shipped_lists_those_that_are() -> None:
-    with pytest.raises(ConfigError, match=r"no layout named 'board-v9'; shipped: board-v1, legacy-9"):
+    with pytest.raises(
+        ConfigError, match=r"no layout named 'board-v9'; shipped: board-v1, legacy-9, lines-15, magnet"
+    ):
         load_layout("board-v9")
 
 

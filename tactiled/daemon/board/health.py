@@ -61,6 +61,8 @@ def status_event(
         inhibited_s=inhibited_s,
         loop_lag_s=loop_lag_s,
         fits_late=health.fits_late,
+        loss_known=health.loss_known,
+        damage_known=health.damage_known,
     )
 
 

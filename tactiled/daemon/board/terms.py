@@ -93,11 +93,7 @@ class Terms:
 
     def assumed_hello(self) -> Hello | None:
         """Return the hello that the layout file states for firmware without one; None for other firmware."""
-        assumed = self._layout.file.assumed_hello
-        if assumed is None:
-            return None
-        fields = assumed.model_dump() | {"channel_offset_s": tuple(assumed.channel_offset_s)}
-        return Hello(protocol_version=self._layout.file.protocol_version, **fields)
+        return self._layout.assumed_hello()
 
     def foreign_because(self, hello: Hello) -> str | None:
         """Return the reason why this is not the configured board, or None when it is."""

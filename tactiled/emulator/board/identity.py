@@ -77,9 +77,9 @@ def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello
     assumed = layout.file.assumed_hello
     version = layout.file.protocol_version
     if assumed is not None:
-        offsets = tuple(assumed.channel_offset_s)
-        fields = assumed.model_dump(exclude={"channel_offset_s"})
-        return Hello(**fields, channel_offset_s=offsets, protocol_version=version)
+        hello = layout.assumed_hello(params.rate_hz)
+        assert hello is not None  # it has a rate
+        return hello
     return Hello(
         board_serial=params.board_serial,
         array_id=params.array_id or array.name,

@@ -64,7 +64,7 @@ class ScanSource(Protocol):
         """Return whether an instant can be read only after all instants before it are computed."""
         ...
 
-    def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64] | NDArray[np.float64]:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
         ...
 
@@ -129,7 +129,7 @@ class Scanning:
         self._epoch_board_s = crystal.board_s(begin_s)
         self._scene_start_s = scene_start_s
         self._k = 0
-        self._ahead = np.empty((0, len(offset_s)), dtype=np.int64)
+        self._ahead: NDArray[np.int64] | NDArray[np.float64] = np.empty((0, len(offset_s)), dtype=np.int64)
         self._n_ahead = 1 if source.reacts else _SCANS_AHEAD
 
     @property
@@ -168,14 +168,14 @@ class Scanning:
         self._scene_start_s += held_s
         return held_s
 
-    def take(self, index: int) -> NDArray[np.int64]:
+    def take(self, index: int) -> NDArray[np.int64] | NDArray[np.float64]:
         """Sample the coming scan, which has number `index`, and go on to the next one."""
         if not len(self._ahead):
             k = self._k + np.arange(self._n_ahead)
             begin_board_s = self._epoch_board_s + k / self._rate_hz
             sampled_s = self._crystal.true_s(begin_board_s[:, None] + self._offset_s)
             self._ahead = self._source.counts(index, sampled_s - self._scene_start_s)
-        counts: NDArray[np.int64] = self._ahead[0]
+        counts: NDArray[np.int64] | NDArray[np.float64] = self._ahead[0]
         self._ahead = self._ahead[1:]
         self._k += 1
         return counts

@@ -22,6 +22,8 @@ class Sensor:
     array : Array
     adc_bits : int
     adc_reference_v : float
+    span : (float, float), optional
+        Readings of no and of all counts, in the unit of the array: the sensor converts counts itself.
 
     Attributes
     ----------
@@ -33,7 +35,15 @@ class Sensor:
         A dead channel that the array does not have, or a contact model that cannot play the scene.
     """
 
-    def __init__(self, scene: Scene, array: Array, *, adc_bits: int, adc_reference_v: float) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        array: Array,
+        *,
+        adc_bits: int,
+        adc_reference_v: float,
+        span: tuple[float, float] | None = None,
+    ) -> None:
         params = scene.electronics
         if outside := [c for c in params.dead_channels if not 0 <= c < array.n_channels]:
             fault = f"electronics.dead_channels: {outside} are not among the {array.n_channels} channels"
@@ -43,6 +53,7 @@ class Sensor:
         self.contact = make_contact(self._motion, array)
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
+        self._span = span
         kinds = np.array(array.channel_kind)
         self._is_side = kinds == "side"
         self._taxel = array.channel_taxel
@@ -82,7 +93,11 @@ class Sensor:
         volts[:, params.dead_channels] = 0.0
         return volts
 
-    def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64]:
+    def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64] | FloatArray:
         """Counts of scans ``first``, ``first + 1``, ... sampled at `time_s` (n, channels)."""
         noise = self._params.noise_v * self._noise.normal(first, len(time_s))
-        return electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
+        counts = electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
+        if self._span is None:
+            return counts
+        low, high = self._span
+        return np.asarray(low + counts * ((high - low) / 2**self._bits), dtype=np.float64)

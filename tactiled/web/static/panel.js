@@ -142,7 +142,7 @@ export class BoardPanel {
     const loss = total > 0 ? 100 * s.scans_missing / total : 0;
     const disk = r === null ? "–" : r.state === "off" ? "off" : `${r.state}${r.file ? ` ${r.file.split("/").pop()}` : ""}, ${bytesWords(r.bytes_written)}, ${bytesWords(1e6 * r.free_mb)} free${r.reason ? `, ${r.reason}` : ""}`;
     const items = [["rate", `${sig(s.rate_hz, 4)} Hz`, "rate_hz", s.rate_hz], ["scans", `${s.scans}`, "scans", s.scans],
-      ["lost", `${s.scans_missing} (${loss < 0.005 ? "0" : loss.toFixed(2)} %)`, "scans_missing", s.scans_missing], ["corrupt frames", `${s.frames_corrupt}`, "frames_corrupt", s.frames_corrupt],
+      ["lost", s.loss_known === false ? "not known" : `${s.scans_missing} (${loss < 0.005 ? "0" : loss.toFixed(2)} %)`, "scans_missing", s.scans_missing], ["corrupt frames", `${s.frames_corrupt}`, "frames_corrupt", s.frames_corrupt],
       ["clock", s.clock_sd_s < 1e3 ? `± ${sig(1e3 * s.clock_sd_s, 2)} ms, ${s.clock_rate_ppm.toFixed(0)} ppm` : "not known", "clock_sd_s", s.clock_sd_s],
       ["loop lag", `${sig(1e3 * s.loop_lag_s, 2)} ms`, "loop_lag_s", s.loop_lag_s], ["restarts", `${s.restarts}`, "restarts", s.restarts], ["recording", disk, "recording", r === null ? "" : r.state]];
     const strip = this.at.strip;
