@@ -23,9 +23,10 @@ from tactiled.events.types import Event, ForceEvent, GripEvent
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.pipeline import Pipeline, check_hello
+from tactiled.recording.bag import BAGS, read_bag
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.reader import Reached, batches, read_header, read_inputs
-from tactiled.recording.table import TimeUnit, read_table, to_blocks
+from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
+from tactiled.recording.table import TABLES, TimeUnit, read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -67,6 +68,8 @@ class Choices:
         Force events a second that are printed; 0 for none.
     columns, time_unit
         See `read_table`.
+    topic : str, optional
+        Topic of a bag; see `read_bag`.
     """
 
     speed_mm_s: float | None = None
@@ -83,6 +86,7 @@ class Choices:
     force_hz: float = 10.0
     columns: tuple[str, ...] = ()
     time_unit: TimeUnit | None = None
+    topic: str | None = None
 
     def params(self) -> DetectParams:
         """Check all parameters: those of the file, replaced by those of the command line."""
@@ -166,17 +170,28 @@ def detect_file(
     params = choices.params()
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
-    if path.suffix == ".mcap":
+    is_bag = path.is_dir() or path.suffix in BAGS
+    if path.suffix == ".mcap" and choices.topic is None:
+        is_bag = path.is_dir() or (path.exists() and not is_recording(path))
+    if choices.topic is not None and not is_bag:
+        raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])
+    if is_bag and (choices.columns or choices.time_unit):
+        fault = "--columns and --time-unit are for tables; --topic TOPIC.FIELD chooses the channels of a bag"
+        raise ConfigError("command line", [fault])
+    if path.suffix == ".mcap" and not is_bag:
         if array is not None or rate_hz is not None or choices.columns or choices.time_unit:
             fault = "--array, --rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         log = Log(choices.array_of(read_header(path).source.array))
         found = _run_recording(path, log, params, choices, reached)
-    elif path.suffix in (".csv", ".npz"):
+    elif is_bag or path.suffix in TABLES:
         log = Log(choices.array_of(load_array(array or _array_of_config(choices.config))))
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
-        raise DataError(f"{path}: unknown kind of file; known are .mcap (our recordings), .csv and .npz")
+        known = (
+            f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
+        )
+        raise DataError(f"{path}: unknown kind of file; known are {known}")
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz, choices.force_hz):
         log.events.append(event)
@@ -253,13 +268,18 @@ def _run_table(
     choices: Choices,
     reached: Reached | None,
 ) -> Iterator[Event]:
-    """Run the rows of a log through the detectors."""
-    time_s, volts = read_table(path, rate_hz, choices.columns, choices.time_unit)
+    """Run the rows of a table, or the messages of a bag, through the detectors."""
+    if path.suffix in TABLES and path.is_file():
+        time_s, volts = read_table(path, rate_hz, choices.columns, choices.time_unit)
+        choice = "which columns with --columns"
+    else:
+        time_s, volts = read_bag(path, choices.topic, rate_hz)
+        choice = "which field of the message with --topic TOPIC.FIELD"
     if volts.shape[1] != log.array.n_channels:
         raise DataError(
             f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
             f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml, or "
-            "which columns with --columns"
+            f"{choice}"
         )
     _check_range(path, volts, log.array)
     log.time_s, log.volts = time_s.tolist(), list(volts)

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
+from tactiled.cli.options import FILE, FILES, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
 _TOPICS = ("slip", "contact", "grip", "texture", "force")
@@ -56,7 +56,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
 
 
 @click.command()
-@click.argument("file", type=FILE)
+@click.argument("file", type=FILES)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording contains its array.")
 @click.option(
     "--rate",
@@ -125,8 +125,9 @@ class Topics(click.ParamType[tuple[str, ...]]):
 @click.option(
     "--columns",
     metavar="NAMES",
-    help="Columns of a CSV in channel order: names with commas between, or 'tax*'.",
+    help="Columns of a CSV or Parquet file in channel order: names with commas between, or 'tax*'.",
 )
+@click.option("--topic", help="Topic of a bag, or TOPIC.FIELD, whose numbers are the channels.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
 def detect(
@@ -139,15 +140,17 @@ def detect(
     plot: Path | None,
     **choices: Any,
 ) -> None:
-    """Find slip, contact, grip, texture and force in a recording, a CSV or an npz file.
+    """Find slip, contact, grip, texture and force in a recording, a table or a bag of ROS.
 
-    CSV: a header with `time_s` in seconds, then one column per channel in channel order, in the unit that the
-    array file states. Every event is one JSON line on stdout, with times in the file's own clock. Late scans
-    of a recording are used like others; `tactiled replay` reproduces the live events.
+    Tables (.csv, .npz, .parquet): a header with `time_s` in seconds, then one column per channel in channel
+    order, in the unit that the array file states. Bags: the folder of a rosbag2, or a file .mcap, .db3 or
+    .bag. Every event is one JSON line on stdout, with times in the file's own clock. Late scans of a
+    recording are used like others; `tactiled replay` reproduces the live events.
 
     Example: tactiled detect log.csv --array mine.toml --tare-s 0.3 --sliding 2:9 --speed 5
     """
-    need_readable(file)
+    if not file.is_dir():  # of a rosbag2
+        need_readable(file)
     need_named(array, "config/arrays")
     need_named(choices["calibration"], "config/calibration")
     need_toml(choices["config"])

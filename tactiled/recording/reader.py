@@ -117,6 +117,22 @@ def read_header(path: Path) -> Header:
     raise DataError(f"{path}: not a recording of tactiled, or cut before its description")
 
 
+def is_recording(path: Path) -> bool:
+    """Return True for a recording of tactiled, of any version, and False for other MCAP files.
+
+    Raises
+    ------
+    DataError
+        It cannot be opened.
+    """
+    with open_recording(path) as stream:
+        return any(
+            isinstance(record, Metadata) and record.name == contents.METADATA
+            for found in chunks(stream, Extent())
+            for record in (found if isinstance(found, list) else ())
+        )
+
+
 def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
     """Recordings with their headers; parts of one run sorted by part number, independent of file names.
 

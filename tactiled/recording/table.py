@@ -1,4 +1,4 @@
-"""Logs from other sources: CSV with a header, or npz."""
+"""Logs from other sources: CSV with a header, npz, or Parquet."""
 
 import csv
 import fnmatch
@@ -6,17 +6,21 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.errors import ConfigError, DataError
+from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.pipeline import RATES_HZ
 from tactiled.samples.block import Gap, ScanBlock
 
+if TYPE_CHECKING:
+    import pyarrow
+
 FloatArray = NDArray[np.float64]
 
+TABLES = (".csv", ".npz", ".parquet")
 TimeUnit = Literal["s", "ms", "us", "ns"]
 _SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -44,11 +48,14 @@ def read_table(
         cell or ``nan`` is a missing reading. Without a column of times, `rate_hz` spaces the rows.
         ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
         optional ``valid`` of the shape of ``volts`` is True for valid readings.
+        ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants
+        is the time whatever its name.
     rate_hz : float, optional
         Rate that the user gives. Without it, a log slower than 10 Hz is refused: its times may not be in
         seconds.
     columns : sequence of str
-        Names of the columns of a CSV in channel order, ``*`` for several; all but the time if left out.
+        Names of the columns of a CSV or Parquet file in channel order, ``*`` for several; all but the time if
+        left out.
     time_unit : str, optional
         Unit of the times: s, ms, us or ns; the column may then be called ``time``, ``t`` or ``timestamp``.
 
@@ -61,11 +68,17 @@ def read_table(
     ------
     DataError
         The file is not a valid log; the message names the line or the array.
+    OperatorError
+        A library that the file needs is not installed.
     """
     if path.suffix == ".npz":
         if columns:
-            raise ConfigError("command line", ["--columns is for CSV; an npz file has the array volts"])
+            raise ConfigError(
+                "command line", ["--columns is for CSV and Parquet; an npz file has the array volts"]
+            )
         time_s, volts = _read_npz(path)
+    elif path.suffix == ".parquet":
+        time_s, volts = _read_parquet(path, rate_hz, columns, time_unit)
     else:
         time_s, volts = _read_csv(path, rate_hz, columns, time_unit)
     time_s = time_s * _SECONDS[time_unit or "s"]
@@ -225,6 +238,52 @@ def _read_csv(
         return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
     assert rate_hz is not None
     return np.arange(len(rows)) / rate_hz / _SECONDS[time_unit or "s"], table
+
+
+def _read_parquet(
+    path: Path, rate_hz: float | None, columns: Sequence[str], time_unit: TimeUnit | None
+) -> tuple[FloatArray, FloatArray]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise OperatorError(f"{path}: Parquet needs pyarrow: pip install 'tactiled[parquet]'") from None
+    try:
+        # As one file: pyarrow takes names of folders like "run=3" for columns.
+        table = pyarrow.parquet.ParquetFile(path).read()
+    except (OSError, pyarrow.ArrowException) as error:
+        raise DataError(f"{path}: cannot be read as Parquet: {error}") from None
+    # pandas stores the numbers of its rows as columns of this name.
+    header = [name for name in table.column_names if not name.startswith("__index_level_")]
+    instants = [
+        k for k, name in enumerate(header) if pyarrow.types.is_timestamp(table.schema.field(name).type)
+    ]
+    time_column = instants[0] if instants else _time_column(path, header, rate_hz, time_unit)
+    chosen = [header[k] for k in _chosen(path, header, columns, time_column)]
+    parts = [_parquet_numbers(path, table, name) for name in chosen]
+    readings = np.concatenate(parts, axis=1) if parts else np.zeros((table.num_rows, 0))
+    if time_column is None:
+        assert rate_hz is not None
+        return np.arange(table.num_rows) / rate_hz / _SECONDS[time_unit or "s"], readings
+    if not instants:
+        return _parquet_numbers(path, table, header[time_column])[:, 0], readings
+    instant = table.column(header[time_column]).cast(pyarrow.timestamp("ns")).cast(pyarrow.int64())
+    time_s = instant.to_numpy(zero_copy_only=False) * 1e-9
+    return time_s / _SECONDS[time_unit or "s"], readings
+
+
+def _parquet_numbers(path: Path, table: "pyarrow.Table", name: str) -> FloatArray:
+    """Return a column as numbers (n, 1), or a column of lists of equal length as (n, length)."""
+    column = table.column(name)
+    try:
+        if hasattr(column.type, "value_type"):
+            return np.array(column.to_pylist(), dtype=np.float64).reshape(table.num_rows, -1)
+        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)[:, None]
+    except (TypeError, ValueError):
+        raise DataError(
+            f"{path}: column {name} holds {column.type}, not numbers or lists of one length; "
+            "choose the channels with --columns"
+        ) from None
 
 
 def _time_column(

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 from tactiled.errors import DataError
 from tactiled.recording.table import read_table, to_blocks
@@ -135,3 +137,33 @@ def test_stamps_that_jitter_are_no_missing_scans(seed: int) -> None:
     items = to_blocks(time_s[kept], np.zeros((len(kept), 1)), None, valid[kept])
     gaps = [(item.n_missing, item.index) for item in items if isinstance(item, Gap)]
     assert gaps == [(2, 702), (1, 1501)]
+
+
+def test_parquet_is_the_same_table(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).normal(size=(20, 3))
+    rows[4, 1] = np.nan
+    time_s = np.arange(20) * 0.02
+    columns = {"time_ms": 1e3 * time_s, "tax0": rows[:, 0], "temperature": time_s, "tax1": rows[:, 1]}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    got_s, got = read_table(tmp_path / "a.parquet", columns=("tax*",), time_unit="ms")
+    assert got_s == pytest.approx(time_s, abs=1e-12)
+    assert np.array_equal(got, rows[:, :2], equal_nan=True)
+    instants = pyarrow.array((1e6 * time_s).astype(np.int64) + 1_700_000_000_000_000).cast("timestamp[us]")
+    lists = {"stamp": instants, "taxels": rows.tolist(), "__index_level_0__": np.arange(20)}
+    parquet.write_table(pyarrow.table(lists), tmp_path / "b.parquet")
+    got_s, got = read_table(tmp_path / "b.parquet")
+    assert got_s == pytest.approx(1.7e9 + time_s, abs=1e-6)
+    assert np.array_equal(got, rows, equal_nan=True)
+
+
+def test_parquet_without_numbers_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pyarrow.table({"time_s": [0.0, 0.1], "hand": ["left", "right"]}), path)
+    with pytest.raises(DataError, match=r"a\.parquet: column hand holds string, not numbers.*--columns"):
+        read_table(path)
+    parquet.write_table(pyarrow.table({"time_s": [0.0, 0.1], "taxels": [[1.0], [1.0, 2.0]]}), path)
+    with pytest.raises(DataError, match=r"column taxels holds list.*one length"):
+        read_table(path)
+    path.write_bytes(b"PAR1 and no more")
+    with pytest.raises(DataError, match="cannot be read as Parquet"):
+        read_table(path)

@@ -1,0 +1,215 @@
+"""Logs of others in bags: rosbag2, ROS 1 and MCAP, read by the library rosbags."""
+
+import dataclasses
+import logging
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.errors import DataError, OperatorError
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+logger = logging.getLogger(__name__)
+
+FloatArray = NDArray[np.float64]
+
+BAGS = (".mcap", ".db3", ".bag")
+
+# Numbers in these are no readings.
+_DESCRIPTIONS = (
+    "std_msgs/msg/Header",
+    "std_msgs/msg/MultiArrayLayout",
+    "builtin_interfaces/msg/Time",
+    "builtin_interfaces/msg/Duration",
+)
+
+
+def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:
+    """Read the times and readings of one topic of a bag.
+
+    Times are the stamps in the headers of the messages where these grow from message to message, otherwise
+    the times at which the messages were recorded.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of a rosbag2, or a file ``.mcap``, ``.db3`` or ``.bag``.
+    topic : str or None
+        ``/name``, or ``/name.field`` for a message with several arrays; ``.`` between fields of fields. The
+        numbers of a field, those of fields within it included, are the channels. None for the only topic
+        with an array of numbers.
+    rate_hz : float, optional
+        Spaces the messages where no times grow.
+
+    Returns
+    -------
+    time_s : (n,) float64
+    readings : (n, channels) float64
+
+    Raises
+    ------
+    DataError
+        The bag cannot be read, or has no such topic or field; the message names those that it has.
+    OperatorError
+        rosbags is not installed.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise OperatorError(f"{path}: a bag needs rosbags: pip install 'tactiled[rosbags]'") from None
+    try:
+        # Bags of older ROS 2 contain no definitions of their messages; standard types are known without.
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
+            return _read(path, bag, topic, rate_hz)
+    except DataError:
+        raise
+    except Exception as error:  # rosbags raises many kinds on damaged files and unknown encodings
+        reason = str(error) or type(error).__name__
+        raise DataError(
+            f"{path}: rosbags cannot read it: {reason}. A cut bag is mended by `ros2 bag reindex` or `mcap "
+            "recover`; messages other than those of ROS (JSON, protobuf) must be exported as CSV"
+        ) from None
+
+
+def _read(
+    path: Path, bag: "AnyReader", topic: str | None, rate_hz: float | None
+) -> tuple[FloatArray, FloatArray]:
+    name, _, field = (_only_topic(path, bag) if topic is None else topic).partition(".")
+    connections = [c for c in bag.connections if c.topic.strip("/") == name.strip("/")]
+    if not connections:
+        raise DataError(f"{path}: no topic {name}; {_topics_in_words(bag)}")
+    log_ns: list[int] = []
+    stamps_ns: list[int] = []
+    rows: list[FloatArray] = []
+    for connection, recorded_ns, data in bag.messages(connections):
+        message = bag.deserialize(data, connection.msgtype)
+        if not rows and not field:
+            field = _only_field(path, name, message)
+        row = _numbers(_field(path, name, message, field))
+        if row is None or not row.size:
+            raise DataError(f"{path}: {_named(name, field)} has no numbers in message {len(rows) + 1}")
+        if rows and len(row) != len(rows[0]):
+            raise DataError(
+                f"{path}: {_named(name, field)} has {len(row)} numbers in message {len(rows) + 1}, but "
+                f"{len(rows[0])} in the first one; every message must be one scan"
+            )
+        rows.append(row)
+        log_ns.append(recorded_ns)
+        if (stamp := getattr(getattr(message, "header", None), "stamp", None)) is not None:
+            stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+    if len(rows) < 2:
+        raise DataError(f"{path}: {name} has {len(rows)} messages; at least two are needed for the rate")
+    readings = np.array(rows)
+    return _times(path, name, stamps_ns, log_ns, rate_hz), np.where(np.isfinite(readings), readings, np.nan)
+
+
+def _times(
+    path: Path, topic: str, stamps_ns: Sequence[int], log_ns: Sequence[int], rate_hz: float | None
+) -> FloatArray:
+    """Return the times of the messages in seconds (n,)."""
+    if len(stamps_ns) == len(log_ns):
+        if (row := _first_not_growing(stamps_ns)) is None:
+            return np.array(stamps_ns) * 1e-9
+        logger.warning(
+            "%s: header stamps of %s do not grow at message %d; times of recording are used", path, topic, row
+        )
+    if (row := _first_not_growing(log_ns)) is None:
+        return np.array(log_ns) * 1e-9
+    if rate_hz is None:
+        raise DataError(
+            f"{path}: times of {topic} do not grow at message {row}; space the messages evenly with --rate HZ"
+        )
+    return log_ns[0] * 1e-9 + np.arange(len(log_ns)) / rate_hz
+
+
+def _first_not_growing(times_ns: Sequence[int]) -> int | None:
+    """Return the number, from 1, of the first message that is not later than the one before it."""
+    backwards = np.flatnonzero(np.diff(times_ns) <= 0)
+    return int(backwards[0]) + 2 if backwards.size else None
+
+
+def _only_topic(path: Path, bag: "AnyReader") -> str:
+    """Return the only topic whose messages have an array of numbers."""
+    topics = [topic for topic, message in _first_messages(bag) if any(_arrays(message))]
+    if len(topics) != 1:
+        raise DataError(f"{path}: say which topic with --topic TOPIC or TOPIC.FIELD; {_topics_in_words(bag)}")
+    return topics[0]
+
+
+def _first_messages(bag: "AnyReader") -> Iterator[tuple[str, object]]:
+    """Yield each topic that has messages, with its first message."""
+    for topic in sorted({connection.topic for connection in bag.connections}):
+        of_topic = [c for c in bag.connections if c.topic == topic]
+        for connection, _, data in bag.messages(of_topic):
+            yield topic, bag.deserialize(data, connection.msgtype)
+            break
+
+
+def _topics_in_words(bag: "AnyReader") -> str:
+    described = []
+    for topic, message in _first_messages(bag):
+        arrays = [f"{field} ({size})" for field, size in _arrays(message)]
+        described.append(f"{topic} with {', '.join(arrays) or 'no array of numbers'}")
+    return f"it has {'; '.join(described)}" if described else "it has no messages"
+
+
+def _only_field(path: Path, topic: str, message: object) -> str:
+    """Return the only array of numbers; empty for a message whose numbers are all in single fields."""
+    arrays = list(_arrays(message))
+    if len(arrays) > 1:
+        found = ", ".join(f"--topic {_named(topic, field)} ({size} numbers)" for field, size in arrays)
+        raise DataError(f"{path}: {topic} has several arrays; choose one: {found}")
+    return arrays[0][0] if arrays else ""
+
+
+def _arrays(message: object, prefix: str = "") -> Iterator[tuple[str, int]]:
+    """Yield the name and the size of each field, or field of a field, that is an array of numbers."""
+    for name, value in _fields(message):
+        if isinstance(value, np.ndarray | list | tuple):
+            numbers = _numbers(value)
+            if numbers is not None and numbers.size:
+                yield prefix + name, numbers.size
+        else:
+            yield from _arrays(value, f"{prefix}{name}.")
+
+
+def _numbers(value: object) -> FloatArray | None:
+    """Return all numbers of a field in the order of its definition (channels,); None where it has none."""
+    if isinstance(value, np.ndarray):
+        return value.ravel().astype(np.float64) if value.dtype.kind in "iuf" else None
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return np.array([float(value)])
+    members = value if isinstance(value, list | tuple) else [member for _, member in _fields(value)]
+    parts = [part for member in members if (part := _numbers(member)) is not None]
+    return np.concatenate(parts) if parts else None
+
+
+def _fields(message: object) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of the fields that may be readings; none for what is no message."""
+    if not dataclasses.is_dataclass(message) or isinstance(message, type):
+        return
+    for entry in dataclasses.fields(message):
+        value = getattr(message, entry.name)
+        if getattr(value, "__msgtype__", "") not in _DESCRIPTIONS:
+            yield entry.name, value
+
+
+def _field(path: Path, topic: str, message: object, field: str) -> object:
+    value = message
+    for part in field.split(".") if field else ():
+        names = dict(_fields(value))
+        if part not in names:
+            has = ", ".join(names) or "no fields"
+            raise DataError(f"{path}: {topic} has no field {field}: no {part} among {has}")
+        value = names[part]
+    return value
+
+
+def _named(topic: str, field: str) -> str:
+    return f"{topic}.{field}" if field else topic

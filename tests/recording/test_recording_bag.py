@@ -1,0 +1,148 @@
+"""Bags of others are read, or refused with the names that they have; written by rosbags and mcap."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer as McapWriter
+from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tactiled.errors import DataError
+from tactiled.recording.bag import read_bag
+
+Floats = NDArray[np.float64]
+
+START_NS = 1_700_000_000_000_000_000
+PAD = "std_msgs/Header header\nstring name\nfloat32[3] temperature\ndemo_msgs/Taxel[] taxels"
+TAXEL = "float64 x\nfloat64 y\nint32 z"
+NAMES = [f"t{k}" for k in range(4)]
+
+
+def readings(n: int = 20, channels: int = 4) -> Floats:
+    return np.round(np.random.default_rng(3).normal(size=(n, channels)) * 100) / 64
+
+
+def stamps_ns(n: int = 20, rate_hz: int = 50) -> NDArray[np.int64]:
+    return START_NS + np.arange(n) * (1_000_000_000 // rate_hz)
+
+
+def write_bag(path: Path, rows: Floats, storage: StoragePlugin, recorded_ns: NDArray[np.int64]) -> Path:
+    """A rosbag2 with a multi-array, a joint state whose header is 7 ms early, a pad, and a text."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(PAD, "demo_msgs/msg/Pad"))
+    store.register(get_types_from_msg(TAXEL, "demo_msgs/msg/Taxel"))
+    kinds = store.types
+    layout = kinds["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    with Writer(path, version=9, storage_plugin=storage) as bag:
+        topics = {
+            "/array": "std_msgs/msg/Int16MultiArray",
+            "/joints": "sensor_msgs/msg/JointState",
+            "/pad": "demo_msgs/msg/Pad",
+            "/text": "std_msgs/msg/String",
+        }
+        at = {name: bag.add_connection(name, kind, typestore=store) for name, kind in topics.items()}
+        for k, (row, ns) in enumerate(zip(rows, stamps_ns(len(rows)).tolist(), strict=True)):
+            early = divmod(ns - 7_000_000, 1_000_000_000)
+            stamp = kinds["builtin_interfaces/msg/Time"](sec=early[0], nanosec=early[1])
+            header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="finger")
+            taxel = kinds["demo_msgs/msg/Taxel"]
+            sent = {
+                "/array": kinds[topics["/array"]](layout=layout, data=(64 * row).astype(np.int16)),
+                "/joints": kinds[topics["/joints"]](
+                    header=header, name=NAMES, position=row, velocity=-row, effort=np.zeros(0)
+                ),
+                "/pad": kinds[topics["/pad"]](
+                    header=header,
+                    name="pad",
+                    temperature=np.full(3, 25.0, dtype=np.float32),
+                    taxels=[taxel(x=row[0], y=row[1], z=7), taxel(x=row[2], y=row[3], z=8)],
+                ),
+                "/text": kinds[topics["/text"]](data="on"),
+            }
+            for name, message in sent.items():
+                bag.write(at[name], int(recorded_ns[k]), store.serialize_cdr(message, topics[name]))
+    return path
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_topics_of_a_rosbag2_are_read(tmp_path: Path, storage: StoragePlugin) -> None:
+    rows = readings()
+    path = write_bag(tmp_path / "bag", rows, storage, stamps_ns())
+    time_s, got = read_bag(path, "/array")
+    assert np.array_equal(got, 64 * rows)
+    assert time_s == pytest.approx(stamps_ns() * 1e-9, abs=1e-6)
+    time_s, got = read_bag(path, "joints.velocity")
+    assert np.array_equal(got, -rows)
+    assert time_s == pytest.approx(stamps_ns() * 1e-9 - 0.007, abs=1e-6)  # the header's
+    _, got = read_bag(path, "/pad.taxels")
+    assert np.array_equal(got, np.insert(rows, [2, 4], [7.0, 8.0], axis=1))
+    if storage is StoragePlugin.MCAP:  # the file alone; a lone .db3 of this version has no definitions
+        _, alone = read_bag(path / "bag.mcap", "/pad.temperature")
+        assert np.array_equal(alone, np.full((20, 3), 25.0))
+
+
+def test_what_a_bag_has_is_named(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", readings(), StoragePlugin.MCAP, stamps_ns())
+    with pytest.raises(DataError, match=r"--topic TOPIC.*/array with data \(4\); /joints with position"):
+        read_bag(path, None)
+    with pytest.raises(DataError, match="no topic /tactile; it has /array"):
+        read_bag(path, "/tactile")
+    with pytest.raises(DataError, match=r"several arrays.*--topic /joints.velocity \(4 numbers\)"):
+        read_bag(path, "/joints")
+    with pytest.raises(DataError, match="no field force: no force among name, position"):
+        read_bag(path, "/joints.force")
+    with pytest.raises(DataError, match="/text has no numbers in message 1"):
+        read_bag(path, "/text")
+
+
+def test_times_that_do_not_grow_need_a_rate(tmp_path: Path) -> None:
+    bunched = stamps_ns()
+    bunched[7] = bunched[6]
+    path = write_bag(tmp_path / "bag", readings(), StoragePlugin.MCAP, bunched)
+    with pytest.raises(DataError, match=r"times of /array do not grow at message 8; .* --rate"):
+        read_bag(path, "/array")
+    time_s, _ = read_bag(path, "/array", rate_hz=50.0)
+    assert time_s - time_s[0] == pytest.approx(np.arange(20) / 50, abs=1e-6)
+    time_s, _ = read_bag(path, "/joints.position")  # headers grow
+    assert np.diff(time_s) == pytest.approx(np.full(19, 0.02), abs=1e-6)
+
+
+def write_mcap(path: Path, messages: list[bytes], schema: str, encoding: str = "cdr") -> Path:
+    """An MCAP with one topic, without rosbags."""
+    kind = "ros2msg" if encoding == "cdr" else "jsonschema"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("ros2", "test")
+        schema_id = writer.register_schema("demo_msgs/msg/Raw", kind, schema.encode())
+        channel_id = writer.register_channel("/raw", encoding, schema_id)
+        for ns, data in zip(stamps_ns(len(messages)).tolist(), messages, strict=True):
+            writer.add_message(channel_id, log_time=ns, data=data, publish_time=ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+def test_the_only_array_of_an_mcap_needs_no_name(tmp_path: Path) -> None:
+    rows = readings()
+    messages = [b"\0\1\0\0" + struct.pack("<B3xI4f", 1, 4, *row) for row in rows]
+    path = write_mcap(tmp_path / "x.mcap", messages, "uint8 finger\nfloat32[] counts")
+    _, got = read_bag(path, None)
+    assert np.array_equal(got, rows)
+    messages[4] = b"\0\1\0\0" + struct.pack("<B3xI2f", 1, 2, 0.0, 1.0)
+    path = write_mcap(tmp_path / "y.mcap", messages, "uint8 finger\nfloat32[] counts")
+    with pytest.raises(DataError, match=r"/raw.counts has 2 numbers in message 5, but 4 in the first"):
+        read_bag(path, None)
+
+
+def test_other_encodings_and_damage_are_refused(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "j.mcap", [b'{"a": [1]}'] * 3, "{}", "json")
+    with pytest.raises(DataError, match=r"j\.mcap: rosbags cannot read it.*export"):
+        read_bag(path, "/raw")
+    (tmp_path / "cut.mcap").write_bytes(path.read_bytes()[:-40])
+    (tmp_path / "noise.db3").write_bytes(bytes(range(256)))
+    (tmp_path / "folder").mkdir()
+    for name in ("cut.mcap", "noise.db3", "folder"):
+        with pytest.raises(DataError, match=f"{name}: rosbags cannot read it"):
+            read_bag(tmp_path / name, "/raw")
