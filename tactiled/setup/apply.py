@@ -21,10 +21,13 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
         A file cannot be written.
     """
     written = _read_manifest(root, plan.name)
+    others = _written_for_others(root, plan.name)
     for file in plan.files:
         path = _under(root, file.path)
         if path.exists() and path.read_text() == file.text:
             say(f"unchanged  {file.path}")
+            if file.path not in written and file.path not in others:
+                continue  # it was here before: removal must leave it
         elif path.exists() and _digest(path.read_text()) != written.get(file.path):
             say(f"kept       {file.path}: it differs from the proposal, which --dry-run prints")
             continue
@@ -32,7 +35,8 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
             say(f"{'renewed ' if path.exists() else 'written '}   {file.path}")
             _write(path, file.text)
         written[file.path] = _digest(file.text)
-    _write(_under(root, plan.manifest), json.dumps(written, indent=1, sort_keys=True) + "\n")
+        _write_manifest(root, plan, written)  # after each file: a failure at the next one can be undone
+    _write_manifest(root, plan, written)
 
 
 def remove(name: str, root: Path, say: Say) -> None:
@@ -50,10 +54,7 @@ def remove(name: str, root: Path, say: Say) -> None:
     if not manifest.exists():
         known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
         raise OperatorError(f"{name}: not set up here; set up: {', '.join(known) or 'nothing'}")
-    others: set[str] = set()
-    for path in manifest.parent.glob("*.setup.json"):
-        if path != manifest:
-            others |= _read_manifest(root, path.name.removesuffix(".setup.json")).keys()
+    others = _written_for_others(root, name)
     for name_of_file, digest in sorted(written.items()):
         path = _under(root, name_of_file)
         if not path.exists():
@@ -93,6 +94,19 @@ def _read_manifest(root: Path, name: str) -> dict[str, str]:
     except (OSError, ValueError):
         return {}
     return {str(path): str(digest) for path, digest in found.items()} if isinstance(found, dict) else {}
+
+
+def _written_for_others(root: Path, name: str) -> set[str]:
+    """Files that were written for other boards than this one."""
+    found: set[str] = set()
+    for path in _under(root, "/etc/tactiled").glob("*.setup.json"):
+        if (other := path.name.removesuffix(".setup.json")) != name:
+            found |= _read_manifest(root, other).keys()
+    return found
+
+
+def _write_manifest(root: Path, plan: SetupPlan, written: dict[str, str]) -> None:
+    _write(_under(root, plan.manifest), json.dumps(written, indent=1, sort_keys=True) + "\n")
 
 
 def _write(path: Path, text: str) -> None:

@@ -92,6 +92,29 @@ def test_a_file_of_somebody_else_is_neither_overwritten_nor_removed(tmp_path: Pa
     assert tree(tmp_path) == {"etc/systemd/system/tactiled@.service": "# the operator's own\n"}
 
 
+def test_an_equal_file_that_was_here_before_stays(tmp_path: Path) -> None:
+    plan = make_plan(board(), "left")
+    before = next(file for file in plan.files if file.shared)
+    path = tmp_path / before.path.lstrip("/")
+    path.parent.mkdir(parents=True)
+    path.write_text(before.text)
+    for _ in range(2):
+        write(plan, tmp_path, lambda _: None)
+    remove("left", tmp_path, lambda _: None)
+    assert tree(tmp_path) == {before.path.lstrip("/"): before.text}
+
+
+def test_what_was_written_before_a_failure_can_be_removed(tmp_path: Path) -> None:
+    plan = make_plan(board(), "left")
+    blocked = tmp_path / plan.files[-1].path.lstrip("/")
+    blocked.parent.parent.mkdir(parents=True)
+    blocked.parent.write_text("a file where a folder must be")
+    with pytest.raises(OperatorError, match="cannot be written"):
+        write(plan, tmp_path, lambda _: None)
+    remove("left", tmp_path, lambda _: None)
+    assert list(tree(tmp_path)) == [str(blocked.parent.relative_to(tmp_path))]
+
+
 def test_shared_files_go_with_the_last_board(tmp_path: Path) -> None:
     for name in ("left", "right"):
         write(make_plan(board(), name), tmp_path, lambda _: None)
