@@ -16,6 +16,7 @@ _EVENTS = 50
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _LATE_S = 0.16  # samples.late_after_s, and the interval of drawings of a page
 _PERIODS = 3  # scan periods that are not late on a slow board
+_OF_NOW = ("contact", "texture", "grip", "force")
 LampState = Literal["FRESH", "LATE", "STALE", "NO BOARD"]
 
 
@@ -79,6 +80,23 @@ class BoardView:
             return Lamp("LATE", age_s, "scans come later than a controller can use")
         return Lamp("FRESH", age_s, status["warning"] or "board, line and clock are in order")
 
+    def drop_other_runs(self, run: int) -> None:
+        """Forget what another run of the daemon said of now: its slips and contacts never end."""
+        if self.slip is not None and self.slip["run"] != run:
+            self.slip = None
+        for topic in _OF_NOW:
+            if topic in self.newest and self.newest[topic]["run"] != run:
+                del self.newest[topic]
+
+    def current(self, topic: str) -> Mapping[str, Any] | None:
+        """Return the newest message of a topic that comes with each scan; None where it has ended."""
+        message, scan = self.newest.get(topic), self.newest.get("scan")
+        if message is None or scan is None:
+            return None
+        rate_hz = self.newest.get("status", {}).get("rate_hz", 0.0)
+        allowed_s = max(_SILENT_S, _PERIODS / rate_hz if rate_hz > 0 else 0.0)
+        return message if scan["timestamp"] - message["timestamp"] <= allowed_s else None
+
     def felt(self) -> Felt | None:
         """Return load and shear of the newest scan; None without a scan or an array."""
         scan, geometry = self.newest.get("scan"), self.geometry
@@ -134,9 +152,13 @@ class BoardViews:
         data = message.data
         if message.topic == "info" and board.newest.get("info", {}).get("array_id") != data["array_id"]:
             board.geometry = geometry_of(data, self._array)
+        if message.topic in ("status", "scan"):
+            board.drop_other_runs(data["run"])
         board.newest[message.topic] = data
         if message.topic == "slip":
             board.slip = None if data["state"] == "end" else data
+        if message.topic == "contact" and data["state"] == "none":
+            board.newest.pop("texture", None)  # of a slide that has ended
         self._list(board, message)
 
     @staticmethod

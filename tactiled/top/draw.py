@@ -43,6 +43,7 @@ def draw(board: BoardView, now_unix_s: float, width: int, height: int, footer: s
     lines += [Text()] * (height - 1 - len(lines))
     lines.append(Text(footer, "reverse"))
     for line in lines:
+        line.plain = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line.plain)
         line.truncate(width)
     return lines
 
@@ -101,12 +102,16 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
             angle = math.degrees(math.atan2(shear_y, shear_x))
             words = f"{math.hypot(shear_x, shear_y):.2f} {geometry['unit']} {_arrow(angle)}"
             rows.append(("shear", words if live else "-", ""))
-    grip, texture, recording = (board.newest.get(topic) for topic in ("grip", "texture", "recording"))
+    grip, texture, recording = (
+        board.current("grip"),
+        board.newest.get("texture"),
+        board.newest.get("recording"),
+    )
     if grip is not None and grip["state"] != "none" and live:
         used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
         use = f"{used:.0f} % ({low:.0f} to {high:.0f})"
         rows.append(("friction used", use, ""))
-    if texture is not None:
+    if texture is not None and live:
         words = texture_in_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
         rows.append(("grooves", words, ""))
     if status is not None:

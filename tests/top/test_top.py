@@ -105,6 +105,28 @@ def test_stale_numbers_are_not_shown() -> None:
     assert "STALE" in stale
 
 
+def of_run(run: int, event: Event, seq: int = 0) -> Message:
+    made = message(event, seq)
+    return replace(made, data={**made.data, "run": run})
+
+
+def test_a_restart_of_the_daemon_ends_what_its_last_run_said() -> None:
+    views = views_of()
+    board = views.boards["TS1"]
+    views.take(of_run(0, SLIP))
+    views.take(of_run(0, TextureEvent(time_s=NOW_S, status="low-snr", answered_s=NOW_S)))
+    assert board.slip is not None
+    assert "texture" in board.newest
+    views.take(of_run(1, replace(STATUS, time_s=NOW_S)))
+    assert board.slip is None
+    assert "texture" not in board.newest
+
+
+def test_control_characters_do_not_reach_the_terminal() -> None:
+    board = views_of(warning="\x1b[2J\x1b]0;title\x07\n").boards["TS1"]
+    assert all(line.plain.isprintable() for line in draw(board, NOW_S + 0.05, 80, 24, ""))
+
+
 def test_losses_restarts_and_recovered_messages_are_listed() -> None:
     views = views_of()
     views.take(Recovered(message(SLIP)))
