@@ -1,6 +1,7 @@
 """Commands of the page, handed on to the daemon of its endpoint."""
 
 import asyncio
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,22 @@ class DaemonCommands:
             self._commander.close()
 
 
+def parse_request(body: bytes) -> object:
+    """Return the JSON document of a request.
+
+    Raises
+    ------
+    ValueError
+        It is none that can be handed on.
+    """
+    try:
+        document: object = json.loads(body)
+        json.dumps(document, ensure_ascii=False).encode()  # lone surrogates are JSON, but no text
+    except RecursionError:
+        raise ValueError("the request is nested too deeply") from None
+    return document
+
+
 def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str, Any]]:
     """Return source, command and fields of a request of the page.
 
@@ -80,7 +97,10 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
         if kind is None:
             raise ValueError(f"{do} has no field {name!r}")
         if kind is float and type(value) in (int, float):
-            checked[name] = float(value)
+            try:
+                checked[name] = float(value)
+            except OverflowError:
+                raise ValueError(f"{name} is larger than any number here") from None
         elif type(value) is kind:
             checked[name] = value
         else:

@@ -8,6 +8,7 @@ A page of another site must neither read a board nor command it. Three checks pr
 - A command needs the token in a header, which no form and no request of another origin without CORS can set.
 """
 
+import contextlib
 import hmac
 import ipaddress
 import socket
@@ -38,7 +39,10 @@ class Guard:
 
     def refuse_host(self, host: str) -> str:
         """Return why a `Host` header is refused; empty where it is accepted."""
-        name = urlsplit(f"//{host}").hostname or ""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            name = ""
         if name.lower() in self._names or _is_address(name):
             return ""
         return f"this server is not {name!r}: start it with --host-name {name} if it is"
@@ -47,9 +51,10 @@ class Guard:
         """Return why an `Origin` header is refused; programs that are no browsers send none."""
         if origin is None:
             return ""
-        parts = urlsplit(origin)
-        if parts.scheme in ("http", "https") and parts.netloc == host:
-            return ""
+        with contextlib.suppress(ValueError):  # no URL at all
+            parts = urlsplit(origin)
+            if parts.scheme in ("http", "https") and parts.netloc == host:
+                return ""
         return f"requests from pages of {origin!r} are refused"
 
     def refuse_command(self, authorization: str | None) -> str:
@@ -57,7 +62,8 @@ class Guard:
         if not self._token:
             return "commands are not allowed: start tactiled web with --allow-commands"
         scheme, _, given = (authorization or "").partition(" ")
-        if scheme != "Bearer" or not hmac.compare_digest(given.encode(), self._token.encode()):
+        given_bytes = given.encode(errors="surrogateescape")  # a header may have bytes that are no UTF-8
+        if scheme != "Bearer" or not hmac.compare_digest(given_bytes, self._token.encode()):
             return "the token is missing or wrong: open the address that tactiled web printed"
         return ""
 

@@ -5,7 +5,6 @@ The server is a process of its own and a client of the daemon: browsers cannot d
 
 import asyncio
 import contextlib
-import json
 import logging
 import signal
 import time
@@ -20,7 +19,7 @@ from tactiled.array import Array
 from tactiled.client import Subscription
 from tactiled.errors import UnavailableError
 from tactiled.web.browsers import FRAMES_PER_S, Browser
-from tactiled.web.commands import DaemonCommands, check_request
+from tactiled.web.commands import DaemonCommands, check_request, parse_request
 from tactiled.web.feed import Feed
 from tactiled.web.guard import Guard
 from tactiled.web.replay import ReplayFile
@@ -223,7 +222,7 @@ class PageServer:
         if request.content_type != "application/json":
             return _answer(415, "send JSON")
         try:
-            source, do, fields = check_request(json.loads(await request.text()), len(self._commands))
+            source, do, fields = check_request(parse_request(await request.read()), len(self._commands))
         except ValueError as error:
             return _answer(400, str(error))
         reply = await self._commands[source].send(do, fields)

@@ -13,13 +13,21 @@ def test_addresses_and_own_names_are_accepted(host: str) -> None:
     assert Guard(host_names=("hand",)).refuse_host(host) == ""
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example", ""])
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example", "", "["])
 def test_a_name_that_resolves_to_this_host_is_refused(host: str) -> None:
     assert "--host-name" in Guard().refuse_host(host)
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "http://127.0.0.1:1", "null", "file://", "https://127.0.0.1:8765.evil"]
+    "origin",
+    [
+        "http://evil.example",
+        "http://127.0.0.1:1",
+        "null",
+        "file://",
+        "https://127.0.0.1:8765.evil",
+        "http://[",
+    ],
 )
 def test_pages_of_other_origins_are_refused(origin: str) -> None:
     assert Guard().refuse_origin(origin, "127.0.0.1:8765")
@@ -31,7 +39,8 @@ def test_the_page_itself_and_programs_are_accepted() -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [None, "", "Bearer", "Bearer ", f"Basic {TOKEN}", f"Bearer {TOKEN}x", "Bearer é"]
+    "given",
+    [None, "", "Bearer", "Bearer ", f"Basic {TOKEN}", f"Bearer {TOKEN}x", "Bearer é", "Bearer \udcff"],
 )
 def test_a_command_needs_the_token(given: str | None) -> None:
     assert "token" in Guard(TOKEN).refuse_command(given)

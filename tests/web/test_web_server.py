@@ -91,6 +91,25 @@ def test_a_command_must_be_json_of_this_origin_and_small(tmp_path: Path) -> None
     serve(tmp_path, act, TOKEN)
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"[" * 16_000,
+        b"\xff",
+        b'{"do": "mark", "fields": {"text": "\\ud800"}}',
+        b'{"do": "speed", "fields": {"speed_mm_s": ' + b"9" * 400 + b"}}",
+    ],
+)
+def test_what_json_cannot_mean_is_refused(tmp_path: Path, body: bytes) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json; charset=none"}
+        async with session.post(url + "api/command", headers=headers, data=body) as answer:
+            assert answer.status == 400
+            assert (await answer.json())["ok"] is False
+
+    serve(tmp_path, act, TOKEN)
+
+
 def test_browsers_are_bounded_and_leave_nothing(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:
         sockets = [await session.ws_connect(url + "api/live") for _ in range(MOST_BROWSERS)]
