@@ -47,7 +47,7 @@ class Browser:
             while not self._socket.closed and len(self._kept) <= _KEPT_FRAMES:
                 await self._filled.wait()
                 self._filled.clear()
-                while self._kept or self._live:
+                while (self._kept or self._live) and len(self._kept) <= _KEPT_FRAMES:
                     text = self._kept.popleft() if self._kept else self._live.popleft()
                     async with asyncio.timeout(_STUCK_S):
                         await self._socket.send_str(text)

@@ -19,6 +19,12 @@ from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
 HISTORY_S = 60.0  # span of the timeline on the page
 _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points over the timeline
 _HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
+_FOREIGN = (
+    ValueError,
+    TypeError,
+    OverflowError,
+    IndexError,
+)  # fields of other kinds than protocols/events says
 LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
 _NEWEST = ("geometry", "info", "status", "recording", "contact")
@@ -62,10 +68,14 @@ class Feed:
 
     def take(self, source: int, item: Item) -> None:
         """Take an item of the subscription to an endpoint."""
-        if isinstance(item, Message):
-            self._message(source, item, recovered=False)
-        elif isinstance(item, Recovered):
-            self._message(source, item.message, recovered=True)
+        if isinstance(item, Message | Recovered):
+            recovered = isinstance(item, Recovered)
+            try:
+                self._message(
+                    source, item.message if isinstance(item, Recovered) else item, recovered=recovered
+                )
+            except _FOREIGN:
+                self.unreadable += 1
         elif isinstance(item, Lost):
             words = f"{item.count} {item.topic} messages were lost on the way"
             self._notice(source, item.board, "lost", words)

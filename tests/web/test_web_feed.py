@@ -116,3 +116,12 @@ def test_a_changed_board_gets_a_new_geometry_once() -> None:
     for seq in range(3):
         feed.take(0, message("info", seq, **info("mine", 1, ["t0.a"], 1)))
     assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)].count("geometry") == 1
+
+
+def test_fields_of_other_kinds_cost_only_their_message() -> None:
+    feed = Feed()
+    for channels in ("x", [1], math.inf):
+        feed.take(0, message("info", 0, **{**info("mine", 1, ["t0.a"], 1), "channels": channels}))
+    feed.take(0, message("slip", 0))
+    assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)] == ["slip"]
+    assert feed.unreadable == 3
