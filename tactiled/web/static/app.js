@@ -32,7 +32,7 @@ function panelFor(source, name) {
   }
   if (boards.size >= MOST_BOARDS) return null;
   document.getElementById("waiting")?.remove();
-  const panel = new BoardPanel(new BoardModel(source, name), main);
+  const panel = new BoardPanel(new BoardModel(source, name), main, session.endpoints.length > 1 ? session.endpoints[source] : "");
   if (session.commands) showCommands(panel, token);
   boards.set(key, panel);
   main.dataset.count = boards.size;
@@ -44,7 +44,8 @@ function feed(messages) {
     const board = data.board ?? "";
     const panel = panelFor(source, board);
     if (panel === null) continue;
-    const news = panel.board.take(topic, data, recovered);
+    let news = null;
+    try { news = panel.board.take(topic, data, recovered); } catch (error) { console.error(topic, error); } // a lost scan or status turns the lamp by itself
     if (news === "slip" && player === null && !recovered) announce(`${board}: ${eventWords("slip", data).text}`);
   }
 }
@@ -63,7 +64,9 @@ function draw(ms) {
   drawn += 1;
   const now = player === null ? clock.at(perfSeconds()) : player.tick(elapsed);
   const replay = player === null ? null : { origin: player.start, words: `Recording ${player.name}. Nothing here is live.` };
-  for (const panel of boards.values()) panel.draw(now, connected, replay);
+  for (const panel of boards.values()) {
+    try { panel.draw(now, connected, replay); } catch (error) { panel.fail(error); } // the other boards go on
+  }
   const perf = perfSeconds();
   if (perf - counted > 2) {
     document.documentElement.dataset.fps = (drawn / (perf - counted)).toFixed(1);
@@ -79,7 +82,7 @@ function keys() {
   document.getElementById("help").onclick = () => help.showModal();
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName)) return;
-    if (event.key === "d") switchTheme();
+    if (event.key.toLowerCase() === "d") switchTheme();
     if (event.key === "?") help.showModal();
   });
 }

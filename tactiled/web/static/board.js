@@ -5,6 +5,8 @@ const RING_S = 11;               // readings for scope and spectrum
 const POINT_S = 0.05;            // interval of points on the timeline: 1200 of them
 const EVENTS = 400;
 const HEALTH_SCANS = 100;
+const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
+const CURRENT_PERIODS = 3;       // slow boards
 
 export class BoardModel {
   constructor(source, name) {
@@ -44,7 +46,7 @@ export class BoardModel {
     switch (topic) {
       case "info": this.info = data; return null;
       case "geometry": this._geometry(data); return null;
-      case "status": this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
+      case "status": this._dropOtherRuns(data.run); this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
       case "recording": this.recording = data; return null;
       case "scan": if (!recovered) this._scan(data); return null;
       case "grip": if (!recovered) this._grip(data); return null;
@@ -59,6 +61,21 @@ export class BoardModel {
     this.zeroFrom = geometry.zero_first_s > 0 ? null : -Infinity;
     this.scans = [];
     this.health = geometry.names.map(() => "");
+  }
+
+  /** Forget what another run of the daemon said of now: its slips and contacts never end. */
+  _dropOtherRuns(run) {
+    const old = (message) => message !== null && message.run !== run;
+    const open = this.slips[this.slips.length - 1];
+    if (old(this.slip) && open !== undefined && open.to === null) open.to = Math.max(open.from, this.newestScan?.timestamp ?? 0);
+    for (const name of ["touch", "slip", "texture", "grip", "force"]) if (old(this[name])) this[name] = null;
+  }
+
+  /** A message that comes with each scan; null where it is not of the newest ones: its detector has ended. */
+  current(message) {
+    if (message === null || this.newestScan === null) return null;
+    const period = this.status !== null && this.status.rate_hz > 0 ? 1 / this.status.rate_hz : 0;
+    return this.newestScan.timestamp - message.timestamp > Math.max(CURRENT_S, CURRENT_PERIODS * period) ? null : message;
   }
 
   _scan(scan) {

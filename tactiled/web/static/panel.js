@@ -11,10 +11,12 @@ const TEXT_S = 0.1;       // numbers change at 10 Hz: faster cannot be read
 const PLOT_S = 0.1;
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
+const RETRY_S = 1;        // after a drawing that failed
 
 export class BoardPanel {
-  constructor(board, parent) {
+  constructor(board, parent, endpoint) {
     this.board = board;
+    this.endpoint = endpoint; // where several are shown: two boards may have one serial number
     const root = document.getElementById("board-template").content.firstElementChild.cloneNode(true);
     this.root = root;
     parent.append(root);
@@ -31,6 +33,7 @@ export class BoardPanel {
     this.spectrum = new Spectrum(find(".spectrum .plot"));
     this.due = { text: 0, plot: 0, slow: 0 };
     this.drawn = { changed: -1, state: "", events: -1 };
+    this.retry = 0;
     this.visible = new WeakMap();
     const watcher = new IntersectionObserver((entries) => { for (const e of entries) this.visible.set(e.target, e.isIntersecting); });
     for (const place of [this.at.scope, this.at.spectrum, this.canvas, find(".timeline")]) watcher.observe(place);
@@ -40,15 +43,15 @@ export class BoardPanel {
   /** Draw at server instant `now`; `replay` is {origin} for a recording, else null. */
   draw(now, connected, replay) {
     const board = this.board, perf = performance.now() / 1000;
-    const lamp = replay === null ? freshness(board, now, connected)
-      : { state: "replay", word: "REPLAY", age: null, words: replay.words };
+    if (perf < this.retry) return;
+    const lamp = replay === null ? freshness(board, now, connected) : recorded(board, now, replay.words);
     this.lamp = lamp;
-    const changed = lamp.state !== this.drawn.state;
+    const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
     if (changed || perf >= this.due.text) { this.due.text = perf + TEXT_S; this._texts(lamp, now); }
     if (changed || board.changed !== this.drawn.changed) {
       this.drawn.changed = board.changed;
-      if (this.visible.get(this.canvas) !== false) this.skin.draw(board, lamp.state);
+      if (this.visible.get(this.canvas) !== false) this.skin.draw(board, lamp.shows ?? lamp.state);
     }
     if (perf >= this.due.plot && now !== null) {
       this.due.plot = perf + PLOT_S;
@@ -58,10 +61,23 @@ export class BoardPanel {
     if (perf >= this.due.slow && now !== null) { this.due.slow = perf + SLOW_S; this._slow(now); }
   }
 
+  /** A message or drawing failed: what is shown may be old, so it is grey. Tried again after a second. */
+  fail(error) {
+    console.error(error);
+    this.retry = performance.now() / 1000 + RETRY_S;
+    const words = `A message of this board cannot be shown (${error.message}): are page and daemon of one version?`;
+    this.drawn.state = "failed";
+    this.at.lamp.dataset.state = this.root.dataset.state = "stale";
+    put(this.at.word, "STALE");
+    put(this.at.age, ageWords(null));
+    put(this.at.advice, words);
+  }
+
   _lampChanged(lamp) {
     this.drawn.state = lamp.state;
+    this.drawn.shows = lamp.shows;
     this.at.lamp.dataset.state = lamp.state;
-    this.root.dataset.state = lamp.state;
+    this.root.dataset.state = lamp.shows ?? lamp.state;
     put(this.at.word, lamp.word);
     announce(`${this.board.name || "board"}: ${lamp.word}. ${lamp.words}`);
   }
@@ -72,8 +88,8 @@ export class BoardPanel {
     put(at.advice, lamp.words);
     if (at.advice.title !== lamp.words) at.advice.title = lamp.words;
     put(at.name, board.name || "no board yet");
-    put(at.what, board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`);
-    const live = lamp.state === "fresh" || lamp.state === "late" || lamp.state === "replay";
+    put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
+    const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
     const scan = board.newestScan;
     put(at.state, !live ? "unknown" : board.touch !== null ? board.touch.state : board.status !== null ? board.status.contact : "–");
     const slip = board.slip;
@@ -85,19 +101,19 @@ export class BoardPanel {
       rows.push(["load", `${sig(sum(felt.load))} ${unit}`]);
       if (board.geometry.has_shear) {
         const x = sum(felt.x), y = sum(felt.y);
-        rows.push(["shear", `${sig(Math.hypot(x, y))} ${unit}, ${(Math.atan2(y, x) * 180 / Math.PI).toFixed(0)}°`]);
+        rows.push(["shear", `${sig(Math.hypot(x, y))} ${unit}, skin towards ${(Math.atan2(y, x) * 180 / Math.PI).toFixed(0)}°`]);
       }
     }
-    const f = board.force;
+    const f = board.current(board.force);
     if (live && f !== null && f.fz_n !== undefined) {
       const more = f.saturated ? " or more" : f.valid === false ? ", not valid" : "";
       rows.push(["normal force", pm(f.fz_n, f.fz_sd_n, "N") + more]);
-      rows.push(["shear force", pm(Math.hypot(f.fx_n, f.fy_n), Math.max(f.fx_sd_n, f.fy_sd_n), "N") + (f.fx_sd_n < 1e8 ? `, ${(Math.atan2(f.fy_n, f.fx_n) * 180 / Math.PI).toFixed(0)}°` : "")]);
+      rows.push(["shear force on skin", pm(Math.hypot(f.fx_n, f.fy_n), Math.max(f.fx_sd_n, f.fy_sd_n), "N") + (f.fx_sd_n < 1e8 ? `, ${(Math.atan2(f.fy_n, f.fx_n) * 180 / Math.PI).toFixed(0)}°` : "")]);
       if (f.x_mm !== undefined) rows.push(["centre", `${f.x_mm.toFixed(2)}, ${f.y_mm.toFixed(2)} mm`]);
     }
     facts(at.loads, rows);
     this._margin(live);
-    drawCone(at.cone, live ? board.grip : null, live);
+    drawCone(at.cone, live ? board.current(board.grip) : null, live);
     this._texture(live);
     this._strip();
     if (board.eventCount !== this.drawn.events) { this.drawn.events = board.eventCount; this._events(); }
@@ -105,7 +121,7 @@ export class BoardPanel {
   }
 
   _margin(live) {
-    const grip = this.board.grip, at = this.at.margin;
+    const grip = this.board.current(this.board.grip), at = this.at.margin;
     if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
     if (grip === null || grip.state === "none") {
       const touches = this.board.touch !== null && this.board.touch.state !== "none";
@@ -206,6 +222,14 @@ export class BoardPanel {
       put(cells[2], this.board.health[c] || (scan.valid[c] ? "" : "not valid"));
     });
   }
+}
+
+/** Lamp of a recording; `shows` is the state of the board at that instant, where nothing may be drawn as known. */
+function recorded(board, now, words) {
+  const lamp = { state: "replay", word: "REPLAY", age: null, words };
+  if (board.status === null) return lamp; // made from a log that has no board
+  const then = freshness(board, now, true);
+  return then.state === "fresh" || then.state === "late" ? lamp : { ...lamp, shows: then.state, words: `${words} At this instant: ${then.word}. ${then.words}` };
 }
 
 export function announce(text) {

@@ -21,6 +21,7 @@ export class Player {
     this.fetched = 0;
     this.waiting = false;
     this.generation = 0;
+    this.shown = 0;          // position up to which messages were fed
     this._controls();
   }
 
@@ -46,7 +47,7 @@ export class Player {
     if (tag === "SELECT" || (tag === "BUTTON" && event.key === " ") || (tag === "INPUT" && event.target !== this.at.position)) return;
     const step = event.shiftKey ? 0.1 : 1;
     const act = { " ": () => this.toggle(), ArrowLeft: () => this.seek(this.position - step), ArrowRight: () => this.seek(this.position + step),
-      ArrowUp: () => this._faster(1), ArrowDown: () => this._faster(-1), Home: () => this.seek(0), End: () => this.seek(this.length), c: () => this.copy() }[event.key];
+      ArrowUp: () => this._faster(1), ArrowDown: () => this._faster(-1), Home: () => this.seek(0), End: () => this.seek(this.length), c: () => this.copy(), C: () => this.copy() }[event.key];
     if (act === undefined) return;
     event.preventDefault();
     act();
@@ -76,7 +77,7 @@ export class Player {
   /** Go to an instant: what the timeline shows before it is fetched thinned, the last seconds in full. */
   async seek(position) {
     const generation = this.generation += 1;
-    this.position = Math.max(0, Math.min(this.length, position));
+    this.position = Math.max(0, Math.min(this.length, Number.isFinite(position) ? position : 0));
     this._show();
     const to = this.position, full = Math.max(0, to - 6);
     this.waiting = true;
@@ -84,7 +85,12 @@ export class Player {
     for (let from = Math.max(0, to - SPAN_S); from < full; from += 30) parts.push(this._stretch(from, Math.min(full, from + 30), true));
     parts.push(this._stretch(full, to + 0.001, false));
     parts.push(this._stretch(0, Math.min(2, this.length), true)); // who the board is
-    const found = await Promise.all(parts);
+    let found;
+    try { found = await Promise.all(parts); }
+    catch { // the server is away
+      setTimeout(() => { if (generation === this.generation) this.seek(position); }, 1000);
+      return;
+    }
     if (generation !== this.generation) return; // a newer seek is under way
     this.rewind();
     const first = found.pop();
@@ -92,11 +98,13 @@ export class Player {
     for (const messages of found) this.feed(messages);
     this.queue = [];
     this.fetched = to + 0.001;
+    this.shown = to;
     this.waiting = false;
   }
 
   async _stretch(from, to, thin) {
     const response = await fetch(`/api/replay?from=${from}&to=${to}&thin=${thin ? 1 : 0}`);
+    if (!response.ok) throw new Error(`HTTP ${response.status}`);
     return (await response.json()).m;
   }
 
@@ -107,11 +115,12 @@ export class Player {
       let n = 0;
       while (n < this.queue.length && instant(this.queue[n]) <= this.start + this.position) n += 1;
       if (n) this.feed(this.queue.splice(0, n));
+      this.shown = this.position;
       if (this.position >= this.length) this.toggle();
       this._show();
     }
     this._fetchAhead();
-    return this.start + this.position;
+    return this.start + this.shown; // while a stretch is being fetched, the instant of what is drawn
   }
 
   async _fetchAhead() {

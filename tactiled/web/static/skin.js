@@ -150,7 +150,7 @@ export class SkinPicture {
   }
 
   _centre(c, board, felt, px, py, places, live) {
-    const force = board.force;
+    const force = board.current(board.force);
     let x = null, y = null;
     if (force !== null && force.x_mm !== undefined && force.valid !== false) { x = force.x_mm; y = force.y_mm; }
     else if (felt !== null && board.touch !== null && board.touch.state !== "none") {

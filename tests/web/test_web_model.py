@@ -1,0 +1,56 @@
+"""What the page keeps of a board, judged in the page's own modules."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pages import robot
+from playwright.sync_api import Page
+
+pytestmark = pytest.mark.system
+
+MODEL = """async () => {
+  const { BoardModel } = await import("/static/board.js");
+  const board = new BoardModel(0, "TS1");
+  const common = (run, at) => ({ v: 1, board: "TS1", run, timestamp: at });
+  const status = (run, at, contact) => board.take("status", { ...common(run, at), contact, rate_hz: 100 });
+  const scan = (run, at) => board.take("scan", { ...common(run, at), index: at, volts: [], valid: [] });
+  const touch = (run, at) => {
+    board.take("contact", { ...common(run, at), seq: 0, state: "holding", taxels: [0] });
+    const slip = { ...common(run, at), seq: 0, state: "onset", kind: "gross", valid: true };
+    board.take("slip", { ...slip, onset: at, detected: at });
+    board.take("grip", { ...common(run, at), seq: 0, state: "sticking" });
+    board.take("force", { ...common(run, at), seq: 0 });
+    board.take("texture", { ...common(run, at), seq: 0, status: "ok" });
+  };
+  const known = () => ["touch", "slip", "grip", "force", "texture"].filter((name) => board[name] !== null);
+  status(1, 10, "none"); scan(1, 10); touch(1, 10);
+  ACT
+}"""
+
+
+@pytest.fixture
+def opened(tmp_path: Path, page: Page) -> Iterator[Page]:
+    """The page of a server whose daemon does not run."""
+    with robot(tmp_path) as made:
+        page.goto(made.serve())
+        yield page
+
+
+def model(page: Page, act: str) -> object:
+    """Run statements on a board that is touched, slips and is gripped at 10 s; return what they return."""
+    return page.evaluate(MODEL.replace("ACT", act))
+
+
+def test_a_restart_of_the_daemon_ends_what_its_last_run_said(opened: Page) -> None:
+    assert model(opened, "return known()") == ["touch", "slip", "grip", "force", "texture"]
+    assert model(opened, 'status(2, 20, "none"); return known()') == []
+    assert model(opened, 'status(2, 20, "none"); return board.slips.map((slip) => slip.to)') == [10]
+    assert model(opened, 'status(2, 20, "none"); return board.bands.at(-1).state') == "none"
+    assert model(opened, 'status(1, 10.1, "holding"); return known().length') == 5
+
+
+def test_forces_and_margins_that_come_no_more_are_not_shown(opened: Page) -> None:
+    now = "return [board.grip, board.force].map((message) => board.current(message) !== null)"
+    assert model(opened, f"scan(1, 10.2); {now}") == [True, True]
+    assert model(opened, f"scan(1, 10.5); {now}") == [False, False]
