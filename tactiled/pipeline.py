@@ -336,7 +336,7 @@ class Pipeline:
             if as_blocks:
                 part[-1].out.extend([item, *found])
             elif found:
-                _deliver(item, found, part)
+                _deliver(item, found, part, self.tuning.zero_known_s)
             else:
                 for origin, event in zip(part, scan_events(item, part), strict=True):
                     origin.out.append(event)
@@ -367,8 +367,13 @@ class _ScanOrigin(NamedTuple):
     now_s: float
 
 
-def _deliver(block: ScanBlock, found: Sequence[Event], origins: Sequence[_ScanOrigin]) -> None:
-    """Give scans and events to their reads; each event follows the scan that completed its evidence."""
+def _deliver(
+    block: ScanBlock, found: Sequence[Event], origins: Sequence[_ScanOrigin], known_s: float
+) -> None:
+    """Give scans and events to their reads; each event follows the scan that completed its evidence.
+
+    Events of scans that were held back until the zero was known follow the scan at `known_s`.
+    """
     time_s: list[float] = block.time_s.tolist()
     n_scans = 0
     for event in heapq.merge(scan_events(block, origins), found, key=lambda event: event.evidence_s):
@@ -376,7 +381,9 @@ def _deliver(block: ScanBlock, found: Sequence[Event], origins: Sequence[_ScanOr
             origins[n_scans].out.append(event)
             n_scans += 1
         else:
-            origins[min(bisect_left(time_s, event.evidence_s), len(time_s) - 1)].out.append(event)
+            origins[min(bisect_left(time_s, max(event.evidence_s, known_s)), len(time_s) - 1)].out.append(
+                event
+            )
 
 
 def scan_events(block: ScanBlock, origins: Sequence[_ScanOrigin]) -> Iterator[ScanEvent]:

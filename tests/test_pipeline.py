@@ -19,7 +19,7 @@ from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
-from tactiled.events.types import ContactEvent, Event, ScanEvent, SlipEvent, TextureEvent
+from tactiled.events.types import ContactEvent, Event, ForceEvent, ScanEvent, SlipEvent, TextureEvent
 from tactiled.pipeline import Output, Pipeline, PipelineParams, check_hello
 from tactiled.samples.assembler import SampleParams
 from tactiled.samples.block import ScanBlock
@@ -336,3 +336,17 @@ def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) ->
     assert [e for e in events if isinstance(e, SlipEvent | ContactEvent)] == [
         e for e in everything if isinstance(e, SlipEvent | ContactEvent)
     ]
+
+
+@pytest.mark.parametrize("size", [37, 1000])
+def test_many_reads_at_once_equal_single_ones_while_the_first_scans_give_the_zero(size: int) -> None:
+    """Events of scans that are held back come with the scan that completes the zero."""
+    reads = spoiled_reads()[:200]
+    array = dataclasses.replace(ARRAY, zero_first_s=0.3)
+    single, many = (Pipeline(LAYOUT, array, PipelineParams(force=True)) for _ in range(2))
+    wanted = [single.receive_data(data, now_s) for data, now_s in reads]
+    found: list[list[Output]] = []
+    for start in range(0, len(reads), size):
+        found += many.receive_reads(reads[start : start + size])
+    assert found == wanted
+    assert max(sum(isinstance(out, ForceEvent) for out in outputs) for outputs in wanted) == 30

@@ -108,6 +108,11 @@ class TunedSuite:
         self._slip_is_published = False  # an onset of this slip was published as valid
         self._slip_suppressed: Suppressed = ""
 
+    @property
+    def zero_known_s(self) -> float:
+        """Instant of the scan at which a zero from the first scans was known."""
+        return self._start.known_s
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; mark slips in announced intervals as suppressed."""
         if isinstance(item, Gap):

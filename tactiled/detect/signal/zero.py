@@ -18,12 +18,15 @@ class StartZero:
     ----------
     zero : (channels,) float64 or None
         Median of the valid readings, 0 for a channel without any; None until it is known.
+    known_s : float
+        Instant of the scan that completed it. Nothing is reported of earlier scans before this one.
     """
 
     def __init__(self, first_s: float) -> None:
         self._first_s = first_s
         self._held: list[ScanBlock | Gap] = []
         self.zero: FloatArray | None = None
+        self.known_s = -np.inf
 
     def process(self, item: ScanBlock | Gap) -> list[ScanBlock | Gap]:
         """Return the items that may go on; nothing while the zero is not known."""
@@ -42,5 +45,6 @@ class StartZero:
         seen = valid.any(axis=0)
         zero[seen] = np.nanmedian(np.where(valid, readings, np.nan)[:, seen], axis=0)
         self.zero = zero
+        self.known_s = float(np.concatenate([block.time_s for block in blocks])[n_wanted - 1])
         held, self._held = self._held, []
         return held
