@@ -23,6 +23,7 @@ from tactiled.events.types import Event, ForceEvent, GripEvent
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.pipeline import Pipeline, check_hello
+from tactiled.plots import PICTURES
 from tactiled.recording.bag import BAGS, read_bag
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
@@ -34,7 +35,6 @@ from tactiled.wire.frames import Hello
 logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
-PICTURES = (".png", ".pdf", ".svg")
 _PART_SCANS = 1000  # ten seconds of the published board
 # Of the range, beyond its ends: saturated readings are nearer, readings in another unit are farther.
 _NO_READING_PART = 0.5

@@ -10,7 +10,7 @@ from typing import Any
 from tactiled import resources
 from tactiled.errors import ConfigError
 
-_CALLED = {"config/arrays": "array", "protocols": "layout"}
+_CALLED = {"config/arrays": "array", "protocols": "layout", "config/calibration": "calibration"}
 
 
 def locate(name_or_path: str, kind: str) -> Path:

@@ -15,6 +15,7 @@ _LEAST_RESPONSE = 20.0  # standard deviations of the noise: below, nothing press
 _LARGEST_MPA = 2.0  # silicone skins tear or bottom out at a few MPa
 _OPPOSITE, _UNRELATED, _SWAPPED = -0.5, 0.3, 0.7  # correlations of shear with the axis of the array
 _LEAST_SHEAR = 0.1  # of the range of the normal force: below, the directions of shear cannot be compared
+_MOST_LEFT = 0.5  # of the spread of a force that a fit leaves over; useful ones leave a tenth and less
 _LEAST_BINS = 10  # without contact and with it, to compare them
 _MOST_NOMINAL = 15.0  # nominal forces may be wrong by 2.7 and by electrodes; grams are wrong by 102
 _GRAMS_PER_N = 101.97
@@ -141,3 +142,16 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
     a, b = one - one.mean(), other - other.mean()
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0 else 0.0
+
+
+def check_fit(left_out: FloatArray, outputs: FloatArray, used: list[int]) -> None:
+    """Refuse a fit that explains none of the forces (n, 6) in the segments that were left out."""
+    forces = [k for k in used if k < len(AXES)]
+    spread = np.maximum(outputs[:, forces].std(axis=0), 1e-12)
+    part = float((np.sqrt((left_out[:, forces] ** 2).mean(axis=0)) / spread).min())
+    if part > _MOST_LEFT:
+        raise DataError(
+            f"the readings do not explain the reference: {100 * min(part, 1.0):.0f} % of each force is left "
+            "over in presses that were left out of the fit. Are both records of the same presses, and the "
+            "clocks within 5 s of each other? Else record a longer log, with more presses"
+        )

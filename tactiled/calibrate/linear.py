@@ -2,7 +2,8 @@
 
 Every output is a weighted sum of the features of a bin: forces have weights of their own, and moments are the
 same weights times the places of the taxels. All normal equations follow from the one matrix of products of
-features. Offsets of the reference have no prior and are eliminated by centring.
+features. Offsets of the reference are those that it read while nothing touched the array; where it was never
+free, they have no prior and are eliminated by centring.
 """
 
 from dataclasses import dataclass
@@ -64,6 +65,9 @@ class Regression:
         Place of the taxel that a feature belongs to.
     priors : three of Prior
         For fx, fy, fz.
+    offset : (6,) float64, optional
+        Outputs of the reference without a load, where they are known. A fitted offset would be a force that
+        the running model, which reads 0 at rest, does not have.
     """
 
     def __init__(
@@ -74,10 +78,11 @@ class Regression:
         x_mm: FloatArray,
         y_mm: FloatArray,
         priors: tuple[Prior, Prior, Prior],
+        offset: FloatArray | None = None,
     ) -> None:
         self._features, self._outputs, self._used = features, outputs, used
         self._x, self._y = x_mm, y_mm
-        self._priors = priors
+        self._priors, self._offset = priors, offset
         self._roots = [linalg.cholesky(prior.precision) for prior in priors]
 
     def solve(
@@ -87,7 +92,11 @@ class Regression:
         f = self._features if rows is None else self._features[rows]
         y = self._outputs if rows is None else self._outputs[rows]
         n = max(len(f), 1)
-        mean, level = f.mean(axis=0), y.mean(axis=0)
+        if self._offset is None:
+            mean, level = f.mean(axis=0), y.mean(axis=0)
+        else:
+            mean, level = np.zeros(f.shape[1]), self._offset
+            y = y - level
         gram = f.T @ f - n * np.outer(mean, mean)
         cross = f.T @ y - n * np.outer(mean, level)
         w = np.zeros(6)

@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from tactiled.array import Array, FloatArray
+from tactiled.calibrate.clock import free_level, quiet_bins
 from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog
 from tactiled.calibrate.linear import LinearFit, Prior, Regression
 from tactiled.force.calibration import CreepState, LoadCurve, PairsModelParams
@@ -108,6 +109,7 @@ class PairsFitter:
         self._array, self._log, self._reference = array, log, reference
         self._late_s, self._rows = late_s, rows
         self._mean = taxel_means(array)
+        self._quiet = quiet_bins(log) & rows
         self.used = reference.outputs
         self.unit: float = float(np.quantile(log.readings.max(axis=1), 0.95)) if like is None else like.unit
         noise = float(np.median(log.noise))
@@ -169,6 +171,7 @@ class PairsFitter:
             x + turn * y,
             y - turn * x,
             self._priors(features, outputs),
+            free_level(outputs, self._quiet),
         )
         return problem, features
 

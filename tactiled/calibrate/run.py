@@ -1,6 +1,7 @@
 """``tactiled calibrate``: read the files, fit, write the calibration, print the verdict."""
 
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,11 @@ from tactiled.calibrate.files import read_log, read_reference
 from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
 from tactiled.errors import ConfigError, DataError
 from tactiled.force.calibration import save_calibration
+from tactiled.plots import PICTURES
 from tactiled.progress import ProgressBar
 from tactiled.recording.table import TimeUnit
+
+_TAKEN, _LONGEST = ("nominal", "none"), 64  # values of the field `calibration` of messages, and its length
 
 
 def calibrate_files(
@@ -36,6 +40,13 @@ def calibrate_files(
     """
     if not out.parent.is_dir() or out.suffix != ".toml":
         raise ConfigError("-o", [f"{out}: name a .toml in a folder that exists"])
+    if out.stem in _TAKEN or len(out.stem) > _LONGEST:
+        fault = f"{out.name}: the name of the file becomes the name in messages; at most {_LONGEST} letters, "
+        raise ConfigError("-o", [fault + f"and not {' or '.join(_TAKEN)}, which have a meaning there"])
+    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
+        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
+    if temperature_c is not None and not math.isfinite(temperature_c):
+        raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
     data = read_log(log, array, columns, time_unit)
     table = read_reference(reference, data.array.n_taxels)
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.checks import check_log, check_reference, check_signs, check_unit
-from tactiled.calibrate.clock import align, quiet_bins
+from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
+from tactiled.calibrate.clock import align, free_level, quiet_bins
 from tactiled.calibrate.data import AlignedReference, BinnedLog, ReferenceTable, bin_log
 from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.pairs import PairsFit, PairsFitter
@@ -146,7 +146,9 @@ def calibrate(
         late_s, drift = late_s + fit.physics["late_s"], fit.physics["drift"]
         candidates["pairs"] = _pairs_candidate(fit, log, used)
     outputs = reference.means(late_s, drift)
-    outputs = outputs - _offset(outputs, log, rows)
+    level = free_level(outputs, quiet_bins(log) & rows)
+    if level is not None:
+        outputs = outputs - level
     outputs[:, [k for k in range(6) if k not in used]] = 0.0
     plain = fit_smooth(array, log, outputs, used, rows, PLAIN)
     reached("baseline")
@@ -156,6 +158,7 @@ def calibrate(
     reached("choice of the model")
     name = _chosen(candidates, outputs[rows], used)
     best = candidates[name]
+    check_fit(best.left_out, outputs[rows], used)
     forces = best.features @ best.weights.T
     n_segments = int(segments(quiet_bins(log)[rows], log.step_s).max()) + 1
     axes = _uncertainties(best, forces, reference, log, used, n_segments)
@@ -191,12 +194,6 @@ def has_pairs(array: Array) -> bool:
         and int(np.bincount(array.channel_taxel, minlength=array.n_taxels).min()) >= 3
         and array.has_places
     )
-
-
-def _offset(outputs: FloatArray, log: BinnedLog, rows: NDArray[np.bool_]) -> FloatArray:
-    """Readings (6,) of the reference without a load: where nothing touches, or else the median of all."""
-    quiet = quiet_bins(log) & rows
-    return np.median(outputs[quiet], axis=0) if quiet.sum() >= 5 else np.zeros(6)
 
 
 def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> FittedModel:

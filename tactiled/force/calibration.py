@@ -6,12 +6,13 @@ force is a weighted sum of features (`tactiled.force.model`).
 """
 
 import itertools
+import json
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactiled import resources, tomlfile
+from tactiled import resources, tomlfile, tomltext
 from tactiled.array import Array
 from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
@@ -166,7 +167,7 @@ def load_calibration(name_or_path: str) -> CalibrationFile:
     ConfigError
         Lists every fault of the file.
     """
-    return tomlfile.load(resources.find(name_or_path, FOLDER), CalibrationFile)
+    return tomlfile.load(tomltext.locate(name_or_path, FOLDER), CalibrationFile)
 
 
 def has_nominal(array: str) -> bool:
@@ -205,7 +206,7 @@ def _value(value: object) -> str:
     if isinstance(value, float):
         return _number(value)
     if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML escapes as JSON does
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_value(inner)}" for key, inner in value.items()) + " }"
     assert isinstance(value, list | tuple)

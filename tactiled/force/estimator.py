@@ -21,8 +21,10 @@ _AT_LIMIT = (
     0.9  # of the largest calibrated reading: an invalid reading above is saturated, one below is a fault
 )
 _TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
-_BEYOND = 1.1  # times the largest calibrated reading: above, the load curve is extrapolated
-_BEYOND_PART = 0.25  # relative standard deviation for each e-fold beyond
+_BEYOND = 1.1  # times the largest calibrated reading or force: above, the model is extrapolated
+# Relative standard deviation for each e-fold beyond. The curve of the model of pairs is physics; squares bend
+# either way, so that nothing but the size is known.
+_BEYOND_PAIRS, _BEYOND_SMOOTH = 0.25, 2.0
 # A normal force below so many standard deviations of that on a free array has no centre of pressure. An error
 # of all taxels together does not move the centre.
 _NO_CENTRE_SDS = 3.0
@@ -106,6 +108,12 @@ class ForceEstimator:
         self._of_normal2 = [value**2 for value in uncertainty.of_normal]
         self._per_unit2 = [value**2 for value in uncertainty.n_per_unit]
         self._limit = self._largest * _BEYOND
+        ranges = (file.range.fx_n, file.range.fy_n, file.range.fz_n)
+        self._most_n = [
+            max(-least, most, 1e-9) * _BEYOND if is_known else math.inf
+            for (least, most), is_known in zip(ranges, self._known, strict=True)
+        ]
+        self._beyond2 = (_BEYOND_SMOOTH if file.pairs is None else _BEYOND_PAIRS) ** 2
         self._centre_mm = (float(array.x_mm.mean()), float(array.y_mm.mean()))
         self.reset()
 
@@ -161,10 +169,12 @@ class ForceEstimator:
         features = self._model.features(relative, step_s)
         values = self._matrix @ features
         outputs: list[float] = values[: self._n_outputs].tolist()
-        excess = float((relative / self._limit).max())
+        excess = float(np.abs(relative / self._limit).max())
+        if abs(outputs[2]) > self._most_n[2]:
+            excess = max(excess, abs(outputs[2]) / self._most_n[2])
         gain2 = _WARMING**2 * min(self._zero.touched_s / _WARMING_S, 1.0)
         if excess > 1.0:
-            gain2 += (_BEYOND_PART * math.log(excess)) ** 2
+            gain2 += self._beyond2 * math.log(_BEYOND * excess) ** 2
         missing2 = [0.0, 0.0, 0.0] if valid is None else self._missing_variance(features, valid)
         zero2 = self._zero.sd() ** 2
         normal2 = outputs[2] ** 2
@@ -173,7 +183,7 @@ class ForceEstimator:
         for axis in range(3):
             errors = values[at : at + self._rank[axis]]
             at += self._rank[axis]
-            if not self._known[axis]:
+            if not self._known[axis] or n_missing == len(readings):
                 sd.append(UNKNOWN_SD_N)
                 continue
             variance = (

@@ -1,6 +1,7 @@
 """Files of a calibration: from an emulated rig to forces, and what is said of bad ones."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,32 @@ def test_the_picture_shows_only_known_axes(tmp_path: Path) -> None:
         tmp_path / "one.png", np.arange(n) / 25, np.ones((n, 6)), np.zeros((n, 6)), np.ones((n, 3)), [2], "x"
     )
     assert (tmp_path / "one.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["-o", "nominal.toml"], "have a meaning"),
+        (["-o", "a" * 80 + ".toml"], "at most 64 letters"),
+        (["-o", "b.toml", "--plot", "p.xyz"], "name a .png"),
+        (["-o", "b.toml", "--plot", "missing/p.png"], "folder that exists"),
+        (["-o", "b.toml", "--temperature-c", "nan"], "give a number"),
+    ],
+)
+def test_options_are_checked_before_the_fit(options: list[str], says: str, tmp_path: Path) -> None:
+    files = [tmp_path / "log.npz", tmp_path / "ft.csv"]
+    for file in files:
+        file.touch()
+    said = CliRunner().invoke(cli, ["calibrate", str(files[0]), "--reference", str(files[1]), *options])
+    assert isinstance(said.exception, ConfigError)
+    assert says in str(said.exception)
+
+
+def test_an_unknown_shipped_calibration_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="shipped: wang2019-3x3"):
+        load_calibration("nosuch")
+
+
+def test_any_text_in_a_file_can_be_read_again() -> None:
+    text = 'left "hand"\\ \n\t\x7f µ'
+    assert tomllib.loads(to_toml({"board": text}))["board"] == text

@@ -260,3 +260,43 @@ def test_a_magnetometer_skin_of_any_rate_and_zero(stride: int, unit_offset: floa
     force = np.array([event.fz_n for event in events])
     true = rig.reference.seen(test.loads.wrench(array))[::stride, 2]
     assert np.sqrt(((force - true) ** 2).mean()) < 0.5
+
+
+def _afterglow(loads_n: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Readings of a skin without a dead zone whose creep adds to the load: it reads on after a press."""
+    taxel, azimuth = ARRAY.channel_taxel, np.deg2rad(ARRAY.azimuth_deg)
+    towards = loads_n[:, taxel, 0] * np.cos(azimuth) + loads_n[:, taxel, 1] * np.sin(azimuth)
+    load = np.maximum(0.25 * rng.normal(1, 0.1, 36) * (loads_n[:, taxel, 2] + 0.8 * towards), 0.0)
+    follow = -np.expm1(-0.01 / np.array([0.3, 3.0, 30.0]))[:, np.newaxis]
+    state, total = np.zeros((3, 36)), np.empty_like(load)
+    for k, row in enumerate(load):
+        state += follow * (row - state)
+        total[k] = row + 0.01 * state.sum(axis=0)
+    ratio = rng.lognormal(0, 0.2, 36) * total**0.75
+    return np.asarray(3.3 * ratio / (1 + ratio) + 1e-3 * rng.standard_normal(load.shape)).clip(0, 3)
+
+
+def test_a_free_array_has_no_force_where_the_model_is_wrong() -> None:
+    rig, run, test = rig_run()
+    found = study(run, table(run), _afterglow(run.loads.taxels_n, np.random.default_rng(8)))
+    readings = _afterglow(test.loads.taxels_n, np.random.default_rng(8))
+    error, sd = errors(found, rig, replace(test, readings=readings))
+    assert (np.abs(error) < Z90 * sd)[:, 2].mean() > 0.75
+    assert abs(error[:, 2].mean()) < 0.05
+
+
+def test_a_reference_of_other_presses_is_refused_though_chance_aligns_it() -> None:
+    _, run, _ = rig_run()
+    reference = table(run)
+    with pytest.raises(DataError, match=r"do not explain|do not resemble"):
+        study(run, replace(reference, time_s=reference.time_s + 11.0))
+
+
+def test_a_skin_of_magnets_flags_loads_beyond_its_calibration() -> None:
+    array = load_array("magnetometers-5")
+    rig, rng = draw_rig(array, 4)
+    run = rig.run("walk", 40.0, rng)
+    found = calibrate(array, run.loads.time_s, run.readings, table(run), Identity("skin"))
+    rest = np.median(run.readings[:30], axis=0)
+    beyond = ForceEstimator(array, found.file).process(regular_block(-3.0 * (run.readings - rest), 100.0))
+    assert np.mean([event.beyond_range for event in beyond]) > 0.3

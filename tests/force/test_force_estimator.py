@@ -139,3 +139,13 @@ def test_without_a_calibration_every_force_is_unknown() -> None:
     (force,) = source.process(regular_block(np.zeros((1, 36)), RATE_HZ))
     assert (force.calibration, force.valid, force.fz_sd_n) == ("none", False, UNKNOWN_SD_N)
     assert source.process(Gap(3, "missing", 7)) == []
+
+
+def test_a_scan_without_any_reading_has_no_known_force() -> None:
+    volts = press(100)
+    valid = np.ones(volts.shape, dtype=bool)
+    valid[90:] = False
+    events = forces(volts, valid)
+    assert not events[-1].valid
+    assert events[-1].fz_sd_n == UNKNOWN_SD_N
+    assert events[80].fz_sd_n < UNKNOWN_SD_N
