@@ -85,7 +85,7 @@ def source_hash(source: Path = SOURCE) -> str:
 
 
 path = load()
-"""What was loaded with this module."""
+"""Library that was loaded with this module."""
 
 
 def library() -> Any | None:

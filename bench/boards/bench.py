@@ -51,7 +51,7 @@ endpoints = ["ipc://{folder}/{endpoint}"]
 
 @dataclass(frozen=True)
 class Load:
-    """What some boards cost, and how late and how complete their scans were.
+    """Cost of some boards, and delay and completeness of their scans.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Load:
 
     @property
     def is_live(self) -> bool:
-        """Whether all boards were read completely and were always fresh."""
+        """True where all boards were read completely and were always fresh."""
         return self.lost == 0 and self.valid_part == 1.0
 
     def quantile_ms(self, q: float) -> float:

@@ -60,7 +60,7 @@ _WATCH = """
 
 @dataclass(frozen=True)
 class PageMeasures:
-    """What was measured of one run.
+    """Measurements of one run.
 
     Attributes
     ----------

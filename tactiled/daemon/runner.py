@@ -108,7 +108,7 @@ class BoardRunner:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the newest status of the board says that its data are fresh."""
+        """True where the newest status of the board says that its data are fresh."""
         return self._report.is_fresh
 
     async def run(self, fault: str = "", pause_s: float = 0.0) -> None:

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.zero import StartZero
+from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Suppressed
@@ -100,6 +102,7 @@ class TunedSuite:
         self._suite = self._build(self._array, self.params)
         if self._force is not None:
             self._force.reset()
+            self._quantiser, self._stuck = Quantiser(self._array), StuckChannelDetector(self._array)
         self._recent: deque[ScanBlock] = deque()
         self._n_recent = 0  # scans in them
         self._inhibited = _AnnouncedIntervals()
@@ -124,8 +127,15 @@ class TunedSuite:
         events = self._mark_suppressed([event for part in parts for event in self._suite.process(part)])
         if self._force is None:
             return events
-        forces = [event for part in parts for event in self._force.process(part)]
+        forces = [event for part in parts for event in self._force.process(self._without_stuck(part))]
         return list(heapq.merge(events, forces, key=lambda event: event.evidence_s))
+
+    def _without_stuck(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
+        """Return the item with the readings of stuck channels marked as not valid."""
+        if isinstance(item, Gap):
+            return item
+        stuck = self._stuck.process(self._quantiser.process(item).steps)
+        return replace(item, valid=item.valid & ~stuck) if stuck.any() else item
 
     def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
         """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""

@@ -49,7 +49,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class Listening:
-    """What to serve, and where.
+    """Endpoints to serve, and the address of the page.
 
     Attributes
     ----------

@@ -54,3 +54,14 @@ def test_a_gap_keeps_zero_and_contact() -> None:
     again = forces(tuned.process(regular_block(volts(10, 0.5), 100.0, start_s=8.0, index=800)))
     assert again[0].fz_n == pytest.approx(held[-1].fz_n, rel=0.02)
     assert len(again) == 10
+
+
+def test_a_channel_that_dies_in_a_hold_is_left_out_and_widens_the_interval() -> None:
+    readings = volts(600, 0.5)
+    readings[300:, 8] = 0.0
+    found = forces(suite().process(regular_block(readings, 100.0)))
+    assert all(event.valid for event in found[:300])
+    assert {event.channels_missing for event in found[:300]} == {0}
+    assert {event.channels_missing for event in found[341:]} == {1}
+    assert found[-1].fx_sd_n > found[299].fx_sd_n
+    assert found[-1].fz_n == pytest.approx(found[299].fz_n, rel=0.01)

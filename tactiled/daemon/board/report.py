@@ -52,7 +52,7 @@ class Report:
         self._outlets = outlets
         self._announce = announce
         self.is_fresh = False
-        """Whether the newest status says that data are fresh."""
+        """True where the newest status says that data are fresh."""
         self._logged = (session.state, session.reason(0.0))
         self._warned: dict[str, str] = {}
         self._log = RateLimitedLog(logger)
