@@ -141,7 +141,7 @@ class ForceEstimator:
         events: list[ForceEvent] = []
         for scan, time_s in enumerate(times):
             elapsed_s = step_s
-            if scan == 0 and self._last_s is not None and time_s - self._last_s > 1.5 * step_s:
+            if self._last_s is not None and time_s - self._last_s > 1.5 * step_s:
                 elapsed_s = time_s - self._last_s
             self._last_s = time_s
             valid = None if complete[scan] else item.valid[scan]

@@ -1,5 +1,6 @@
 """Force events beside those of the detectors: order, tare, gaps."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -65,3 +66,14 @@ def test_a_channel_that_dies_in_a_hold_is_left_out_and_widens_the_interval() -> 
     assert {event.channels_missing for event in found[341:]} == {1}
     assert found[-1].fx_sd_n > found[299].fx_sd_n
     assert found[-1].fz_n == pytest.approx(found[299].fz_n, rel=0.01)
+
+
+@pytest.mark.parametrize("size", [1, 7, 400])
+def test_forces_do_not_depend_on_chunks_when_a_new_clock_fit_moves_the_times(size: int) -> None:
+    """After a replug the clock is fitted anew; its times may jump between two scans."""
+    block = regular_block(volts(400, 0.5), 100.0)
+    block = dataclasses.replace(block, time_s=block.time_s + 3.6 * (np.arange(400) >= 150))
+    whole = forces(suite().process(block))
+    tuned = suite()
+    parts = [forces(tuned.process(block[first : first + size])) for first in range(0, 400, size)]
+    assert list(itertools.chain.from_iterable(parts)) == whole
