@@ -20,6 +20,11 @@ MESSAGE_VERSION = 1
 _RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected", "answered_s": "answered"}
 
 
+def message_key(name: str) -> str:
+    """Return the key under which a field of an event stands in its message."""
+    return _RENAMED.get(name, name)
+
+
 @functools.lru_cache(maxsize=256)  # boards times topics; a board that renames itself costs no memory for ever
 def topic_of(board: str, event_topic: str) -> str:
     """Return ``tactile/<board>/<topic>``; characters at which viewers split filters become ``-``."""
@@ -64,7 +69,7 @@ def _plain(kind: Any) -> Callable[[Any], Any]:
 
 def _fields(kind: type[Event]) -> tuple[_Field, ...]:
     return tuple(
-        _Field(field.name, _RENAMED.get(field.name, field.name), _converter(field.name, field.type))
+        _Field(field.name, message_key(field.name), _converter(field.name, field.type))
         for field in dataclasses.fields(kind)
     )
 

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.board_geometry import geometry_of
-from tactiled.client import Item, Lost, Message, Recovered, Restarted
+from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
+from tactiled.errors import ContractError
+from tactiled.events.incoming import checked_map
 
 _EVENTS = 50
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
@@ -118,14 +120,34 @@ class BoardViews:
     def __init__(self, array: Array | None = None) -> None:
         self._array = array
         self.boards: dict[str, BoardView] = {}
+        self.unreadable = 0
+        """Number of messages that are not as protocols/events.md says, such as a foreign publisher sends."""
+        self._unreadable_reason = ""
+
+    @property
+    def notice(self) -> str:
+        """Number of unreadable messages, and the fault of the newest; empty where there is none."""
+        if not self.unreadable:
+            return ""
+        reason = "".join(c if c.isprintable() else "?" for c in self._unreadable_reason)
+        return f"{self.unreadable} messages are not as protocols/events.md says; the newest: {reason}"
 
     def take(self, item: Item) -> None:
-        """Take an item of the subscription."""
-        if isinstance(item, Message):
-            self._message(self._board(item.board), item)
-        elif isinstance(item, Recovered):
-            message = item.message
-            self._list(self._board(message.board), message)
+        """Take an item of the subscription; a message that cannot be read is counted."""
+        if isinstance(item, Message | Recovered):
+            message = item.message if isinstance(item, Recovered) else item
+            try:
+                message = replace(message, data=checked_map(message.topic, message.data))
+            except ContractError as error:
+                self._refuse(str(error))
+                return
+            board = self._board(message.board)
+            if isinstance(item, Recovered):
+                self._list(board, message)
+            else:
+                self._message(board, message)
+        elif isinstance(item, Malformed):
+            self._refuse(item.reason)
         elif isinstance(item, Lost | Restarted):
             words = (
                 f"{item.count} {item.topic} messages lost" if isinstance(item, Lost) else "daemon restarted"
@@ -133,6 +155,10 @@ class BoardViews:
             board = self._board(item.board)
             at_s = float(board.newest.get("status", {}).get("timestamp", 0.0))
             board.events.appendleft(ListedEvent(at_s, "notice", words))
+
+    def _refuse(self, reason: str) -> None:
+        self.unreadable += 1
+        self._unreadable_reason = reason
 
     def _board(self, name: str) -> BoardView:
         """Return the view of a board; a daemon that waits for its board means the only one it had."""

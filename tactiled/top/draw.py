@@ -22,8 +22,13 @@ _CELL = (9, 2)  # columns and lines of a taxel where there is room
 _ARRAY_LINES = 10
 
 
-def draw(board: BoardView, now_unix_s: float, width: int, height: int, footer: str) -> list[Text]:
-    """Return the lines of the screen, `height` of them, each at most `width` wide."""
+def draw(
+    board: BoardView, now_unix_s: float, width: int, height: int, footer: str, notice: str = ""
+) -> list[Text]:
+    """Return the lines of the screen, `height` of them, each at most `width` wide.
+
+    `notice`, unless it is empty, takes the place of the last event, above the footer.
+    """
     lamp = board.lamp(now_unix_s)
     live = lamp.state in ("FRESH", "LATE")
     left = _array(board, live, max(20, width // 2 - 4))
@@ -40,7 +45,9 @@ def draw(board: BoardView, now_unix_s: float, width: int, height: int, footer: s
     room = max(0, height - len(lines) - 1)
     lines += [_event_line(event.at_s, event.topic, event.words) for event in list(board.events)[:room]]
     lines = lines[: height - 1]
-    lines += [Text()] * (height - 1 - len(lines))
+    lines += [Text() for _ in range(height - 1 - len(lines))]
+    if notice and lines:
+        lines[-1] = Text(f" {notice}", "bold")
     lines.append(Text(footer, "reverse"))
     for line in lines:
         line.plain = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line.plain)

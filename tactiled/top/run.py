@@ -43,8 +43,12 @@ def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool
             _receive(subscription, views, time.monotonic() + _ONCE_S)
             return _print_once(views, as_json)
         if as_json:
+            said = ""
             while True:
                 _receive(subscription, views, time.monotonic() + 1.0)
+                if views.notice != said:
+                    said = views.notice
+                    click.echo(said, err=True)
                 for board in views.boards.values():
                     click.echo(json.dumps(snapshot(board, time.time())))
         if not sys.stdin.isatty() or not sys.stdout.isatty():
@@ -88,6 +92,8 @@ def _print_once(views: BoardViews, as_json: bool) -> int:
             width, height = shutil.get_terminal_size((80, 24))
             for line in draw(board, time.time(), width, height - 1, ""):
                 click.echo(_painted(line, width).rstrip())
+    if views.notice:
+        click.echo(views.notice, err=True)
     if not boards:
         click.echo("no daemon publishes there: is tactiled run running?", err=True)
     return int(not boards)
@@ -125,7 +131,12 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             if time.monotonic() > footer_until_s:
                 footer = _KEYS
             width, height = shutil.get_terminal_size((80, 24))
-            show([_painted(line, width) for line in draw(board, time.time(), width, height, footer)])
+            show(
+                [
+                    _painted(line, width)
+                    for line in draw(board, time.time(), width, height, footer, views.notice)
+                ]
+            )
 
 
 @contextmanager

@@ -10,21 +10,18 @@ becomes JSON once, whatever the number of browsers.
 import json
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from tactiled.array import Array
 from tactiled.board_geometry import geometry_of
 from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
+from tactiled.errors import ContractError
+from tactiled.events.incoming import checked_map
 
 HISTORY_S = 60.0  # span of the timeline on the page
 _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points over the timeline
 _HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
-_FOREIGN = (
-    ValueError,
-    TypeError,
-    OverflowError,
-    IndexError,
-)  # fields of other kinds than protocols/events says
 LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
 _NEWEST = ("geometry", "info", "status", "recording", "contact")
@@ -64,18 +61,18 @@ class Feed:
         self._newest_s: dict[int, float] = {}
         self._array_ids: dict[tuple[int, str], tuple[str, int]] = {}
         self.unreadable = 0
-        """Number of messages that cannot be written as JSON, such as NaN from a foreign publisher."""
+        """Number of messages that are not as protocols/events.md says, such as a foreign publisher sends."""
 
     def take(self, source: int, item: Item) -> None:
         """Take an item of the subscription to an endpoint."""
         if isinstance(item, Message | Recovered):
-            recovered = isinstance(item, Recovered)
+            message = item.message if isinstance(item, Recovered) else item
             try:
-                self._message(
-                    source, item.message if isinstance(item, Recovered) else item, recovered=recovered
-                )
-            except _FOREIGN:
+                message = replace(message, data=checked_map(message.topic, message.data))
+            except ContractError:
                 self.unreadable += 1
+                return
+            self._message(source, message, recovered=isinstance(item, Recovered))
         elif isinstance(item, Lost):
             words = f"{item.count} {item.topic} messages were lost on the way"
             self._notice(source, item.board, "lost", words)

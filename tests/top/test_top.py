@@ -17,13 +17,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from messages import SLIP, STATUS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from message_strategies import instances
+from messages import SLIP, STATUS, anything
 from pages import PATIENCE_S, robot
 
 from tactiled.array import load_array
-from tactiled.client import Lost, Message, Recovered, Restarted
+from tactiled.client import Lost, Malformed, Message, Recovered, Restarted
 from tactiled.events.codec import to_map
-from tactiled.events.types import Event, ScanEvent, TextureEvent
+from tactiled.events.types import EVENT_TYPES, Event, InfoEvent, ScanEvent, TextureEvent
 from tactiled.resources import shipped_names
 from tactiled.top.boards import BoardViews
 from tactiled.top.draw import draw
@@ -39,11 +42,14 @@ def message(event: Event, seq: int = 0, board: str = "TS1") -> Message:
 
 def info(name: str) -> Message:
     array = load_array(name)
-    data = {
-        "array_id": name, "channels": array.n_channels, "taxels": array.n_taxels, "x_mm": array.x_mm.tolist(),
-        "y_mm": array.y_mm.tolist(), "channel_names": list(array.channel_name), "board": "TS1",
-    }  # fmt: skip
-    return Message("info", "TS1", 0, NOW_S, data, 0.0, 0.0)
+    return message(
+        InfoEvent(
+            time_s=NOW_S, board_serial="TS1", firmware_version="1", protocol="board-v1", protocol_version=1,
+            array_id=name, channels=array.n_channels, taxels=array.n_taxels, x_mm=tuple(array.x_mm),
+            y_mm=tuple(array.y_mm), channel_names=tuple(array.channel_name), rate_hz=100.0,
+            volts_per_count=1.0, channel_offset_s=(0.0,) * array.n_channels, tactiled_version="0",
+        )
+    )  # fmt: skip
 
 
 def scan(n_channels: int, time_s: float = NOW_S) -> ScanEvent:
@@ -125,6 +131,34 @@ def test_a_restart_of_the_daemon_ends_what_its_last_run_said() -> None:
 def test_control_characters_do_not_reach_the_terminal() -> None:
     board = views_of(warning="\x1b[2J\x1b]0;title\x07\n").boards["TS1"]
     assert all(line.plain.isprintable() for line in draw(board, NOW_S + 0.05, 80, 24, ""))
+
+
+TOPICS = st.sampled_from(list(EVENT_TYPES)) | st.text(max_size=8)
+
+
+@given(st.lists(st.tuples(TOPICS, anything(st.text()), st.booleans()), max_size=5))
+@settings(deadline=None)
+def test_any_foreign_map_is_a_counted_line(items: list[tuple[str, Any, bool]]) -> None:
+    views = views_of()
+    for topic, data, recovered in items:
+        made = Message(topic, "TS1", 0, NOW_S, {"v": 1, "data": data}, 0.0, 0.0)
+        views.take(Recovered(made) if recovered else made)
+    views.take(Malformed("2 frames"))
+    assert views.unreadable == len(items) + 1
+    lines = draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, "keys", views.notice)
+    assert f"{len(items) + 1} messages are not as protocols/events.md says" in lines[-2].plain
+    assert all(line.plain.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize("kind", EVENT_TYPES.values(), ids=EVENT_TYPES)
+@given(data=st.data())
+@settings(deadline=None, max_examples=40)
+def test_any_values_that_the_types_allow_can_be_drawn(kind: type[Event], data: st.DataObject) -> None:
+    views = views_of()
+    views.take(message(data.draw(instances(kind))))
+    for board in views.boards.values():
+        json.dumps(snapshot(board, NOW_S), allow_nan=False)
+        assert len(draw(board, NOW_S + 0.05, 80, 24, "keys", views.notice)) == 24
 
 
 def test_losses_restarts_and_recovered_messages_are_listed() -> None:

@@ -2,19 +2,32 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
+
+from messages import CONTACT, SLIP, STATUS
 
 from tactiled.array import load_array
 from tactiled.board_geometry import geometry_of
 from tactiled.client import Lost, Message, Recovered, Restarted
+from tactiled.events.codec import to_map
+from tactiled.events.types import Event, InfoEvent, ScanEvent
 from tactiled.resources import shipped_names
 from tactiled.web.feed import HISTORY_S, Feed
 
 NOW_S = 1000.0
+INFO = InfoEvent(
+    time_s=0.0, board_serial="TS1", firmware_version="1", protocol="board-v1", protocol_version=1,
+    array_id="mine", channels=1, taxels=1, x_mm=(0.0,), y_mm=(0.0,), channel_names=("t0.a",), rate_hz=100.0,
+    volts_per_count=1.0, channel_offset_s=(0.0,), tactiled_version="0",
+)  # fmt: skip
+SCAN = ScanEvent(time_s=0.0, index=0, volts=(1.0,), valid=(True,), time_sd_s=0.0, age_s=0.0, late=False)
+SAMPLES: dict[str, Event] = {event.topic: event for event in (SLIP, CONTACT, STATUS, SCAN, INFO)}
 
 
 def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message:
-    data = {"timestamp": at_s, "seq": seq, "board": "TS1", "run": 1, **fields}
+    event = replace(SAMPLES[topic], time_s=at_s)
+    data = {**to_map(event, seq=seq, board="TS1", unix_offset_s=0.0, run=1), **fields}
     return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0)
 
 
