@@ -29,6 +29,7 @@ BENCHES = {
 }
 WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
 WITH_ABLATION = ("grip",)
+WITH_JOBS = ("force", "grip", "slip", "texture")
 WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 
@@ -38,7 +39,12 @@ WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 @click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
 @click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
 @click.option("--ablate", is_flag=True, help="grip: also without each part of the model, a few minutes more.")
-def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None, ablate: bool) -> None:
+@click.option(
+    "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
+)
+def bench(
+    name: str, quick: bool, plot: Path | None, numbers: Path | None, ablate: bool, dask: str | None
+) -> None:
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
@@ -59,10 +65,12 @@ def bench(name: str, quick: bool, plot: Path | None, numbers: Path | None, ablat
             raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in names)}")
     if ablate and name not in WITH_ABLATION:
         raise click.UsageError(f"--ablate is for {', '.join(f'`bench {one}`' for one in WITH_ABLATION)}")
+    if dask is not None and name not in WITH_JOBS:
+        raise click.UsageError(f"--dask is for {', '.join(f'`bench {one}`' for one in WITH_JOBS)}")
     if plot is not None:
         need_extra("matplotlib", "plot", "bench --plot")
     measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
-    options = BenchOptions(quick, plot, numbers, ablate)
+    options = BenchOptions(quick, plot, numbers, ablate, dask)
     with ProgressBar(f"bench {name}", None) as progress:
         report: BenchReport = measure(progress, options)
     report.write(options)

@@ -48,6 +48,7 @@ from tactiled import plain_table
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
+BENCH_WORKERS = 2  # processes of the long benches: measured times are of a two-core machine
 NONE = "-"  # in a cell without a value
 
 
@@ -63,12 +64,15 @@ class BenchOptions:
         Files to write. A bench may measure more for them.
     ablate : bool
         Also take parts of the method out, one at a time.
+    dask : str, optional
+        Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
     """
 
     quick: bool = False
     plot: Path | None = None
     json: Path | None = None
     ablate: bool = False
+    dask: str | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -33,6 +34,8 @@ from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
+
+OFFLINE_TOPICS = (*DETECTED_TOPICS, "force")
 
 FloatArray = NDArray[np.float64]
 _PART_SCANS = 1000  # ten seconds of the published board
@@ -80,7 +83,7 @@ class Choices:
     config: Path | None = None
     tare_s: float | None = None
     sliding: KnownSliding | None = None
-    topics: tuple[str, ...] = (*DETECTED_TOPICS, "force")
+    topics: tuple[str, ...] = OFFLINE_TOPICS
     grip_hz: float = 0.0
     calibration: str | None = None
     force_hz: float = 10.0
@@ -155,21 +158,47 @@ def detect_file(
     plot: Path | None = None,
     reached: Reached | None = None,
 ) -> Log:
-    """Print the events of a file as JSON lines, and return the log with them.
+    """Print the events of a file as JSON lines, and return the log with them; see `detect_messages`."""
+    choices = choices or Choices()
+    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
+        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
+    log, messages = detect_messages(path, array, rate_hz, choices, reached)
+    for message in messages:
+        click.echo(json.dumps(message, allow_nan=False))
+        log.n_printed += 1
+    if plot is not None:
+        from tactiled.plots.log import draw_log
+
+        params = choices.params()
+        try:
+            draw_log(
+                plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name
+            )
+        except OSError as error:
+            raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
+    return log
+
+
+def detect_messages(
+    path: Path,
+    array: str | None = None,
+    rate_hz: float | None = None,
+    choices: Choices | None = None,
+    reached: Reached | None = None,
+) -> tuple[Log, Iterator[dict[str, Any]]]:
+    """Return the log of a file, and its messages, which fill the log while they are computed.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
-    `choices.grip_hz` a second are printed, and those at which the state changes; of the force events,
+    `choices.grip_hz` a second become messages, and those at which the state changes; of the force events,
     `choices.force_hz` a second.
 
     Raises
     ------
     DataError, ConfigError
-        The file, the array or a parameter is invalid.
+        The file, the array or a parameter is invalid; some faults are found while messages are computed.
     """
     choices = choices or Choices()
     params = choices.params()
-    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
-        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     is_bag = path.is_dir() or path.suffix in BAGS
     if path.suffix == ".mcap" and choices.topic is None:
         is_bag = path.is_dir() or (path.exists() and not is_recording(path))
@@ -192,25 +221,18 @@ def detect_file(
             f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
         )
         raise DataError(f"{path}: unknown kind of file; known are {known}")
+    return log, _messages(log, found, choices, path.stem)
+
+
+def _messages(log: Log, found: Iterator[Event], choices: Choices, board: str) -> Iterator[dict[str, Any]]:
+    """Keep every event in the log, and yield the messages of the topics that are asked for."""
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz, choices.force_hz):
         log.events.append(event)
         if event.topic not in choices.topics:
             continue
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
-        message = to_map(event, seq=seq, board=path.stem, unix_offset_s=0.0)
-        click.echo(json.dumps({"topic": event.topic, **message}, allow_nan=False))
-    if plot is not None:
-        from tactiled.plots.log import draw_log
-
-        try:
-            draw_log(
-                plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name
-            )
-        except OSError as error:
-            raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
-    log.n_printed = sum(seqs.values()) + len(seqs)
-    return log
+        yield {"topic": event.topic, **to_map(event, seq=seq, board=board, unix_offset_s=0.0)}
 
 
 def _array_of_config(config: Path | None) -> str:

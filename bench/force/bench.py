@@ -24,8 +24,8 @@ from bench.force.score import (
     score_magnets,
     study_of,
 )
-from bench.pool import workers
 from bench.report import (
+    BENCH_WORKERS,
     NONE,
     Aim,
     BenchOptions,
@@ -38,6 +38,7 @@ from bench.report import (
     table,
 )
 from tactiled.force.estimator import ForceEstimator
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 from tactiled.samples.block import regular_block
 
@@ -81,7 +82,7 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     scores: list[ForceScore] = []
     holds: list[HoldScore] = []
     magnets: list[MagnetScore] = []
-    with workers() as pool:
+    with executor(BENCH_WORKERS, options.dask) as pool:
         jobs = [(seed, case) for seed in seeds for case in cases]
         for one in pool.map(_score, jobs):
             scores.append(one)

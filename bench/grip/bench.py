@@ -26,8 +26,8 @@ from bench.grip.score import (
     without_falling_friction,
 )
 from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, World, draw_worlds
-from bench.pool import workers
 from bench.report import (
+    BENCH_WORKERS,
     NONE,
     Aim,
     BenchOptions,
@@ -41,6 +41,7 @@ from bench.report import (
     table,
 )
 from tactiled.detect.grip.detector import GripParams
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 TUNED_FROM = 20_000  # seeds on which constants were set
@@ -79,7 +80,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     told: list[GripRecord] = []
     informed: list[GripRecord] = []
     cost_us: list[float] = []
-    with workers() as pool:
+    with executor(BENCH_WORKERS, options.dask) as pool:
         seeds = range(REPORTED_FROM, REPORTED_FROM + n)
         batches = [seeds[start : start + _BATCH] for start in range(0, n, _BATCH)]
         for some, some_informed, cost in pool.map(_measure, batches):

@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from bench.pool import workers
-from bench.report import BenchOptions, BenchReport, aims_table, seeds_in_words
+from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, seeds_in_words
 from bench.slip import tables
 from bench.slip.aims import AIMS, SettingFound
 from bench.slip.cost import DetectorCost, detector_costs
@@ -45,6 +44,7 @@ from bench.slip.scenes import (
 from bench.slip.slips import CURVE_PER_HOUR, SlipReading, fastest_level, read_slips
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.emulator.scene.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 R = TypeVar("R")
@@ -110,7 +110,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     The speed-accuracy curve is measured only where the picture, or all numbers, are written.
     """
     with_sweep = options.plot is not None or options.json is not None
-    found = _measure(progress, QUICK if options.quick else FULL, with_sweep=with_sweep)
+    found = _measure(progress, QUICK if options.quick else FULL, options.dask, with_sweep=with_sweep)
     exceedances = family_exceedances(found.quiet)
 
     def draw(path: Path) -> None:
@@ -137,7 +137,7 @@ def _named(by_rule: Mapping[tuple[str, int], R]) -> dict[str, R]:
     return {f"{rule}, level {level}": value for (rule, level), value in by_rule.items()}
 
 
-def _measure(progress: ProgressBar, sizes: SlipSizes, *, with_sweep: bool) -> SlipFound:
+def _measure(progress: ProgressBar, sizes: SlipSizes, dask: str | None, *, with_sweep: bool) -> SlipFound:
     pieces = [(piece, NOISE_SEED) for piece in range(n_pieces(sizes.noise_hours))]
     tune = list(itertools.product(TUNED_SLIPPING, range(TUNE_SEED, TUNE_SEED + sizes.n_tune)))
     slips = list(itertools.product(ALL_SLIPPING, range(REPORT_SEED, REPORT_SEED + sizes.n_slips)))
@@ -152,7 +152,7 @@ def _measure(progress: ProgressBar, sizes: SlipSizes, *, with_sweep: bool) -> Sl
         + _QUIET_S * len(quiet)
         + _LOAD_S * len(loads)
     )
-    with workers() as pool:
+    with executor(BENCH_WORKERS, dask) as pool:
 
         def each(
             name: str, job_s: float, work: Callable[..., R], jobs: Sequence[tuple[object, ...]]

@@ -7,12 +7,12 @@ tuning seeds only.
 import sys
 from collections.abc import Callable, Iterable
 
-from bench.pool import workers
 from bench.slip.quiet import HOLD, QUIET_NOISES_V
 from bench.slip.scenes import ARRAY, play
 from bench.slip.score import count_alarms
 from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
 from tactiled.emulator.scene.families import QUIET
+from tactiled.jobs import executor
 
 SHEARS = (0.005, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 _SEEDS = range(1001, 1025)
@@ -51,7 +51,7 @@ def curve(scenes: Iterable[tuple[str, float, Row]]) -> Row:
 def main(write: Callable[[str], object]) -> None:
     """Print the table for `detect.slip.alarm_rate`."""
     scenes = [(f, seed) for f in QUIET for seed in (_LONG_SEEDS if f in _LONG else _SEEDS)]
-    with workers() as pool:
+    with executor(2) as pool:
         rates = curve(pool.map(one_scene, *zip(*scenes, strict=True)))
     for shear, rate in zip(SHEARS, rates, strict=True):
         write(f"least_shear {shear:g}: {rate:.3g} an hour\n")

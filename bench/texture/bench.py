@@ -13,8 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.pool import workers
-from bench.report import BenchOptions, BenchReport, aims_table, seeds_in_words
+from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, seeds_in_words
 from bench.texture import spoiled, tables
 from bench.texture.aims import AIMS
 from bench.texture.cost import cost_table, online_table, run_cost
@@ -44,6 +43,7 @@ from bench.texture.trials import (
     two_wave_trials,
 )
 from tactiled.detect.grooves.estimator import PRESETS
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -159,7 +159,7 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     parts, cost_s = _parts(sizes), 10 + 0.6 * sizes.repeats
     progress.begin(cost_s + sum(part.seconds for part in parts.values()))
     trials: dict[str, list[Trial]] = {}
-    with workers() as pool:
+    with executor(BENCH_WORKERS, options.dask) as pool:
         costs, online = pool.submit(run_cost, sizes.repeats).result()  # nothing else at work, one thread
         progress.advance("cost", cost_s)
         for name, part in parts.items():

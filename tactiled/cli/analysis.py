@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, FILES, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
+from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
 _TOPICS = ("slip", "contact", "grip", "texture", "force")
@@ -56,7 +56,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
 
 
 @click.command()
-@click.argument("file", type=FILES)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording contains its array.")
 @click.option(
     "--rate",
@@ -130,14 +130,27 @@ class Topics(click.ParamType[tuple[str, ...]]):
 @click.option("--topic", help="Topic of a bag, or TOPIC.FIELD, whose numbers are the channels.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
 @click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
+@click.option(
+    "--to",
+    type=FILE,
+    metavar="TABLE.parquet",
+    help="Analyse many files, and write all events into one table.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1), help="With --to: files at a time; as many as cores unless told."
+)
+@click.option("--dask", metavar="ADDRESS", help="With --to: use the workers of this Dask scheduler.")
 def detect(
-    file: Path,
+    files: tuple[str, ...],
     array: str | None,
     rate_hz: float | None,
     columns: str | None,
     sliding: tuple[float, float] | None,
     topics: tuple[str, ...] | None,
     plot: Path | None,
+    to: Path | None,
+    jobs: int | None,
+    dask: str | None,
     **choices: Any,
 ) -> None:
     """Find slip, contact, grip, texture and force in a recording, a table or a bag of ROS.
@@ -147,15 +160,23 @@ def detect(
     .bag. Every event is one JSON line on stdout, with times in the file's own clock. Late scans of a
     recording are used like others; `tactiled replay` reproduces the live events.
 
+    With --to, FILE may be many files or patterns ('runs/**/*.mcap'), analysed on all cores or on a Dask
+    cluster. An interrupted run goes on where it ended. A file that cannot be read is a row with its error.
+
     Example: tactiled detect log.csv --array mine.toml --tare-s 0.3 --sliding 2:9 --speed 5
     """
-    if not file.is_dir():  # of a rosbag2
+    if to is None and (len(files) > 1 or jobs or dask):
+        raise click.UsageError("give --to TABLE.parquet for many files, --jobs or --dask; or give one FILE")
+    file = Path(files[0])
+    if to is None and not file.is_dir():  # of a rosbag2
         need_readable(file)
     need_named(array, "config/arrays")
     need_named(choices["calibration"], "config/calibration")
     need_toml(choices["config"])
     if plot is not None:
         need_extra("matplotlib", "plot", "detect --plot")
+    if to is not None:
+        need_table(to, dask, plot)
     from tactiled.detect.signal.known_sliding import KnownSliding
     from tactiled.offline import Choices, detect_file
 
@@ -165,10 +186,30 @@ def detect(
         columns=tuple(name.strip() for name in columns.split(",")) if columns else (),
         **choices,
     )
+    if to is not None:
+        from tactiled.archive.detect import FileJob, detect_files, matching
+
+        work = [FileJob(name, Path(name).absolute(), array, rate_hz, asked) for name in matching(files)]
+        outcome = detect_files(work, to, jobs, dask)
+        for name, error in outcome.failed:
+            click.echo(error if error.startswith(name) else f"{name}: {error}", err=True)
+        click.echo(outcome.words(to), err=True)
+        return
     with ProgressBar(f"detect {file}", writes_lines=True) as bar:
         log = detect_file(file, array, rate_hz, asked, plot, bar.reach)
     for line in (*log.summary(asked), f"{log.n_printed} events"):
         click.echo(f"{file}: {line}", err=True)
+
+
+def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
+    """Refuse a table that cannot be written, and what a run over many files cannot do."""
+    if plot is not None:
+        raise click.UsageError("--plot draws one file; leave out --to")
+    if to.suffix != ".parquet" or not to.absolute().parent.is_dir():
+        raise click.BadParameter(f"{to}: name a .parquet in a folder that exists", param_hint="--to")
+    need_extra("pyarrow", "parquet", "detect --to")
+    if dask is not None:
+        need_extra("distributed", "dask", "detect --dask")
 
 
 @click.command()

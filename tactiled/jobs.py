@@ -1,0 +1,46 @@
+"""Independent jobs on all cores of this host, or on a Dask cluster; results never depend on which."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+from tactiled.errors import UnavailableError
+
+# For the scheduler to answer; one in the same network does within a second.
+_CONNECT_S = 10
+
+
+@contextmanager
+def executor(n_workers: int | None = None, dask: str | None = None) -> Iterator[Executor]:
+    """Start workers, for a ``with`` block; jobs that have not begun at its end are cancelled.
+
+    Parameters
+    ----------
+    n_workers : int, optional
+        Processes on this host; one for each core if not given.
+    dask : str, optional
+        Address of a Dask scheduler, e.g. ``tcp://10.0.0.5:8786``; its workers are used instead.
+
+    Raises
+    ------
+    UnavailableError
+        The scheduler does not answer.
+    """
+    if dask is None:
+        # "spawn": a forked child would inherit locks of BLAS threads.
+        pool = ProcessPoolExecutor(n_workers, mp_context=get_context("spawn"))
+        try:
+            yield pool
+        finally:
+            pool.shutdown(cancel_futures=True)
+        return
+    from distributed import Client
+
+    try:
+        client: Any = Client(dask, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:  # distributed's own timeout is an OSError
+        raise UnavailableError(f"no Dask scheduler answers at {dask}: {error}") from None
+    with client:
+        yield client.get_executor(pure=False)

@@ -1,0 +1,169 @@
+"""Copies of recordings in an S3 server and in a folder: confirmed, resumed, never replaced, never lost."""
+
+import hashlib
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fsspec.implementations.memory import MemoryFileSystem
+
+from tactiled.archive.push import Copy, open_store, push
+
+WEED = Path(sys.executable).with_name("weed")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Record directory with two finished recordings and one that is being written."""
+    runs = tmp_path / "runs"
+    (runs / "left").mkdir(parents=True)
+    (runs / "a.mcap").write_bytes(os.urandom(300_000))
+    (runs / "left" / "b.mcap").write_bytes(os.urandom(5))
+    (runs / "c.mcap.active").write_bytes(b"not yet")
+    return runs
+
+
+def states(copies: Iterator[Copy]) -> dict[str, str]:
+    return {copy.path.name: copy.state for copy in copies}
+
+
+def test_a_folder_gets_whole_files_that_sha256sum_confirms(folder: Path, tmp_path: Path) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    assert states(push(folder, store, to)) == {"a.mcap": "copied", "b.mcap": "copied"}
+    checked = subprocess.run(["sha256sum", "-c", "a.mcap.sha256"], cwd=tmp_path / "store", check=False)
+    assert checked.returncode == 0
+    assert (tmp_path / "store/left/b.mcap").read_bytes() == (folder / "left/b.mcap").read_bytes()
+    assert not list((tmp_path / "store").rglob("c.mcap*"))
+    assert states(push(folder, store, to)) == {"a.mcap": "there already", "b.mcap": "there already"}
+
+
+def test_an_unfinished_copy_is_made_anew(folder: Path, tmp_path: Path) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    (tmp_path / "store/a.mcap").write_bytes(b"half")
+    (tmp_path / "store/a.mcap.sha256").unlink()
+    assert states(push(folder, store, to))["a.mcap"] == "copied"
+    assert (tmp_path / "store/a.mcap").read_bytes() == (folder / "a.mcap").read_bytes()
+
+
+def test_another_recording_of_the_same_name_is_never_replaced(folder: Path, tmp_path: Path) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    before = (tmp_path / "store/a.mcap").read_bytes()
+    (folder / "a.mcap").write_bytes(b"of another board")
+    copies = {copy.path.name: copy for copy in push(folder, store, to, remove=True)}
+    assert copies["a.mcap"].state == "failed"
+    assert "folder of its own" in copies["a.mcap"].reason
+    assert (tmp_path / "store/a.mcap").read_bytes() == before
+    assert (folder / "a.mcap").exists()  # not confirmed, so kept
+    assert not (folder / "left/b.mcap").exists()
+
+
+class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
+    """Store that damages what it is given, as a full or failing disk behind it does."""
+
+    store: dict[str, object] = {}  # its own, which MemoryFileSystem keeps in the class
+    pseudo_dirs = [""]
+
+    def put_file(self, lpath: str, rpath: str, **_: object) -> None:
+        self.pipe_file(rpath, Path(lpath).read_bytes()[:-1] + b"?")
+
+
+def test_a_copy_that_reads_back_differently_is_not_confirmed(folder: Path) -> None:
+    store = LossyStore(skip_instance_cache=True)
+    copies = list(push(folder, store, "/store", remove=True))
+    assert [copy.state for copy in copies] == ["failed", "failed"]
+    assert "read back" in copies[0].reason
+    assert not [name for name in store.find("/store") if name.endswith(".sha256")]
+    assert (folder / "a.mcap").exists()
+
+
+def free_ports(n: int) -> list[int]:
+    probes = [socket.socket() for _ in range(n)]
+    try:
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
+    finally:
+        for probe in probes:
+            probe.close()
+
+
+@pytest.fixture
+def s3(tmp_path: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]]]:
+    """Environment of a client of an S3 server, and the server."""
+    s3_port, master, volume, filer, *grpc = free_ports(8)
+    (tmp_path / "s3").mkdir()
+    ports = {"s3.port": s3_port, "master.port": master, "volume.port": volume, "filer.port": filer}
+    ports |= dict(
+        zip(("master.port.grpc", "volume.port.grpc", "filer.port.grpc", "s3.port.grpc"), grpc, strict=True)
+    )
+    command = [str(WEED), "server", f"-dir={tmp_path}/s3", "-s3", "-ip=127.0.0.1", "-ip.bind=127.0.0.1"]
+    command += [f"-{name}={port}" for name, port in ports.items()]
+    server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    end_s = time.monotonic() + 60
+    while time.monotonic() < end_s:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", s3_port)) == 0:
+                break
+        time.sleep(0.1)
+    environment = {
+        **os.environ,
+        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{s3_port}",
+        "AWS_ACCESS_KEY_ID": "any",
+        "AWS_SECRET_ACCESS_KEY": "any",
+        "AWS_MAX_ATTEMPTS": "1",
+    }
+    yield environment, server
+    server.kill()
+    server.wait()
+
+
+@pytest.mark.system
+def test_an_s3_server_gets_every_recording_and_what_it_did_not_get_stays(
+    folder: Path, tmp_path: Path, s3: tuple[dict[str, str], subprocess.Popen[bytes]]
+) -> None:
+    environment, server = s3
+    digest = hashlib.sha256((folder / "a.mcap").read_bytes()).hexdigest()
+    spare = tmp_path / "spare"
+    shutil.copytree(folder, spare)
+
+    def pushed(directory: Path, *options: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "tactiled", "archive", "push", str(directory), *options]
+        command += ["--to", "s3://touch/hand-3"]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False, timeout=90
+        )
+
+    for _ in range(20):  # the server opens its port before it serves
+        first = pushed(folder, "--remove")
+        if first.returncode == 0:
+            break
+        time.sleep(1)
+    assert first.returncode == 0, first.stderr
+    assert "not confirmed" not in first.stderr
+    assert not (folder / "a.mcap").exists()
+    assert (folder / "c.mcap.active").exists()
+    read_back = (
+        "import fsspec, hashlib; s, p = fsspec.core.url_to_fs('s3://touch/hand-3/a.mcap');"
+        "print(hashlib.sha256(s.cat_file(p)).hexdigest(), s.cat_file(p + '.sha256').decode().split()[0])"
+    )
+    remote = subprocess.run(
+        [sys.executable, "-c", read_back], env=environment, capture_output=True, text=True, check=True
+    )
+    assert remote.stdout.split() == [digest, digest]
+    again = pushed(spare)
+    assert (again.returncode, "0 copied, 2 there already" in again.stderr) == (0, True)
+    server.kill()
+    server.wait()
+    lost = pushed(spare, "--remove")
+    assert lost.returncode == 1
+    assert lost.stderr.count("not confirmed, kept here") == 2
+    assert "Traceback" not in lost.stderr
+    assert (spare / "a.mcap").exists()
