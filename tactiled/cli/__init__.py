@@ -10,6 +10,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `emulation`: emulate, demo
 - `analysis`: detect, tune
 - `viewers`: web, top, view
+- `ros2`: ros2
 - `upkeep`: check-config, doctor, keys, fit-material, setup
 """
 

@@ -1,0 +1,12 @@
+"""Bridge to ROS 2: a DDS participant that ROS 2 sees as a node, without any part of ROS.
+
+- `definitions`: parser of ``.msg`` text into types
+- `standard_types`, `own_types`: the types that are published
+- `typehash`: type hashes (REP-2011)
+- `cdr`: encoding of messages
+- `names`: names of topics, types and frames
+- `freshness`: decision which messages may be published
+- `convert`: values of ROS messages from messages of the daemon
+- `participant`: topics, services and discovery over Cyclone DDS
+- `bridge`: the process behind ``tactiled ros2``
+"""

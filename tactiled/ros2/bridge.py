@@ -1,0 +1,263 @@
+"""Process behind ``tactiled ros2``: from daemons to the topics of one ROS 2 node, and services back."""
+
+import asyncio
+import contextlib
+import signal
+import struct
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tactiled.client import AsyncCommander, Client, Message
+from tactiled.errors import ContractError, OperatorError, TactiledError
+from tactiled.events.incoming import checked_map
+from tactiled.events.types import EVENT_TYPES
+from tactiled.recording.standard import frame_id
+from tactiled.ros2 import convert
+from tactiled.ros2.freshness import BoardFreshness
+from tactiled.ros2.names import name_of_board
+from tactiled.ros2.own_types import PACKAGE, type_name
+from tactiled.ros2.participant import Delivery, Node, ServiceRequest, TopicWriter
+
+_DIAGNOSTICS_S = 1.0
+_WATCH_S = 0.1  # period of looking for silence: that of the status
+_REQUESTS_S = 0.01  # period of looking for service requests, and so their longest wait
+_COMMAND_S = 2.0  # longest wait for the reply of a daemon
+_SENSOR = frozenset(("scan", "force", "grip"))
+_LATCHED = frozenset(("info", "contact"))
+_SERVICES = {
+    "tare": "std_srvs/srv/Trigger",
+    "inhibit": f"{PACKAGE}/srv/Inhibit",
+    "mark": f"{PACKAGE}/srv/Mark",
+}
+_ARGUMENTS = {"tare": (), "inhibit": ("duration_s",), "mark": ("text",)}
+Report = Callable[[dict[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class BridgeParams:
+    """Parameters of a bridge.
+
+    Attributes
+    ----------
+    endpoints : sequence of str
+        Endpoints for events of the daemons.
+    namespace : str
+        Namespace of node, topics and services, without leading slash.
+    frames : mapping of str to str
+        ``frame_id`` by serial number of a board; ``tactile_`` and the number where it has none.
+    allow_commands : bool
+        Offer services: DDS does not tell who calls them.
+    keys : path, optional
+        File of this client from `tactiled keys make`.
+    """
+
+    endpoints: Sequence[str]
+    namespace: str = "tactile"
+    frames: Mapping[str, str] = field(default_factory=dict)
+    allow_commands: bool = False
+    keys: Path | None = None
+
+
+class BoardTopics:
+    """Topics of one board on ROS 2, with what decides about their freshness."""
+
+    def __init__(self, node: Node, board: str, params: BridgeParams) -> None:
+        self.freshness = BoardFreshness()
+        self.name = f"/{params.namespace}/{name_of_board(board)}"
+        self._frame = params.frames.get(board) or frame_id(board)
+        self._own = {
+            topic: node.writer(f"{self.name}/{topic}", f"{PACKAGE}/msg/{type_name(topic)}", _delivery(topic))
+            for topic in EVENT_TYPES
+        }
+        self._wrench = node.writer(f"{self.name}/wrench", "geometry_msgs/msg/WrenchStamped", "sensor")
+        self._cloud = node.writer(f"{self.name}/taxels", "sensor_msgs/msg/PointCloud2", "sensor")
+        self._info: Mapping[str, Any] = {}
+        self._contact = "unknown"
+        self._was_fresh = False
+
+    @property
+    def topics(self) -> list[str]:
+        """Names of all topics."""
+        return [f"{self.name}/{topic}" for topic in (*self._own, "wrench", "taxels")]
+
+    def take(self, topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> None:
+        """Publish a message of the daemon, if it is fresh."""
+        if not self.freshness.admit(topic, data, now_s, unix_s):
+            return
+        if topic == "info":
+            self._info = data
+        elif topic == "contact":
+            self._contact = data["state"]
+        elif topic == "force":
+            _write(self._wrench, lambda: convert.wrench(data, self._frame))
+            _write(self._cloud, lambda: convert.taxel_cloud(data, self._info, self._frame))
+        _write(self._own[topic], lambda: convert.own_message(data, self._frame))
+        if topic == "status":
+            self.watch(now_s, unix_s)
+
+    def watch(self, now_s: float, unix_s: float) -> None:
+        """Replace the latched contact when the board becomes stale, and when it is fresh again."""
+        fresh = self.freshness.is_fresh(now_s)
+        if fresh == self._was_fresh:
+            return
+        self._was_fresh = fresh
+        status = dict(self.freshness.status, timestamp=unix_s)
+        contact = convert.contact_from_status(status, self._contact, lost=not fresh)
+        self._contact = contact["state"]
+        self._own["contact"].write(convert.own_message(contact, self._frame))
+
+
+class Bridge:
+    """Publish what daemons send, until stopped.
+
+    Parameters
+    ----------
+    node : Node
+    params : BridgeParams
+    report : callable
+        Called with what becomes known, as maps: the node, each board.
+    """
+
+    def __init__(self, node: Node, params: BridgeParams, report: Report) -> None:
+        self._node, self._params, self._report = node, params, report
+        self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
+        self._boards: dict[tuple[str, str], BoardTopics] = {}
+        self._unnamed = {endpoint: BoardFreshness() for endpoint in params.endpoints}
+        self._services: dict[str, tuple[str, str, str]] = {}  # endpoint, board, command
+        self._commanders: dict[str, tuple[AsyncCommander, asyncio.Lock]] = {}
+        self._answers: set[asyncio.Task[None]] = set()
+        self._malformed = 0
+
+    async def run(self) -> None:
+        """Run until cancelled."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                for endpoint in self._params.endpoints:
+                    group.create_task(self._listen(endpoint))
+                group.create_task(self._diagnose())
+                group.create_task(self._watch())
+                if self._params.allow_commands:
+                    group.create_task(self._serve())
+        finally:
+            for task in self._answers:
+                task.cancel()
+            await asyncio.gather(*self._answers, return_exceptions=True)
+            for commander, _ in self._commanders.values():
+                commander.close()
+
+    async def _listen(self, endpoint: str) -> None:
+        async with Client(endpoint, keys=self._params.keys) as client:
+            async for item in client:
+                if isinstance(item, Message):  # others are old (Recovered), or show in the diagnostics
+                    self._take(endpoint, item)
+
+    def _take(self, endpoint: str, message: Message) -> None:
+        now_s, unix_s = time.monotonic(), time.time()
+        if message.topic not in EVENT_TYPES:  # of a newer daemon
+            return
+        try:
+            data = checked_map(message.topic, message.data)
+        except ContractError:
+            self._malformed += 1
+            return
+        if not message.board:
+            self._unnamed[endpoint].admit(message.topic, data, now_s, unix_s)
+            return
+        key = (endpoint, message.board)
+        if key not in self._boards:
+            self._boards[key] = BoardTopics(self._node, message.board, self._params)
+            self._offer(endpoint, message.board)
+            self._report({"what": "board", "board": message.board, "topics": self._boards[key].topics})
+        try:
+            self._boards[key].take(message.topic, data, now_s, unix_s)
+        except struct.error:  # an integer that ROS's int64 cannot hold
+            self._malformed += 1
+
+    def _offer(self, endpoint: str, board: str) -> None:
+        if self._params.allow_commands:
+            for command, kind in _SERVICES.items():
+                service = f"{self._boards[endpoint, board].name}/{command}"
+                self._services[service] = (endpoint, board, command)
+                self._node.serve(service, kind)
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            for board in self._boards.values():
+                board.watch(time.monotonic(), time.time())
+
+    async def _diagnose(self) -> None:
+        while True:
+            rows = [
+                self._row(f"tactiled {board}", board, topics.freshness)
+                for (_, board), topics in self._boards.items()
+            ]
+            for endpoint, freshness in self._unnamed.items():
+                boards = [each for each in self._boards if each[0] == endpoint]
+                if not boards or freshness.is_heard(time.monotonic()):
+                    rows.append(self._row(f"tactiled {endpoint}", "", freshness))
+            self._diagnostics.write(convert.diagnostics(rows, time.time()))
+            await asyncio.sleep(_DIAGNOSTICS_S)
+
+    def _row(self, name: str, board: str, freshness: BoardFreshness) -> tuple[Any, ...]:
+        level, text = freshness.level(time.monotonic())
+        values = {key: value for key, value in freshness.status.items() if not isinstance(value, dict)}
+        counts = {"messages_too_old": freshness.dropped, "messages_malformed": self._malformed}
+        return name, board, level, text, values | counts
+
+    async def _serve(self) -> None:
+        while True:
+            await asyncio.sleep(_REQUESTS_S)
+            for request in self._node.requests():
+                task = asyncio.create_task(self._answer(request))
+                self._answers.add(task)
+                task.add_done_callback(self._answers.discard)
+
+    async def _answer(self, request: ServiceRequest) -> None:
+        endpoint, board, command = self._services[request.service]
+        arguments = {name: request.values[name] for name in _ARGUMENTS[command]}
+        try:
+            if endpoint not in self._commanders:
+                made = AsyncCommander(endpoint, "ros2", keys=self._params.keys)
+                self._commanders[endpoint] = (made, asyncio.Lock())
+            commander, lock = self._commanders[endpoint]
+            async with lock:
+                reply = await commander.send(command, timeout_s=_COMMAND_S, board=board, **arguments)
+        except TactiledError as error:
+            self._node.reply(request, success=False, message=str(error))
+        else:
+            self._node.reply(request, success=reply.ok, message=reply.reason)
+
+
+def run_bridge(params: BridgeParams, make_node: Callable[[], Node], report: Report) -> None:
+    """Run a bridge until SIGINT or SIGTERM."""
+
+    async def main() -> None:
+        node = make_node()
+        try:
+            task = asyncio.ensure_future(Bridge(node, params, report).run())
+            for each in (signal.SIGINT, signal.SIGTERM):
+                asyncio.get_running_loop().add_signal_handler(each, task.cancel)
+            report({"what": "node", "name": f"/{params.namespace}/{node.name}", "domain": node.domain_id})
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        finally:
+            node.close()
+
+    try:
+        asyncio.run(main())
+    except* TactiledError as group:
+        raise OperatorError(str(group.exceptions[0])) from None
+
+
+def _delivery(topic: str) -> Delivery:
+    return "sensor" if topic in _SENSOR else "latched" if topic in _LATCHED else "event"
+
+
+def _write(writer: TopicWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:
+    """Convert and publish a message if anyone receives it."""
+    if writer.is_wanted and (values := make()) is not None:
+        writer.write(values)

@@ -1,0 +1,97 @@
+"""ROS types of tactiled's own messages, made from the JSON Schemas of the events (protocols/events).
+
+Each topic has one type, ``tactiled_msgs/msg/Slip`` for `slip` and so on: a header whose stamp is the
+`timestamp` of the message, then its other fields in order. Other instants are ``builtin_interfaces/Time``.
+Strings with a fixed set of values come with constants. The files in ``ros2/tactiled_msgs`` hold this text.
+"""
+
+import json
+from typing import Any
+
+from tactiled import resources
+from tactiled.events.types import EVENT_TYPES
+
+PACKAGE = "tactiled_msgs"
+INSTANTS = frozenset(("onset", "detected", "answered"))  # epoch seconds; `timestamp` is the header's stamp
+_PRIMITIVES = {"number": "float64", "integer": "int64", "boolean": "bool", "string": "string"}
+_WIDTH = 100  # of comments in the text
+
+SERVICES: dict[str, tuple[str, str]] = {
+    "Inhibit": (
+        "# Announce that the hand itself moves: slips that begin within this time are not valid.\n"
+        "float64 duration_s  # from now, 0 to 60; 0 ends it\n",
+        "bool success\nstring message  # why it was refused; empty for success\n",
+    ),
+    "Mark": (
+        "# Put a note into the stream of events and the recording.\nstring text  # 1 to 1000 characters\n",
+        "bool success\nstring message  # why it was refused; empty for success\n",
+    ),
+}
+"""Request and response of each service of our own."""
+
+
+def type_name(topic: str) -> str:
+    """Return the bare name of the type of a topic, as in ``Slip``."""
+    return topic.capitalize()
+
+
+def own_texts() -> dict[str, str]:
+    """Return the ``.msg`` text of every own type by its bare name, nested ones included."""
+    texts: dict[str, str] = {}
+    for topic in EVENT_TYPES:
+        file = resources.shipped("protocols", "events", f"{topic}.schema.json")
+        schema: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        stamp = schema["properties"]["timestamp"]["description"]
+        head = f"{_comment(schema['description'])}\n{_comment('stamp: ' + stamp)}std_msgs/Header header\n\n"
+        texts[type_name(topic)] = head + _fields(schema, texts)
+    return texts
+
+
+def service_texts() -> dict[str, str]:
+    """Return the ``.srv`` text of every own service by its bare name."""
+    return {name: f"{request}---\n{response}" for name, (request, response) in SERVICES.items()}
+
+
+def own_definitions() -> dict[str, str]:
+    """Return the definitions of messages, requests and responses by full name."""
+    definitions = {f"{PACKAGE}/msg/{name}": text for name, text in own_texts().items()}
+    for name, (request, response) in SERVICES.items():
+        definitions[f"{PACKAGE}/srv/{name}_Request"] = request
+        definitions[f"{PACKAGE}/srv/{name}_Response"] = response
+    return definitions
+
+
+def _fields(schema: dict[str, Any], texts: dict[str, str]) -> str:
+    parts = []
+    for name, field in schema["properties"].items():
+        if name == "timestamp":
+            continue
+        kind = "builtin_interfaces/Time" if name in INSTANTS else _kind(name, field, texts)
+        parts.append(f"{_comment(field.get('description', ''))}{_constants(name, field)}{kind} {name}\n")
+    return "\n".join(parts)
+
+
+def _kind(name: str, field: dict[str, Any], texts: dict[str, str]) -> str:
+    if field["type"] == "array":
+        return f"{_kind(name.removesuffix('s'), field['items'], texts)}[]"
+    if field["type"] == "object":
+        texts[name.capitalize()] = _comment(field.get("description", "")) + _fields(field, texts)
+        return f"{PACKAGE}/{name.capitalize()}"
+    return _PRIMITIVES[field["type"]]
+
+
+def _constants(name: str, field: dict[str, Any]) -> str:
+    """Constants for the values that a string may have."""
+    values = field.get("enum", ())
+    words = {value: value.upper().replace("-", "_") or "NOTHING" for value in values}
+    return "".join(f'string {name.upper()}_{word}="{value}"\n' for value, word in words.items())
+
+
+def _comment(text: str) -> str:
+    lines, line = [], "#"
+    for word in text.split():
+        if len(line) + 1 + len(word) > _WIDTH:
+            lines.append(line)
+            line = "#"
+        line += f" {word}"
+    return "".join(f"{each}\n" for each in [*lines, line]) if text else ""

@@ -1,0 +1,265 @@
+"""Topics, services and discovery of one ROS 2 node over Cyclone DDS.
+
+ROS 2 on DDS: a topic is ``rt/`` and its name; a node is an entry of ``ros_discovery_info`` with the ids of
+its endpoints; a service is two topics, and each message of rmw_cyclonedds begins with 16 bytes that say which
+request it belongs to. rmw_fastrtps writes those ids into RTPS instead, to which Cyclone DDS for Python gives
+no access: services answer clients that run rmw_cyclonedds_cpp, topics reach every DDS.
+"""
+
+import importlib
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from tactiled.errors import OperatorError
+from tactiled.ros2 import names
+from tactiled.ros2.cdr import Encoder, decode
+from tactiled.ros2.definitions import RosField, RosType, parse_types
+from tactiled.ros2.own_types import own_definitions
+from tactiled.ros2.standard_types import STANDARD, discovery_types
+from tactiled.ros2.typehash import rihs01
+
+Delivery = Literal["sensor", "event", "latched"]
+_DEPTH = {"sensor": 5, "event": 100, "latched": 1}  # sensor: that of ROS's sensor data profile
+_REQUEST_HEAD = (RosField("client", "uint64"), RosField("number", "int64"))  # of rmw_cyclonedds
+# Many hosts have no multicast on loopback: peers are looked for at the ports of the first 20 participants.
+_LOOPBACK = (
+    '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>'
+    "</General><Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>19"
+    '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
+)
+_INFO_TOPIC = "ros_discovery_info"
+_INFO_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+@dataclass(frozen=True)
+class ServiceRequest:
+    """Request that waits for `Node.reply`."""
+
+    service: str
+    values: Mapping[str, Any]
+    client: int
+    number: int
+
+
+class TopicWriter:
+    """Writer of one topic."""
+
+    def __init__(self, writer: Any, kind: Any, encoder: Encoder, delivery: Delivery) -> None:
+        self._writer, self._kind, self._encoder = writer, kind, encoder
+        self._latched = delivery == "latched"
+
+    @property
+    def is_wanted(self) -> bool:
+        """True where someone receives what is written now, or may receive it later."""
+        return self._latched or bool(self._writer.matched_sub)
+
+    def write(self, values: Mapping[str, Any]) -> None:
+        """Publish a message."""
+        self._writer.write(self._kind(self._encoder.encode(values)))
+
+
+@dataclass(frozen=True)
+class _Service:
+    requests: Any
+    replies: TopicWriter
+
+
+class Node:
+    """One node of ROS 2; a context manager.
+
+    Parameters
+    ----------
+    domain_id : int
+        ``ROS_DOMAIN_ID``.
+    name, namespace : str
+        Name of the node, and its namespace without the leading slash.
+    gid_bytes : int
+        24 for ROS 2 Humble and older, 16 for Iron and newer.
+    loopback : bool
+        Talk to this host alone, over its loopback interface.
+
+    Raises
+    ------
+    OperatorError
+        The domain cannot be joined.
+    """
+
+    def __init__(
+        self, domain_id: int, name: str, namespace: str, *, gid_bytes: int = 16, loopback: bool = False
+    ) -> None:
+        self._dds: Any = importlib.import_module("cyclonedds.domain")
+        self._pub: Any = importlib.import_module("cyclonedds.pub")
+        self._sub: Any = importlib.import_module("cyclonedds.sub")
+        self._topic: Any = importlib.import_module("cyclonedds.topic")
+        self._qos: Any = importlib.import_module("cyclonedds.qos")
+        self._idl: Any = importlib.import_module("cyclonedds.idl")
+        self._idl_types: Any = importlib.import_module("cyclonedds.idl.types")
+        self.name, self.domain_id = name, domain_id
+        self._namespace, self._gid_bytes = namespace, gid_bytes
+        self.types = parse_types({**STANDARD, **discovery_types(gid_bytes), **own_definitions()})
+        self._kinds: dict[str, Any] = {}
+        self._structs: dict[str, Any] = {}
+        self._services: dict[str, _Service] = {}
+        self._readers: list[Any] = []
+        self._writers: list[Any] = []
+        policy = self._qos.Policy
+        try:
+            self._domain = self._dds.Domain(domain_id, _LOOPBACK) if loopback else None
+            self._participant = self._dds.DomainParticipant(
+                domain_id, self._qos.Qos(policy.Userdata(b"enclave=/;"))
+            )
+        except importlib.import_module("cyclonedds.core").DDSException as error:
+            raise OperatorError(f"DDS domain {domain_id} cannot be joined: {error}") from None
+        self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched", hashed=False)
+        self._announce()
+
+    def writer(self, topic: str, kind: str, delivery: Delivery) -> TopicWriter:
+        """Create a writer of a ROS topic.
+
+        Parameters
+        ----------
+        topic : str
+            Absolute name, with leading slash.
+        kind : str
+            Full name of the type.
+        delivery : {"sensor", "event", "latched"}
+            Best effort; reliable; reliable, and the newest message for late subscribers.
+        """
+        made = self._writer(names.dds_topic(topic), kind, delivery)
+        self._announce()
+        return made
+
+    def serve(self, service: str, kind: str) -> None:
+        """Create a service; `kind` is the full name of its type, such as ``std_srvs/srv/Trigger``."""
+        mark = ".".join(f"{byte:02x}" for byte in secrets.token_bytes(24))
+        own = f"serviceid={mark};".encode()
+        request, reply = (self._with_head(f"{kind}_{part}") for part in ("Request", "Response"))
+        qos = self._policies("event", own)
+        reader = self._sub.DataReader(
+            self._participant, self._topic_of(names.dds_request(service), request), qos
+        )
+        self._readers.append(reader)
+        writer = self._writer(names.dds_reply(service), reply, "event", own, hashed=False)
+        self._services[service] = _Service((reader, request), writer)
+        self._announce()
+
+    def requests(self) -> list[ServiceRequest]:
+        """Return the requests that have arrived; malformed ones are passed over."""
+        found = []
+        for name, service in self._services.items():
+            reader, kind = service.requests
+            for sample in reader.take(16):
+                data = getattr(sample, "data", b"")
+                try:
+                    values = decode(kind, self.types, data)
+                except ValueError:  # another type under this name, or no data
+                    continue
+                found.append(ServiceRequest(name, values, values["client"], values["number"]))
+        return found
+
+    def reply(self, request: ServiceRequest, *, success: bool, message: str) -> None:
+        """Answer a request."""
+        head = {"client": request.client, "number": request.number}
+        self._services[request.service].replies.write(head | {"success": success, "message": message})
+
+    def close(self) -> None:
+        """Leave the domain: entities go with their participant."""
+        self._participant._delete(self._participant._ref)  # noqa: SLF001  otherwise left to garbage collection
+        if self._domain is not None:
+            self._domain._delete(self._domain._ref)  # noqa: SLF001
+
+    def _writer(
+        self, topic: str, kind: str, delivery: Delivery, own: bytes = b"", *, hashed: bool = True
+    ) -> TopicWriter:
+        if hashed:
+            own += f"typehash={rihs01(kind, self.types)};".encode()
+        writer = self._pub.DataWriter(
+            self._participant, self._topic_of(topic, kind), self._policies(delivery, own)
+        )
+        if topic != _INFO_TOPIC:
+            self._writers.append(writer)
+        return TopicWriter(writer, self._kind(kind), Encoder(kind, self.types), delivery)
+
+    def _policies(self, delivery: Delivery, own: bytes) -> Any:
+        policy = self._qos.Policy
+        seconds = 1_000_000_000
+        return self._qos.Qos(
+            policy.Reliability.BestEffort
+            if delivery == "sensor"
+            else policy.Reliability.Reliable(max_blocking_time=seconds // 10),
+            policy.Durability.TransientLocal if delivery == "latched" else policy.Durability.Volatile,
+            policy.History.KeepLast(_DEPTH[delivery]),
+            policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+            policy.Userdata(own),
+        )
+
+    def _topic_of(self, topic: str, kind: str) -> Any:
+        return self._topic.Topic(self._participant, topic, self._kind(kind))
+
+    def _with_head(self, name: str) -> str:
+        """Register the type of a request or reply with its 16 bytes, and return its name."""
+        kind = self.types[name]
+        if kind.fields[:2] != _REQUEST_HEAD:
+            self.types[name] = RosType(name, (*_REQUEST_HEAD, *kind.fields))
+        return name
+
+    def _kind(self, name: str) -> Any:
+        """Class of Cyclone DDS for a type: its description, around data that are encoded already."""
+        if name not in self._kinds:
+            kind = self._struct(name)
+            kind.__init__ = _hold
+            kind.serialize = _held
+            kind.deserialize = classmethod(_holding)
+            self._kinds[name] = kind
+        return self._kinds[name]
+
+    def _struct(self, name: str) -> Any:
+        if name not in self._structs:
+            fields = {field.name: self._idl_type(field) for field in self.types[name].fields}
+            bare = name.rsplit("/", 1)[-1]
+            self._structs[name] = self._idl.make_idl_struct(
+                bare, names.dds_type(name).replace("::", "."), fields
+            )
+        return self._structs[name]
+
+    def _idl_type(self, field: RosField) -> Any:
+        idl = self._idl_types
+        if field.kind == "string":
+            kind: Any = str
+        elif field.kind in self.types:
+            kind = self._struct(field.kind)
+        elif field.kind == "bool":
+            kind = bool
+        else:
+            kind = getattr(idl, {"char": "uint8", "byte": "uint8"}.get(field.kind, field.kind))
+        if field.size is None:
+            return kind
+        return idl.array[kind, field.size] if field.size else idl.sequence[kind]
+
+    def _announce(self) -> None:
+        """Publish which endpoints belong to this node."""
+        entities = {
+            "node_namespace": f"/{self._namespace}",
+            "node_name": self.name,
+            "reader_gid_seq": [self._gid(reader) for reader in self._readers],
+            "writer_gid_seq": [self._gid(writer) for writer in self._writers],
+        }
+        self._info.write({"gid": self._gid(self._participant), "node_entities_info_seq": [entities]})
+
+    def _gid(self, entity: Any) -> dict[str, bytes]:
+        return {"data": entity.guid.bytes.ljust(self._gid_bytes, b"\0")}
+
+
+def _hold(self: Any, data: bytes) -> None:
+    self.data = data
+
+
+def _held(self: Any, *_: object, **__: object) -> bytes:
+    data: bytes = self.data
+    return data
+
+
+def _holding(kind: Callable[[bytes], Any], data: bytes, *_: object, **__: object) -> Any:
+    return kind(data)

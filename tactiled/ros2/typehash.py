@@ -1,0 +1,44 @@
+"""Type hashes of ROS 2 (REP-2011, version 1): SHA-256 of the description of a type as canonical JSON."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from tactiled.ros2.definitions import PRIMITIVES, RosField, RosType, nested_types
+
+# type_description_interfaces/msg/FieldType
+_IDS = {
+    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
+    "float32": 10, "float64": 11, "char": 13, "bool": 15, "byte": 16, "string": 17,
+}  # fmt: skip
+_NESTED = 1
+_ARRAY, _SEQUENCE = 48, 144  # added for an array of fixed length, and for a sequence without a bound
+
+
+def rihs01(name: str, types: Mapping[str, RosType]) -> str:
+    """Return the hash of a message type, as ``RIHS01_`` and 64 hexadecimal digits."""
+    described = {
+        "type_description": _described(types[name]),
+        "referenced_type_descriptions": [_described(types[inner]) for inner in nested_types(name, types)],
+    }
+    canonical = json.dumps(described, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _described(kind: RosType) -> dict[str, Any]:
+    return {"type_name": kind.name, "fields": [_field(field) for field in kind.fields]}
+
+
+def _field(field: RosField) -> dict[str, Any]:
+    shape = 0 if field.size is None else _SEQUENCE if field.size == 0 else _ARRAY
+    primitive = field.kind in PRIMITIVES
+    return {
+        "name": field.name,
+        "type": {
+            "type_id": shape + (_IDS[field.kind] if primitive else _NESTED),
+            "capacity": field.size or 0,
+            "string_capacity": 0,
+            "nested_type_name": "" if primitive else field.kind,
+        },
+    }

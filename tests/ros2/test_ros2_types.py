@@ -1,0 +1,195 @@
+"""Types on DDS: text, hash, encoding and conversion, with rosbags as the oracle."""
+
+import functools
+import json
+import re
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from message_strategies import instances
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tactiled import resources
+from tactiled.events import codec
+from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
+from tactiled.ros2 import convert, names, own_types
+from tactiled.ros2.cdr import Encoder, decode
+from tactiled.ros2.definitions import PRIMITIVES, parse_type, parse_types
+from tactiled.ros2.standard_types import STANDARD, discovery_types
+from tactiled.ros2.typehash import rihs01
+from tools.interfaces import ROOT, generated
+
+TYPES = parse_types({**STANDARD, **discovery_types(16), **own_types.own_definitions()})
+KINDS = pytest.mark.parametrize("kind", EVENT_TYPES.values(), ids=EVENT_TYPES)
+FRAME = "tactile_TS0001"
+
+
+@functools.cache
+def oracle() -> Any:
+    made = get_typestore(Stores.ROS2_JAZZY)
+    own: dict[str, Any] = {}
+    for name, text in own_types.own_definitions().items():
+        own.update(get_types_from_msg(text, name))
+    made.register(own)
+    return made
+
+
+def plain(value: Any) -> Any:
+    """Message of rosbags as maps and lists."""
+    if hasattr(value, "__msgtype__"):
+        fields = {name: plain(inner) for name, inner in vars(value).items() if name != "__msgtype__"}
+        fields.pop("structure_needs_at_least_one_member", None)
+        return fields
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(each) for each in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("folder", ["msg", "srv"])
+def test_the_colcon_package_has_exactly_the_generated_files(folder: str) -> None:
+    files = {
+        str(path.relative_to(ROOT)): path.read_text()
+        for path in (ROOT / "ros2" / "tactiled_msgs" / folder).iterdir()
+    }
+    prefix = f"ros2/tactiled_msgs/{folder}/"
+    assert files == {name: text for name, text in generated().items() if name.startswith(prefix)}
+
+
+@pytest.mark.parametrize("name", sorted(TYPES))
+def test_text_and_hash_are_what_rosbags_reads_of_them(name: str) -> None:
+    store = oracle()
+    if name in store.fielddefs and not name.startswith("rmw_dds_common/msg/"):  # strings bounded there
+        assert rihs01(name, TYPES) == store.hash_rihs01(name)
+    assert all(field.kind in PRIMITIVES or field.kind in TYPES for field in TYPES[name].fields)
+
+
+@KINDS
+def test_a_type_has_the_fields_of_its_schema(kind: type[Event]) -> None:
+    path = resources.shipped("protocols", "events", f"{kind.topic}.schema.json")
+    schema = json.loads(path.read_text())["properties"]
+    declared = {field.name: field for field in TYPES[f"tactiled_msgs/msg/{kind.topic.capitalize()}"].fields}
+    assert declared.keys() == schema.keys() - {"timestamp"} | {"header"}
+    for name, field in schema.items():
+        if name == "timestamp":
+            continue
+        assert (declared[name].size == 0) == (field["type"] == "array"), name
+        if name in own_types.INSTANTS:
+            assert declared[name].kind == "builtin_interfaces/msg/Time"
+            assert "epoch seconds" in field["description"].lower()
+    text = own_types.own_texts()[kind.topic.capitalize()]
+    for name, field in schema.items():
+        constants = re.findall(rf'^string {name.upper()}_[A-Z0-9_]+="(.*)"$', text, re.MULTILINE)
+        assert constants == field.get("enum", [])
+
+
+@KINDS
+@given(data=st.data())
+@settings(max_examples=20)
+def test_a_message_comes_back_from_an_independent_decoder(kind: type[Event], data: st.DataObject) -> None:
+    event = data.draw(instances(kind))
+    message = codec.to_map(event, seq=7, board="TS0001", unix_offset_s=0.0)
+    name = f"tactiled_msgs/msg/{own_types.type_name(kind.topic)}"
+    values = convert.own_message(message, FRAME)
+    encoded = Encoder(name, TYPES).encode(values)
+    read = plain(oracle().deserialize_cdr(encoded, name))
+    expected = {field.name: values[field.name] for field in TYPES[name].fields}
+    assert read == json.loads(json.dumps(expected))
+    assert decode(name, TYPES, encoded) == json.loads(json.dumps(expected))
+
+
+@given(data=st.binary(max_size=60), name=st.sampled_from(sorted(TYPES)))
+def test_any_bytes_are_a_message_or_refused(data: bytes, name: str) -> None:
+    try:
+        decode(name, TYPES, b"\0\1\0\0" + data)
+    except ValueError:
+        return
+
+
+def test_a_huge_count_is_refused_at_once() -> None:
+    name = "sensor_msgs/msg/PointCloud2"
+    with pytest.raises(ValueError, match="no such message"):
+        decode(name, TYPES, b"\0\1\0\0" + b"\xff" * 64)
+
+
+@pytest.mark.parametrize(("store", "gid_bytes"), [(Stores.ROS2_HUMBLE, 24), (Stores.ROS2_JAZZY, 16)])
+def test_discovery_is_read_by_either_kind_of_distribution(store: Stores, gid_bytes: int) -> None:
+    types = parse_types(discovery_types(gid_bytes))
+    gid = {"data": bytes(range(gid_bytes))}
+    node = {"node_namespace": "/t", "node_name": "n", "reader_gid_seq": [gid], "writer_gid_seq": [gid, gid]}
+    name = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+    encoded = Encoder(name, types).encode({"gid": gid, "node_entities_info_seq": [node]})
+    read = plain(get_typestore(store).deserialize_cdr(encoded, name))
+    listed = {"data": list(range(gid_bytes))}
+    assert read["gid"] == listed
+    assert read["node_entities_info_seq"][0]["writer_gid_seq"] == [listed, listed]
+
+
+@pytest.mark.parametrize(("unix_s", "sec", "nanosec"), [(1.5, 1, 500_000_000), (-3.0, 0, 0), (0.0, 0, 0)])
+def test_times(unix_s: float, sec: int, nanosec: int) -> None:
+    assert convert.ros_time(unix_s) == {"sec": sec, "nanosec": nanosec}
+
+
+@given(st.floats(0, 2e9))
+def test_a_time_is_exact_to_the_nanosecond(unix_s: float) -> None:
+    time = convert.ros_time(unix_s)
+    assert 0 <= time["nanosec"] < 10**9
+    assert abs(time["sec"] + 1e-9 * time["nanosec"] - unix_s) <= 1e-9 + 1e-15 * unix_s
+
+
+def force_map(**fields: Any) -> dict[str, Any]:
+    event = ForceEvent(time_s=1.0, **fields)
+    return codec.to_map(event, seq=0, board="TS0001", unix_offset_s=100.0)
+
+
+def test_a_wrench_is_in_newtons_and_newton_metres() -> None:
+    force = force_map(fx_n=1.0, fy_n=2.0, fz_n=3.0, tx_nmm=10.0, tz_nmm=-5.0, valid=True, calibration="c")
+    values = convert.wrench(force, FRAME)
+    assert values is not None
+    assert values["wrench"] == {
+        "force": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "torque": {"x": pytest.approx(0.01), "y": 0.0, "z": pytest.approx(-0.005)},
+    }
+    assert values["header"] == {"stamp": {"sec": 101, "nanosec": 0}, "frame_id": FRAME}
+
+
+@pytest.mark.parametrize("fields", [{"valid": False, "calibration": "c"}, {"valid": True}])
+def test_a_force_that_cannot_be_trusted_is_no_wrench(fields: dict[str, Any]) -> None:
+    assert convert.wrench(force_map(**fields), FRAME) is None
+    assert convert.taxel_cloud(force_map(**fields), {"x_mm": [], "y_mm": []}, FRAME) is None
+
+
+def test_a_cloud_has_places_and_forces_of_the_taxels() -> None:
+    taxels = {"taxel_fx_n": (1.0, 2.0), "taxel_fy_n": (3.0, 4.0), "taxel_fz_n": (5.0, 6.0)}
+    force = force_map(**taxels, valid=True, calibration="c")
+    values = convert.taxel_cloud(force, {"x_mm": [0.0, 3.5], "y_mm": [1.0, 2.0]}, FRAME)
+    assert values is not None
+    cloud = oracle().deserialize_cdr(
+        Encoder("sensor_msgs/msg/PointCloud2", TYPES).encode(values), "sensor_msgs/msg/PointCloud2"
+    )
+    points = cloud.data.view("<f4").reshape(cloud.width, len(cloud.fields))
+    assert cloud.point_step * cloud.width == cloud.row_step == cloud.data.size
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "fx", "fy", "fz"]
+    assert points.tolist()[1] == pytest.approx([0.0035, 0.002, 0.0, 2.0, 4.0, 6.0])
+
+
+@given(st.text(max_size=12))
+def test_every_board_has_a_valid_name(board: str) -> None:
+    name = names.name_of_board(board)
+    assert re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name)
+    assert "__" not in name
+    assert not name.endswith("_")
+
+
+@pytest.mark.parametrize(
+    ("name", "valid"), [("tactile", True), ("a/b_1", True), ("", False), ("1a", False), ("a__b", False)]
+)
+def test_namespaces(name: str, valid: bool) -> None:
+    assert names.is_namespace(name) is valid
+
+
+@pytest.mark.parametrize("text", ["float64\n", "float64 X\n", "double x\nfloat64[ y\n"])
+def test_a_text_that_is_no_definition_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is no field"):
+        parse_type("a/msg/A", text)
