@@ -2,13 +2,13 @@
 
 Needs pyzmq and msgpack only. ::
 
-    from tactiled.client import Client, Message, Stale
+    from tactiled.client import Client, SlipMessage, Stale
 
     async with Client("tcp://127.0.0.1:9872", topics=("slip",)) as client:
         async for item in client:
             match item:
-                case Message(topic="slip"):
-                    if client.fresh and item.data["state"] == "onset": tighten()
+                case SlipMessage(data=slip):
+                    if client.fresh and slip["valid"] and slip["state"] == "onset": tighten()
                 case Stale(reason=reason):
                     hold_without_touch(reason)
 
@@ -21,22 +21,46 @@ Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",
 from tactiled.client.commander import AsyncCommander, Commander, Reply
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Client, Subscription, subscribe
+from tactiled.client.typed import (
+    CommandMessage,
+    ContactMessage,
+    ForceMessage,
+    GripMessage,
+    InfoMessage,
+    RecordingMessage,
+    ScanMessage,
+    SlipMessage,
+    StatusMessage,
+    TextureMessage,
+    Topic,
+)
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
 __all__ = [
     "DEFAULT_ENDPOINT",
     "AsyncCommander",
     "Client",
+    "CommandMessage",
     "Commander",
+    "ContactMessage",
+    "ForceMessage",
     "Fresh",
+    "GripMessage",
+    "InfoMessage",
     "Item",
     "Lost",
     "Malformed",
     "Message",
+    "RecordingMessage",
     "Recovered",
     "Reply",
     "Restarted",
+    "ScanMessage",
+    "SlipMessage",
     "Stale",
+    "StatusMessage",
     "Subscription",
+    "TextureMessage",
+    "Topic",
     "subscribe",
 ]

@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Message:
-    """Published event.
+    """Published event; `typed` has a subclass for each topic, whose fields type checkers know.
 
     Attributes
     ----------

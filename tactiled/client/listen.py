@@ -6,10 +6,11 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import TextIO, cast
 
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
+from tactiled.client.typed import Topic
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
 
@@ -48,7 +49,8 @@ def listen(
     until_s = None if timeout_s is None else time.monotonic() + timeout_s
     printed = 0
     try:
-        with Subscription(endpoint, topics, board, keys=keys) as subscription:
+        # Any text is harmless: it matches no message.
+        with Subscription(endpoint, cast(Sequence[Topic], topics), board, keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)
                 if item is None:

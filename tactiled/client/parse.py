@@ -7,6 +7,7 @@ from typing import Any
 import msgpack
 
 from tactiled.client.items import Malformed, Message
+from tactiled.client.typed import MESSAGE_TYPES
 from tactiled.events.codec import MESSAGE_VERSION
 
 
@@ -32,4 +33,5 @@ def message_of(topic: str, data: Mapping[str, Any], now_s: float, unix_s: float)
         return Malformed(f"{topic}: seq or timestamp is missing or no number")
     if not isinstance(board, str) or type(run) is not int:
         return Malformed(f"{topic}: board or run is missing, or not what it should be")
-    return Message(topic, board, seq, stamp, dict(data), now_s, unix_s - stamp)
+    kind = MESSAGE_TYPES.get(topic, Message)  # a topic of a later version has no class of its own
+    return kind(topic, board, seq, stamp, dict(data), now_s, unix_s - stamp)

@@ -14,6 +14,7 @@ import zmq.asyncio
 from tactiled.client import connect
 from tactiled.client.inbox import Inbox
 from tactiled.client.items import Item
+from tactiled.client.typed import Topic
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 
 STALE_AFTER_S = 0.5  # five periods of the status
@@ -29,7 +30,7 @@ class _SubscriptionBase:
     def __init__(
         self,
         endpoint: str = DEFAULT_ENDPOINT,
-        topics: Sequence[str] = (),
+        topics: Sequence[Topic] = (),
         board: str | None = None,
         stale_after_s: float = STALE_AFTER_S,
         control: str | None = None,
@@ -108,7 +109,7 @@ class Client(_SubscriptionBase):
     ----------
     endpoint : str
         Endpoint for events of the daemon.
-    topics : sequence of str
+    topics : sequence of Topic
         ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...;
         empty for all.
     board : str, optional
@@ -167,7 +168,7 @@ class Subscription(_SubscriptionBase):
     def __init__(
         self,
         endpoint: str = DEFAULT_ENDPOINT,
-        topics: Sequence[str] = (),
+        topics: Sequence[Topic] = (),
         board: str | None = None,
         stale_after_s: float = STALE_AFTER_S,
         control: str | None = None,
@@ -211,7 +212,7 @@ class Subscription(_SubscriptionBase):
 
 def subscribe(
     endpoint: str = DEFAULT_ENDPOINT,
-    topics: Sequence[str] = (),
+    topics: Sequence[Topic] = (),
     board: str | None = None,
     stale_after_s: float = STALE_AFTER_S,
     control: str | None = None,

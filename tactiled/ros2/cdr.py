@@ -18,8 +18,8 @@ _CODES = {
 _Write = Callable[[bytearray, Any], None]
 
 
-class Encoder:
-    """Encoder of one message type.
+class CdrEncoder:
+    """CdrEncoder of one message type.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _writer(kind: RosType, types: Mapping[str, RosType]) -> _Write:
 
 
 def _field_writer(field: RosField, types: Mapping[str, RosType]) -> _Write:
-    one = _write_string if field.kind == "string" else None
+    one: _Write | None = _write_string if field.kind == "string" else None
     if field.kind in types:
         one = _writer(types[field.kind], types)
     if one is None:

@@ -8,13 +8,13 @@ no access: services answer clients that run rmw_cyclonedds_cpp, topics reach eve
 
 import importlib
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from tactiled.errors import OperatorError
 from tactiled.ros2 import names
-from tactiled.ros2.cdr import Encoder, decode
+from tactiled.ros2.cdr import CdrEncoder, decode
 from tactiled.ros2.definitions import RosField, RosType, parse_types
 from tactiled.ros2.own_types import own_definitions
 from tactiled.ros2.standard_types import STANDARD, discovery_types
@@ -46,7 +46,7 @@ class ServiceRequest:
 class TopicWriter:
     """Writer of one topic."""
 
-    def __init__(self, writer: Any, kind: Any, encoder: Encoder, delivery: Delivery) -> None:
+    def __init__(self, writer: Any, kind: Any, encoder: CdrEncoder, delivery: Delivery) -> None:
         self._writer, self._kind, self._encoder = writer, kind, encoder
         self._latched = delivery == "latched"
 
@@ -180,7 +180,7 @@ class Node:
         )
         if topic != _INFO_TOPIC:
             self._writers.append(writer)
-        return TopicWriter(writer, self._kind(kind), Encoder(kind, self.types), delivery)
+        return TopicWriter(writer, self._kind(kind), CdrEncoder(kind, self.types), delivery)
 
     def _policies(self, delivery: Delivery, own: bytes) -> Any:
         policy = self._qos.Policy
@@ -261,5 +261,5 @@ def _held(self: Any, *_: object, **__: object) -> bytes:
     return data
 
 
-def _holding(kind: Callable[[bytes], Any], data: bytes, *_: object, **__: object) -> Any:
+def _holding(kind: Any, data: bytes, /, *_: object, **__: object) -> Any:
     return kind(data)

@@ -1,0 +1,40 @@
+#!/usr/bin/env python3
+"""Tighten a grip at the first sign of slip, and hold it while nothing is known of the skin."""
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
+from tactiled_msgs.msg import Slip, Status
+
+STEP_N = 0.5  # how much more force at each slip
+FRESH_S = 0.3  # three periods of the status
+
+
+class GripController(Node):
+    """Publish the wanted grip force on `grip_force`."""
+
+    def __init__(self) -> None:
+        super().__init__("grip_controller")
+        self.force_n, self.fresh_until = 2.0, self.get_clock().now()
+        self.output = self.create_publisher(Float64, "grip_force", 1)
+        self.create_subscription(Status, "tactile/TS0001/status", self.on_status, QoSProfile(depth=1))
+        self.create_subscription(Slip, "tactile/TS0001/slip", self.on_slip, QoSProfile(depth=10))
+
+    def on_status(self, status: Status) -> None:
+        """Note until when the skin may be trusted."""
+        if status.valid:
+            self.fresh_until = self.get_clock().now() + Duration(seconds=FRESH_S)
+
+    def on_slip(self, slip: Slip) -> None:
+        """Tighten at each valid onset."""
+        fresh = self.get_clock().now() < self.fresh_until
+        if fresh and slip.valid and slip.state == Slip.STATE_ONSET:
+            self.force_n += STEP_N
+            self.get_logger().info(f"{slip.kind} slip towards {slip.direction_deg:.0f} deg")
+            self.output.publish(Float64(data=self.force_n))
+
+
+rclpy.init()
+rclpy.spin(GripController())
