@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from tactiled.config import Setup
+from tactiled.daemon.zmq.endpoints import RUNTIME
 from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding
@@ -16,7 +17,7 @@ _STARTS = "the daemon starts without recording, and records as soon as this has 
 
 
 def check_files(setup: Setup, source: str) -> list[str]:
-    """Check the keys and the record directory that a configuration names.
+    """Check the keys, the folders of sockets and the record directory that a configuration names.
 
     Returns
     -------
@@ -33,6 +34,15 @@ def check_files(setup: Setup, source: str) -> list[str]:
     if faults:
         raise ConfigError(source, [f"publish.keys: {fault}" for fault in faults])
     warnings = [f"publish.keys: {words}" for words in warnings]
+    sockets = [
+        endpoint for endpoint in (*publish.endpoints, *publish.control) if endpoint.startswith("ipc://")
+    ]
+    folders = {
+        Path(endpoint.removeprefix("ipc://")).parent for endpoint in sockets if RUNTIME not in endpoint
+    }
+    for folder in sorted(folder for folder in folders if not folder.is_dir()):
+        words = "no such folder: the daemon ends with status 1, and systemd starts it again"
+        warnings.append(f"publish.endpoints: {folder}: {words}; make it, or use ipc://{RUNTIME}/events.ipc")
     if record.directory is not None:
         for finding in check_disk(record):
             if finding.verdict == "fail":

@@ -129,6 +129,7 @@ class Assembler:
         self._queued_s = 0.0
         self._begun: tuple[float, int] | None = None  # the read before: when, and bytes of a frame at its end
         self._pings: dict[int, float] = {}
+        self._is_confirmed = True
         self._counter = ScanCounter(
             self._layout.bits("scan", "sequence") or 16,
             self._layout.bits("scan", "ticks"),
@@ -199,8 +200,10 @@ class Assembler:
         """
         self._close_block()
         self._pending_gap = cause
-        if cause == "disconnect" and not self._layout.counts_scans:  # nobody knows how many scans it lasted
-            self._new_clock()
+        if cause == "disconnect":
+            self._is_confirmed = False
+            if not self._layout.counts_scans:  # nobody knows how many scans it lasted
+                self._new_clock()
 
     def _new_run(self, cause: GapCause) -> None:
         """Begin a new run of counters and clock."""
@@ -210,6 +213,7 @@ class Assembler:
     def _new_clock(self) -> None:
         self._counter.reset()
         self._not_before_s = -np.inf  # instants of the old run do not bound those of the new one
+        self._is_confirmed = True  # False: what the fit is made from may be an earlier run of the board
         self._pings.clear()
         if self._fit:
             self._fit.reset()
@@ -246,7 +250,11 @@ class Assembler:
             del self._pings[next(iter(self._pings))]
 
     def answered(self, answer: Acknowledge, now_s: float) -> None:
-        """Take an answer to a command; that to a ping has ticks which were read during the round trip."""
+        """Take an answer to a command; that to a ping has ticks which were read during the round trip.
+
+        A board that was switched off and on may have counters that fit those before, as if its scans had
+        waited on the line: they count as late. The next answer decides, as it cannot be older than its ping.
+        """
         self.other("acknowledge")
         if answer.command != "ping" or answer.result != "ok":
             return
@@ -258,6 +266,11 @@ class Assembler:
             return
         # Ping and answer occupy the line; ticks give the beginning of a tick, not the time within it.
         earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
+        if not self._is_confirmed and self._fit.is_behind(board_s, earliest_s):
+            self._count(restarts=1)
+            self._new_run("restart")
+            return
+        self._is_confirmed = True
         self._fit.answered(board_s, earliest_s, now_s - self._line_s.get("acknowledge", 0.0))
 
     def scan(self, scan: Scan, now_s: float) -> bool:
@@ -299,6 +312,8 @@ class Assembler:
         age_s = now_s - time_s
         # An instant in the future is wrong, and the scan is as unfit to act on as a late one.
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
+        if age_s > self._params.late_after_s:
+            self._is_confirmed = False
         self._rows.append((scan, time_s, sd_s, self._live and not fresh))
         self._counts["scans"] += 1
         return True

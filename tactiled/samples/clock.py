@@ -165,6 +165,14 @@ class ClockFit:
         if self._lines is None:
             self._running = self._bucket.running_band(self.handover_s, self._wait_s, self._is_pinged)
 
+    def is_behind(self, board_s: float, sent_s: float) -> bool:
+        """Return True where the board read its clock after `sent_s`, and the fit puts that reading before.
+
+        A difference of up to `gate_s` and three standard deviations is taken for an error of the fit.
+        """
+        time_s, sd_s = self.time_of(board_s)
+        return sent_s > time_s + self._params.gate_s + 3 * sd_s
+
     def answered(self, board_s: float, sent_s: float, arrival_s: float) -> None:
         """Add an answered ping: the board's clock read `board_s` between two instants of the host.
 

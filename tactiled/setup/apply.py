@@ -3,7 +3,7 @@
 import hashlib
 import json
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tactiled.errors import OperatorError
@@ -69,7 +69,7 @@ def remove(name: str, root: Path, say: Say) -> None:
     _unlink(manifest)
 
 
-def run_commands(commands: tuple[tuple[str, ...], ...], say: Say) -> None:
+def run_commands(commands: Sequence[tuple[str, ...]], say: Say) -> None:
     """Run commands of the system; one that fails is reported and does not stop the others."""
     for command in commands:
         try:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import sys
 import tomllib
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ from tactiled.errors import ConfigError
 from tactiled.setup.find import FoundBoard
 
 _INSTALLED = "/opt/tactiled/bin/tactiled"  # ExecStart of the shipped unit
+_ALL = "tactiled.service"
+# The condition of tactiled@.service names this path.
+_ALL_ENABLED = f"/etc/systemd/system/multi-user.target.wants/{_ALL}"
 _SHIPPED_RULE = {"0403:6001", "0403:6015"}  # adapters of the shipped udev rule
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _OTHER_RULE = """\
@@ -65,7 +69,14 @@ class SetupPlan:
         return f"/etc/tactiled/{self.name}.setup.json"
 
 
-def make_plan(board: FoundBoard, name: str | None, tcp_port: int = 9872) -> SetupPlan:
+def serves_all_boards(root: Path) -> bool:
+    """Return True where the unit of all boards is enabled; instances of the other are then skipped."""
+    return (root / _ALL_ENABLED.lstrip("/")).is_symlink()
+
+
+def make_plan(
+    board: FoundBoard, name: str | None, tcp_port: int = 9872, *, for_all: bool = False
+) -> SetupPlan:
     """Return what the service of a board needs.
 
     Parameters
@@ -75,6 +86,8 @@ def make_plan(board: FoundBoard, name: str | None, tcp_port: int = 9872) -> Setu
         Name of the instance; by default the serial number of the adapter, by which the udev rule starts it.
     tcp_port : int
         Loopback port of its events; each daemon of a host needs one of its own.
+    for_all : bool
+        `tactiled.service` reads this configuration with those of the other boards (`serves_all_boards`).
 
     Raises
     ------
@@ -100,9 +113,10 @@ def make_plan(board: FoundBoard, name: str | None, tcp_port: int = 9872) -> Setu
     sysusers = resources.shipped("systemd", "tactiled.sysusers").read_text()
     files = [
         PlannedFile(f"/etc/tactiled/{name}.toml", config),
-        PlannedFile("/etc/systemd/system/tactiled@.service", unit, shared=True),
         PlannedFile("/etc/sysusers.d/tactiled.conf", sysusers, shared=True),
     ]
+    if not for_all:
+        files.append(PlannedFile("/etc/systemd/system/tactiled@.service", unit, shared=True))
     commands = [("systemd-sysusers",), ("systemctl", "daemon-reload")]
     if f"{port.vendor}:{port.product}" in _SHIPPED_RULE:
         rule = resources.shipped("systemd", "99-tactiled.rules").read_text()
@@ -114,10 +128,19 @@ def make_plan(board: FoundBoard, name: str | None, tcp_port: int = 9872) -> Setu
         files.append(PlannedFile(f"/etc/udev/rules.d/99-tactiled-{name}.rules", rule))
     if port.vendor:
         commands += [("udevadm", "control", "--reload"), ("udevadm", "trigger", "--action=add")]
-    commands.append(("systemctl", "enable", "--now", f"tactiled@{name}.service"))
+    if for_all:
+        # Files that do not fit together would stop the daemon of all boards.
+        check = f"{shlex.quote(program)} check-config /etc/tactiled >/dev/null"
+        commands.append(("sh", "-c", f"{check} && systemctl restart {_ALL}"))
+    else:
+        commands.append(("systemctl", "enable", "--now", f"tactiled@{name}.service"))
     notes = [
         "members of group tactiled may command the daemon: sudo usermod -aG tactiled USER, then log in anew"
     ]
+    if for_all:
+        notes.append(
+            f"{_ALL} is enabled: it reads this board with the others, and tactiled@{name} is not used"
+        )
     if program != _INSTALLED and Path(program).resolve().is_relative_to("/home"):
         notes.append(
             f"{program} is in /home, which the unit may not see: install tactiled into /opt/tactiled"

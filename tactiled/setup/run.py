@@ -8,7 +8,7 @@ import click
 from tactiled.doctor.finding import as_text
 from tactiled.setup.apply import remove, run_commands, write
 from tactiled.setup.find import FoundBoard, examine, find_ports, port_at
-from tactiled.setup.plan import SetupPlan, make_plan
+from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
 _SHOWN_CHANNELS = 12
 
@@ -44,7 +44,7 @@ def run_setup(
         return 1
     board = boards[0]
     _first_scans(board)
-    plan = make_plan(board, name, tcp_port)
+    plan = make_plan(board, name, tcp_port, for_all=serves_all_boards(root))
     if dry_run:
         _print(plan)
         return 0
@@ -63,7 +63,10 @@ def run_remove(name: str, root: Path) -> None:
         run_commands((("systemctl", "disable", "--now", f"tactiled@{name}.service"),), _say)
     remove(name, root, _say)
     if root == Path("/"):
-        run_commands((("systemctl", "daemon-reload"), ("udevadm", "control", "--reload")), _say)
+        commands = [("systemctl", "daemon-reload"), ("udevadm", "control", "--reload")]
+        if serves_all_boards(root):
+            commands.append(("systemctl", "try-restart", "tactiled.service"))
+        run_commands(commands, _say)
 
 
 def _first_scans(board: FoundBoard) -> None:

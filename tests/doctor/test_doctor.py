@@ -324,6 +324,9 @@ def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Set
     )
     (full,) = check(None, "tcp://127.0.0.1:9872", directory=str(tmp_path), min_free_mb=1e12)
     assert "the daemon starts without recording" in full
+    (homeless,) = check(None, f"ipc://{tmp_path}/run/events.ipc")
+    assert homeless.startswith(f"publish.endpoints: {tmp_path}/run: no such folder")
+    assert check(None, "ipc://{runtime}/events.ipc") == []
     (folder / "daemon.toml").chmod(0o600)
     (folder / "clients/left.toml").unlink()
     (nobody,) = check(folder)

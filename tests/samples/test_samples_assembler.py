@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tactiled.errors import ContractError
 from tactiled.samples.assembler import Assembler
 from tactiled.samples.block import Gap, ScanBlock, regular_block
-from tactiled.wire.frames import Hello, Scan
+from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import load_layout
 
 LAYOUT = load_layout("board-v1")
@@ -120,6 +120,46 @@ def test_a_reboot_of_a_board_that_counts_no_boots_is_found_by_its_ticks() -> Non
     assert isinstance(items[1], ScanBlock)
     assert items[1].time_s[0] == pytest.approx(65.1, abs=2e-3)
     assert not items[1].late[0]
+
+
+@pytest.mark.parametrize("is_unplugged", [True, False])
+def test_a_board_whose_counters_fit_after_a_power_cycle_is_late_until_a_ping_is_answered(
+    is_unplugged: bool,
+) -> None:
+    """It ran for 2 s, was off for 3.6 s, and has run for 2 s again when the first scan arrives."""
+    target = assembler()
+    feed(target, list(range(200)))
+    if is_unplugged:
+        target.interrupt("disconnect")
+        target.board(hello(ticks=2_000_000), 57.6)
+    again_s = 50.0 + 2.0 + 3.6
+    target.scan(scan(200), again_s + 2.0 + LATENCY_S)
+    (*_, block) = target.flush()
+    assert isinstance(block, ScanBlock)
+    assert block.late[0]
+    target.pinged(1, again_s + 2.001)
+    target.answered(Acknowledge(1, "ping", "ok", ticks=2_003_000), again_s + 2.006)
+    target.scan(scan(201), again_s + 2.01 + LATENCY_S)
+    gap, block = target.flush()
+    assert gap == Gap(0, "restart", 201)
+    assert isinstance(block, ScanBlock)
+    assert block.time_s[0] == pytest.approx(again_s + 2.01, abs=2e-3)
+    assert not block.late[0]
+    assert target.counts.restarts == 1
+
+
+def test_a_ping_that_is_answered_behind_a_backlog_is_no_restart() -> None:
+    target = assembler()
+    feed(target, list(range(500)))
+    for number in range(500, 800):  # 3 s of the line arrive at once
+        target.scan(scan(number), 58.0 + LATENCY_S)
+    target.pinged(1, 58.001)
+    target.answered(Acknowledge(1, "ping", "ok", ticks=8_003_000), 58.006)
+    target.scan(scan(801), 58.01 + LATENCY_S)
+    items = target.flush()
+    assert target.counts.restarts == 0
+    assert isinstance(items[-1], ScanBlock)
+    assert not items[-1].late[-1]
 
 
 def test_a_started_board_whose_ticks_are_young_is_another_run() -> None:

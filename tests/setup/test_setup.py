@@ -11,10 +11,11 @@ from pages import robot
 
 from tactiled.config import Config
 from tactiled.errors import ConfigError, OperatorError
+from tactiled.resources import shipped
 from tactiled.setup import run as setup_run
 from tactiled.setup.apply import remove, write
 from tactiled.setup.find import FoundBoard, FoundPort
-from tactiled.setup.plan import make_plan
+from tactiled.setup.plan import make_plan, serves_all_boards
 
 FTDI = FoundPort("/dev/serial/by-id/usb-FTDI_A5-if00-port0", "A5", "0403", "6001")
 OTHER = FoundPort("/dev/serial/by-id/usb-1a86-if00", "B7", "1a86", "7523")
@@ -44,6 +45,21 @@ def test_an_adapter_that_the_shipped_rule_does_not_know_gets_its_own() -> None:
     assert 'ATTRS{idVendor}=="1a86"' in rule.text
     assert 'ENV{ID_SERIAL_SHORT}=="B7"' in rule.text
     assert "tactiled@left.service" in rule.text
+
+
+def test_where_one_daemon_reads_all_boards_it_is_restarted_and_no_instance_is_enabled(tmp_path: Path) -> None:
+    wanted = tmp_path / "etc/systemd/system/multi-user.target.wants/tactiled.service"
+    assert not serves_all_boards(tmp_path)
+    wanted.parent.mkdir(parents=True)
+    wanted.symlink_to("/etc/systemd/system/tactiled.service")  # as `systemctl enable` does
+    plan = make_plan(board(), "left", for_all=serves_all_boards(tmp_path))
+    assert not any("tactiled@left.service" in command for command in plan.commands)
+    assert plan.commands[-1][-1].endswith(
+        "check-config /etc/tactiled >/dev/null && systemctl restart tactiled.service"
+    )
+    assert not any("tactiled@" in file.path for file in plan.files)
+    unit = shipped("systemd", "tactiled@.service").read_text()
+    assert f"ConditionPathExists=!/{wanted.relative_to(tmp_path)}" in unit
 
 
 @pytest.mark.parametrize("name", ["../left", "left hand", "", "-x", "a" * 65])

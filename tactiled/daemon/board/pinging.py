@@ -5,7 +5,9 @@ import math
 # Mean time between two pings. Ping and answer take 20 octets, 0.2 % of a line at 115200 baud; 120 s of the
 # clock's fit hold some 120 of them, of which the fastest bounds the fit.
 PING_S = 1.0
-FIRST_S = 0.3  # the first comes sooner: until then instants on a bunched line are known to some ms only
+# The first comes as soon as some scans have arrived: until it is answered, instants on a bunched line are
+# known to some ms only, and a board that was switched off and on may look like one with a backlog.
+FIRST_S = 0.05
 # The golden ratio spreads the intervals evenly between 0.5 and 1.5 times `PING_S`. So pings are not in step
 # with scans, adapter timers or the daemon's own ticks, and some find the line and the adapter idle.
 _GOLDEN = (math.sqrt(5) - 1) / 2

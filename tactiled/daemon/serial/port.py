@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import socket
 import termios
 import threading
 from collections.abc import Callable
@@ -137,8 +138,13 @@ class SerialPort:
         with contextlib.suppress(serial.SerialException, OSError, termios.error):
             # Closing a tty would wait up to 30 s for its output to be sent; the output is discarded instead.
             self._device.reset_output_buffer()
+        # pyserial leaves the descriptor of a socket open where the other end has reset the connection: its
+        # shutdown fails, and close does not follow.
+        connection = getattr(self._device, "_socket", None)
         with contextlib.suppress(serial.SerialException, OSError, termios.error):
             self._device.close()
+        if isinstance(connection, socket.socket):
+            connection.close()
 
     def _readable(self, fd: int) -> None:
         try:

@@ -110,7 +110,7 @@ def test_from_open_to_running() -> None:
     bench.run(0.1)
     assert bench.state() == "running"
     assert bench.reason == ""
-    assert [c.name for c in bench.sent] == ["identify", "start", "identify"]
+    assert [c.name for c in bench.sent if c.name != "ping"] == ["identify", "start", "identify"]
 
 
 def test_a_board_that_streams_already_is_not_started_again() -> None:
@@ -119,7 +119,7 @@ def test_a_board_that_streams_already_is_not_started_again() -> None:
     bench.plug()
     bench.run(0.1)
     assert bench.state() == "running"
-    assert [c.name for c in bench.sent] == ["identify"]
+    assert [c.name for c in bench.sent if c.name != "ping"] == ["identify"]
 
 
 @pytest.mark.parametrize("streaming", [False, True])

@@ -5,6 +5,7 @@ import grp
 import os
 import pty
 import socket
+import struct
 import threading
 import tty
 from collections.abc import Awaitable, Callable, Iterator
@@ -103,6 +104,17 @@ def test_bytes_pass_both_ways_on_a_socket_and_its_end_is_noticed() -> None:
             port.close()
 
     run(scenario)
+
+
+def test_a_connection_that_the_other_end_has_reset_is_closed() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}", 115200)
+        board, _ = server.accept()
+        board.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close with a reset
+        board.close()
+    connection = port._device._socket  # noqa: SLF001  the descriptor that must not leak
+    port.close()
+    assert connection.fileno() == -1
 
 
 def test_a_port_without_descriptor_is_read_by_a_thread() -> None:
