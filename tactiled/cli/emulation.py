@@ -79,6 +79,7 @@ def emulate(
     An unknown scene name prints all known names. stick-slip-7 is seed 7 of the family stick-slip.
 
     Example: tactiled emulate --scene demo --link /tmp/board
+
     Example: tactiled emulate --rig /tmp/rig
     """
     if rig is not None:
