@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect import special
 
 _TREND_ORDER = 3
 _FLOOR_ORDER = 2
@@ -193,7 +193,7 @@ def _studentised(y: FloatArray, basis: FloatArray, rest: NDArray[np.bool_], at: 
     variance = float(((y[rest] - design @ fitted) ** 2).sum()) / freedom
     leverage = float(basis[at] @ np.linalg.solve(design.T @ design, basis[at]))
     sd = np.sqrt(max(variance, 1e-24) * (1 + leverage))
-    return float((y[at] - basis[at] @ fitted) / sd / -special.stdtrit(freedom, chance))
+    return float((y[at] - basis[at] @ fitted) / sd / special.student_quantile(freedom, chance))
 
 
 def _noise_power(spectra: NDArray[np.complex128], beside: NDArray[np.bool_]) -> FloatArray:

@@ -19,9 +19,9 @@ sigmas known, a wave is told from its rivals at strays where one window alone ca
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, special
 
 from tactiled.array import FloatArray
+from tactiled.detect import special
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.worker import pause
 
@@ -44,7 +44,7 @@ _TINY = 1e-300
 
 def _log_prior() -> FloatArray:
     log = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
-    return np.asarray(log - special.logsumexp(log))
+    return np.asarray(log - special.log_sum_exp(log))
 
 
 # Logarithms of the prior probabilities of the grid, (sigmas_c, sigmas_t).
@@ -143,17 +143,20 @@ def weigh_waves(
     log = -0.5 * (quadratic + log_det[..., np.newaxis] + log_gram) - log_slack
     error_if_alike = 1 - float(special.softmax(log[0, 0]).max())
     log = log + (LOG_PRIOR if layout.strays is None else layout.strays)[..., np.newaxis]
-    weights = special.softmax(special.logsumexp(log, axis=(0, 1)))
+    weights = special.softmax(special.log_sum_exp(log, axis=(0, 1)))
     likeliest = int(weights.argmax())
-    log_sigmas = special.log_softmax(log[:, :, likeliest])
+    log_sigmas = log[:, :, likeliest] - special.log_sum_exp(log[:, :, likeliest])
     moved = np.einsum("st,sta->a", np.exp(log_sigmas), best[:, :, likeliest, -2:])
     return StrayPosterior(weights, k[likeliest] + moved, log_sigmas, error_if_alike)
 
 
 def carried(log_sigmas: FloatArray) -> FloatArray:
     """Prior for the next slide after a slide with this posterior: (sigmas_c, sigmas_t)."""
-    probability = ndimage.convolve1d(np.exp(log_sigmas), _SPREAD, axis=0, mode="nearest")
-    probability = ndimage.convolve1d(probability, _SPREAD, axis=1, mode="nearest")
+    before, same, behind = _SPREAD
+    probability = np.exp(log_sigmas)
+    for _ in range(probability.ndim):  # along each axis in turn
+        beside = np.pad(probability, ((1, 1), (0, 0)), mode="edge")
+        probability = (before * beside[:-2] + same * beside[1:-1] + behind * beside[2:]).T
     probability = probability / probability.sum()
     return np.asarray(np.log((1 - _FORGOTTEN) * probability + _FORGOTTEN * np.exp(LOG_PRIOR)))
 

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.linear import PlaneWaves
@@ -261,13 +260,21 @@ def _peaks(phasors: Phasors, grid: FloatArray) -> tuple[NDArray[np.int64], NDArr
         explained[alike > MOST_ALIKE] = 0.0
         explained = np.triu(explained, 1)
         highest = np.empty_like(explained)
-        highest[:, :-1] = ndimage.maximum_filter(explained[:, :-1], size=3)
-        highest[:, -1] = ndimage.maximum_filter(explained[:, -1], size=3)
+        highest[:, :-1] = _highest_near(_highest_near(explained[:, :-1]).T).T
+        highest[:, -1] = _highest_near(explained[:, -1])
         row, column = np.nonzero((explained == highest) & (explained > 0))
         mine = (row >= begin - first) & (row < begin - first + _GRID_ROWS)
         found.append((row[mine] + first, column[mine] + first, explained[row, column][mine]))
     rows, columns, heights = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return rows, columns, heights
+
+
+def _highest_near(values: FloatArray) -> FloatArray:
+    """Largest of each value and those before and behind it along the first axis."""
+    highest = values.copy()
+    np.maximum(highest[1:], values[:-1], out=highest[1:])
+    np.maximum(highest[:-1], values[1:], out=highest[:-1])
+    return highest
 
 
 def _refined(phasors: Phasors, motion: WaveMotion, tried: PairTrials, radius_mm: float) -> PairTrials:

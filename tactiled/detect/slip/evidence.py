@@ -32,9 +32,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect import special
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.slip.filters import N_BASELINE, lasting
 from tactiled.detect.slip.friction_limit import FrictionLimitTest
@@ -256,4 +256,4 @@ class ShearEvidence:
 
 @functools.cache
 def _threshold(chance: float, axes: int) -> float:
-    return float(special.chdtri(axes, chance))
+    return special.chi_square_quantile(axes, chance)
