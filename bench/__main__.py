@@ -26,6 +26,7 @@ BENCHES = {
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
     "web": "bench.web.bench",
+    "ros2": "bench.ros2",
 }
 WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
 WITH_ABLATION = ("grip",)
@@ -56,7 +57,8 @@ def bench(
     random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the
     bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the
     model. sensors: slides of six kinds of sensor in their own units, beside the strongest line of a
-    spectrum. web: delays of the live page in a browser, and what server and page cost.
+    spectrum. web: delays of the live page in a browser, and what server and page cost. ros2: delay
+    and cost of the bridge to ROS 2.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

@@ -152,9 +152,10 @@ class Bridge:
         async with Client(endpoint, keys=self._params.keys) as client:
             async for item in client:
                 if isinstance(item, Message):  # others are old (Recovered), or show in the diagnostics
-                    self._take(endpoint, item)
+                    self.take(endpoint, item)
 
-    def _take(self, endpoint: str, message: Message) -> None:
+    def take(self, endpoint: str, message: Message) -> None:
+        """Publish a message from an endpoint, if it is fresh; count one that is malformed."""
         now_s, unix_s = time.monotonic(), time.time()
         if message.topic not in EVENT_TYPES:  # of a newer daemon
             return
@@ -189,17 +190,21 @@ class Bridge:
             for board in self._boards.values():
                 board.watch(time.monotonic(), time.time())
 
+    def diagnose(self) -> None:
+        """Publish the diagnostics of all boards, and of endpoints without one."""
+        rows = [
+            self._row(f"tactiled {board}", board, topics.freshness)
+            for (_, board), topics in self._boards.items()
+        ]
+        for endpoint, freshness in self._unnamed.items():
+            boards = [each for each in self._boards if each[0] == endpoint]
+            if not boards or freshness.is_heard(time.monotonic()):
+                rows.append(self._row(f"tactiled {endpoint}", "", freshness))
+        self._diagnostics.write(convert.diagnostics(rows, time.time()))
+
     async def _diagnose(self) -> None:
         while True:
-            rows = [
-                self._row(f"tactiled {board}", board, topics.freshness)
-                for (_, board), topics in self._boards.items()
-            ]
-            for endpoint, freshness in self._unnamed.items():
-                boards = [each for each in self._boards if each[0] == endpoint]
-                if not boards or freshness.is_heard(time.monotonic()):
-                    rows.append(self._row(f"tactiled {endpoint}", "", freshness))
-            self._diagnostics.write(convert.diagnostics(rows, time.time()))
+            self.diagnose()
             await asyncio.sleep(_DIAGNOSTICS_S)
 
     def _row(self, name: str, board: str, freshness: BoardFreshness) -> tuple[Any, ...]:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 PRIMITIVES = frozenset(
     ("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 ) | {"float32", "float64", "string"}
-_FIELD = re.compile(r"(?P<kind>[A-Za-z0-9_/]+)(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$")
+_FIELD = re.compile(
+    r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
+)
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,14 @@ class RosField:
         Primitive type, or full name of a message type.
     size : int, optional
         None for one value, 0 for a sequence, otherwise the length of a fixed array.
+    bound : int
+        Longest string; 0 where there is no bound.
     """
 
     name: str
     kind: str
     size: int | None = None
+    bound: int = 0
 
 
 @dataclass(frozen=True)
@@ -55,13 +60,14 @@ def parse_type(name: str, text: str) -> RosType:
     fields = []
     for raw in text.splitlines():
         line = raw.split("#", 1)[0].strip()
-        if not line or "=" in line:
+        if not line or "=" in line.replace("<=", ""):
             continue
         found = _FIELD.match(line)
         if found is None:
             raise ValueError(f"{name}: {raw!r} is no field")
         size = None if found["array"] is None else int(found["size"] or 0)
-        fields.append(RosField(found["name"], _full_name(found["kind"], package), size))
+        kind = _full_name(found["kind"], package)
+        fields.append(RosField(found["name"], kind, size, int(found["bound"] or 0)))
     return RosType(name, tuple(fields))
 
 

@@ -135,14 +135,16 @@ class Node:
         """Create a service; `kind` is the full name of its type, such as ``std_srvs/srv/Trigger``."""
         mark = ".".join(f"{byte:02x}" for byte in secrets.token_bytes(24))
         own = f"serviceid={mark};".encode()
-        request, reply = (self._with_head(f"{kind}_{part}") for part in ("Request", "Response"))
+        request, reply = f"{kind}_Request", f"{kind}_Response"
         qos = self._policies("event", own)
         reader = self._sub.DataReader(
             self._participant, self._topic_of(names.dds_request(service), request), qos
         )
         self._readers.append(reader)
-        writer = self._writer(names.dds_reply(service), reply, "event", own, hashed=False)
-        self._services[service] = _Service((reader, request), writer)
+        writer = self._writer(
+            names.dds_reply(service), reply, "event", own, encoded_as=self._with_head(reply), hashed=False
+        )
+        self._services[service] = _Service((reader, self._with_head(request)), writer)
         self._announce()
 
     def requests(self) -> list[ServiceRequest]:
@@ -171,7 +173,14 @@ class Node:
             self._domain._delete(self._domain._ref)  # noqa: SLF001
 
     def _writer(
-        self, topic: str, kind: str, delivery: Delivery, own: bytes = b"", *, hashed: bool = True
+        self,
+        topic: str,
+        kind: str,
+        delivery: Delivery,
+        own: bytes = b"",
+        *,
+        encoded_as: str = "",
+        hashed: bool = True,
     ) -> TopicWriter:
         if hashed:
             own += f"typehash={rihs01(kind, self.types)};".encode()
@@ -180,7 +189,7 @@ class Node:
         )
         if topic != _INFO_TOPIC:
             self._writers.append(writer)
-        return TopicWriter(writer, self._kind(kind), CdrEncoder(kind, self.types), delivery)
+        return TopicWriter(writer, self._kind(kind), CdrEncoder(encoded_as or kind, self.types), delivery)
 
     def _policies(self, delivery: Delivery, own: bytes) -> Any:
         policy = self._qos.Policy
@@ -199,11 +208,14 @@ class Node:
         return self._topic.Topic(self._participant, topic, self._kind(kind))
 
     def _with_head(self, name: str) -> str:
-        """Register the type of a request or reply with its 16 bytes, and return its name."""
-        kind = self.types[name]
-        if kind.fields[:2] != _REQUEST_HEAD:
-            self.types[name] = RosType(name, (*_REQUEST_HEAD, *kind.fields))
-        return name
+        """Register the type of a request or reply with its 16 bytes, and return its name.
+
+        The description on DDS lacks them, as that of rmw_cyclonedds does: where both sides describe their
+        types, they must be equal.
+        """
+        headed = f"{name}_with_head"
+        self.types[headed] = RosType(headed, (*_REQUEST_HEAD, *self.types[name].fields))
+        return headed
 
     def _kind(self, name: str) -> Any:
         """Class of Cyclone DDS for a type: its description, around data that are encoded already."""
@@ -227,7 +239,7 @@ class Node:
     def _idl_type(self, field: RosField) -> Any:
         idl = self._idl_types
         if field.kind == "string":
-            kind: Any = str
+            kind: Any = idl.bounded_str[field.bound] if field.bound else str
         elif field.kind in self.types:
             kind = self._struct(field.kind)
         elif field.kind == "bool":

@@ -27,7 +27,7 @@ def discovery_types(gid_bytes: int) -> dict[str, str]:
     return {
         "rmw_dds_common/msg/Gid": f"char[{gid_bytes}] data\n",
         "rmw_dds_common/msg/NodeEntitiesInfo": (
-            "string node_namespace\nstring node_name\nGid[] reader_gid_seq\nGid[] writer_gid_seq\n"
+            "string<=256 node_namespace\nstring<=256 node_name\nGid[] reader_gid_seq\nGid[] writer_gid_seq\n"
         ),
         "rmw_dds_common/msg/ParticipantEntitiesInfo": (
             "Gid gid\nNodeEntitiesInfo[] node_entities_info_seq\n"

@@ -12,7 +12,7 @@ _IDS = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
     "float32": 10, "float64": 11, "char": 13, "bool": 15, "byte": 16, "string": 17,
 }  # fmt: skip
-_NESTED = 1
+_NESTED, _BOUNDED_STRING = 1, 21
 _ARRAY, _SEQUENCE = 48, 144  # added for an array of fixed length, and for a sequence without a bound
 
 
@@ -33,12 +33,13 @@ def _described(kind: RosType) -> dict[str, Any]:
 def _field(field: RosField) -> dict[str, Any]:
     shape = 0 if field.size is None else _SEQUENCE if field.size == 0 else _ARRAY
     primitive = field.kind in PRIMITIVES
+    own = _BOUNDED_STRING if field.bound else _IDS[field.kind] if primitive else _NESTED
     return {
         "name": field.name,
         "type": {
-            "type_id": shape + (_IDS[field.kind] if primitive else _NESTED),
+            "type_id": shape + own,
             "capacity": field.size or 0,
-            "string_capacity": 0,
+            "string_capacity": field.bound,
             "nested_type_name": "" if primitive else field.kind,
         },
     }

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from messages import CONTACT, SLIP, STATUS
+from nodes import FakeNode
 
 from tactiled.events import codec
 from tactiled.events.types import Event
@@ -84,24 +85,9 @@ def test_diagnostics(status: dict[str, Any] | None, at_s: float, level: str, wor
     assert words in found[1]
 
 
-class FakeWriter:
-    def __init__(self, written: list[tuple[str, Any]], topic: str) -> None:
-        self.written, self.topic, self.is_wanted = written, topic, True
-
-    def write(self, values: Any) -> None:
-        self.written.append((self.topic, values))
-
-
-class FakeNode:
-    def __init__(self) -> None:
-        self.written: list[tuple[str, Any]] = []
-
-    def writer(self, topic: str, _: str, __: str) -> FakeWriter:
-        return FakeWriter(self.written, topic)
-
-    def contacts(self) -> list[tuple[str, bool]]:
-        found = [values for topic, values in self.written if topic == "/tactile/TS0001/contact"]
-        return [(values["state"], values["valid"]) for values in found]
+def contacts(node: FakeNode) -> list[tuple[str, bool]]:
+    found = [values for topic, values in node.written if topic == "/tactile/TS0001/contact"]
+    return [(values["state"], values["valid"]) for values in found]
 
 
 def test_the_latched_contact_follows_silence_and_return() -> None:
@@ -115,15 +101,15 @@ def test_the_latched_contact_follows_silence_and_return() -> None:
     assert not node.written  # no status yet
     take("status", made(STATUS, 0.1, contact="holding"), 0.1)
     take("contact", made(CONTACT, 0.2, state="sliding"), 0.2)
-    assert node.contacts() == [("holding", True), ("sliding", True)]
+    assert contacts(node) == [("holding", True), ("sliding", True)]
     board.watch(0.3, UNIX_S + 0.3)
     board.watch(0.1 + FRESH_S + 0.01, UNIX_S + 1.0)
     board.watch(2.0, UNIX_S + 2.0)
-    assert node.contacts()[2:] == [("unknown", False)]
+    assert contacts(node)[2:] == [("unknown", False)]
     take("status", made(STATUS, 5.0, valid=False, contact="holding"), 5.0)
-    assert len(node.contacts()) == 3
+    assert len(contacts(node)) == 3
     take("status", made(STATUS, 5.1, contact="holding"), 5.1)
-    assert node.contacts()[3:] == [("holding", True)]
+    assert contacts(node)[3:] == [("holding", True)]
 
 
 def test_topics_about_the_skin_are_those_with_a_place_on_it() -> None:

@@ -1,0 +1,33 @@
+"""Node of ROS 2 without DDS, for tests of the bridge."""
+
+from typing import Any
+
+from tactiled.ros2.cdr import CdrEncoder
+from tactiled.ros2.definitions import parse_types
+from tactiled.ros2.own_types import own_definitions
+from tactiled.ros2.standard_types import STANDARD
+
+TYPES = parse_types({**STANDARD, **own_definitions()})
+
+
+class FakeWriter:
+    """Writer that encodes and notes what is published, and has subscribers."""
+
+    is_wanted = True
+
+    def __init__(self, written: list[tuple[str, Any]], topic: str, kind: str) -> None:
+        self.written, self.topic, self.encoder = written, topic, CdrEncoder(kind, TYPES)
+
+    def write(self, values: Any) -> None:
+        self.encoder.encode(values)
+        self.written.append((self.topic, values))
+
+
+class FakeNode:
+    """Node with everything that was published, by topic."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[str, Any]] = []
+
+    def writer(self, topic: str, kind: str, _: str) -> FakeWriter:
+        return FakeWriter(self.written, topic, kind)

@@ -1,0 +1,97 @@
+"""Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
+
+import time
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from messages import CONTACT, STATUS, anything
+from nodes import FakeNode
+
+from tactiled.cli.ros2 import ros2
+from tactiled.client import Message
+from tactiled.client.parse import message_of
+from tactiled.events import codec
+from tactiled.events.types import EVENT_TYPES, Event
+from tactiled.ros2.bridge import Bridge, BridgeParams
+
+ENDPOINT = "ipc:///tmp/events.ipc"
+
+
+def bridge_with(node: FakeNode) -> Bridge:
+    return Bridge(node, BridgeParams((ENDPOINT,)), lambda _: None)  # type: ignore[arg-type]
+
+
+def now(event: Event, board: str = "TS0001", **fields: Any) -> Message:
+    data = codec.to_map(event, seq=1, board=board, unix_offset_s=time.time())
+    message = message_of(event.topic, data | fields, time.monotonic(), time.time())
+    assert isinstance(message, Message)
+    return message
+
+
+def entries(node: FakeNode) -> list[tuple[str, int, str]]:
+    newest = [values for topic, values in node.written if topic == "/diagnostics"][-1]
+    return [(entry["name"], entry["level"], entry["message"]) for entry in newest["status"]]
+
+
+def test_diagnostics_from_nothing_to_a_board() -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.diagnose()
+    assert entries(node) == [(f"tactiled {ENDPOINT}", 3, "no status was received: is tactiled running?")]
+    bridge.take(ENDPOINT, now(STATUS, "", valid=False, reason="no such port"))
+    bridge.diagnose()
+    assert entries(node) == [(f"tactiled {ENDPOINT}", 2, "no such port")]
+    bridge.take(ENDPOINT, now(STATUS, warning="a noisy line"))
+    bridge.diagnose()
+    assert ("tactiled TS0001", 1, "a noisy line") in entries(node)
+
+
+FIELDS = st.sampled_from(["v", "valid", "reason", "taxels", "volts", "sent", "state", "run"])
+
+
+@given(
+    topic=st.sampled_from([*EVENT_TYPES, "topic-of-a-later-version"]),
+    fields=st.dictionaries(FIELDS, anything(st.text()) | st.lists(st.integers(0, 2**64))),
+    base=st.sampled_from([STATUS, CONTACT]),
+)
+def test_whatever_a_publisher_sends_is_encoded_or_counted(
+    topic: str, fields: dict[str, Any], base: Event
+) -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.take(ENDPOINT, now(STATUS))
+    message = now(base)
+    bridge.take(ENDPOINT, Message(topic, "TS0001", 1, message.timestamp, message.data | fields, 0.0, 0.0))
+    bridge.diagnose()
+
+
+def test_an_integer_that_ros_cannot_hold_is_counted() -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.take(ENDPOINT, now(STATUS))
+    bridge.take(ENDPOINT, now(CONTACT, taxels=[2**63]))
+    bridge.take(ENDPOINT, now(CONTACT, taxels="none"))
+    bridge.diagnose()
+    (entry,) = [values["status"][0] for topic, values in node.written if topic == "/diagnostics"]
+    assert {"key": "messages_malformed", "value": "2"} in entry["values"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--namespace", "1st"], "letters, digits and single underscores"),
+        (["--frame", "TS0001"], "give BOARD=FRAME"),
+        (["--domain", "233"], "233 is not in the range"),
+    ],
+)
+def test_wrong_options(arguments: list[str], says: str) -> None:
+    done = CliRunner().invoke(ros2, arguments)
+    assert done.exit_code == 2
+    assert says in done.output
+
+
+def test_help_has_an_example() -> None:
+    assert "Example: tactiled ros2 --events" in CliRunner().invoke(ros2, ["--help"]).output

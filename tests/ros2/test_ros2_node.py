@@ -1,0 +1,80 @@
+"""Descriptions of types: a reader that has one of its own, as new versions of ROS 2 have, still matches.
+
+The descriptions are those of rmw_cyclonedds (dyntype.cpp): plain field names, no head in requests.
+"""
+
+import importlib
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tactiled.ros2.participant import Node
+
+DOMAIN = 186
+
+
+def struct(package: str, bare: str, /, **fields: Any) -> Any:
+    make = importlib.import_module("cyclonedds.idl").make_idl_struct
+    return make(bare, f"{package}.dds_.{bare}_", fields)
+
+
+@pytest.fixture
+def node() -> Iterator[Node]:
+    made = Node(DOMAIN, "tactiled", "tactile", loopback=True)
+    yield made
+    made.close()
+
+
+def matches(entity: Any, name: str) -> bool:
+    until_s = time.monotonic() + 5.0
+    while not getattr(entity, name) and time.monotonic() < until_s:
+        time.sleep(0.02)
+    return bool(getattr(entity, name))
+
+
+def test_readers_and_clients_with_their_own_descriptions_match(node: Node) -> None:
+    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+    dds: Any = importlib.import_module("cyclonedds.domain")
+    topics: Any = importlib.import_module("cyclonedds.topic")
+    stamp = struct("builtin_interfaces.msg", "Time", sec=kinds.int32, nanosec=kinds.uint32)
+    header = struct("std_msgs.msg", "Header", stamp=stamp, frame_id=str)
+    entry = struct("diagnostic_msgs.msg", "KeyValue", key=str, value=str)
+    status = struct(
+        "diagnostic_msgs.msg", "DiagnosticStatus",
+        level=kinds.uint8, name=str, message=str, hardware_id=str, values=kinds.sequence[entry],
+    )  # fmt: skip
+    array = struct("diagnostic_msgs.msg", "DiagnosticArray", header=header, status=kinds.sequence[status])
+    gid = struct("rmw_dds_common.msg", "Gid", data=kinds.array[kinds.uint8, 16])
+    entities = struct(
+        "rmw_dds_common.msg", "NodeEntitiesInfo",
+        node_namespace=kinds.bounded_str[256], node_name=kinds.bounded_str[256],
+        reader_gid_seq=kinds.sequence[gid], writer_gid_seq=kinds.sequence[gid],
+    )  # fmt: skip
+    info = struct(
+        "rmw_dds_common.msg",
+        "ParticipantEntitiesInfo",
+        gid=gid,
+        node_entities_info_seq=kinds.sequence[entities],
+    )
+    mark = struct("tactiled_msgs.srv", "Mark_Request", text=str)
+    written = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
+    node.serve("/tactile/mark", "tactiled_msgs/srv/Mark")
+    participant = dds.DomainParticipant(DOMAIN)
+    readers = [
+        importlib.import_module("cyclonedds.sub").DataReader(
+            participant, topics.Topic(participant, topic, kind)
+        )
+        for topic, kind in (("rt/diagnostics", array), ("ros_discovery_info", info))
+    ]
+    request = topics.Topic(participant, "rq/tactile/markRequest", mark)
+    client = importlib.import_module("cyclonedds.pub").DataWriter(participant, request)
+    assert all(matches(reader, "matched_pub") for reader in readers)
+    assert matches(client, "matched_sub")
+    values = {"header": {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "f"}, "status": []}
+    written.write(values)
+    until_s = time.monotonic() + 5.0
+    while not (found := readers[0].take(1)) and time.monotonic() < until_s:
+        time.sleep(0.02)
+    assert (found[0].header.stamp.nanosec, found[0].header.frame_id) == (2, "f")
