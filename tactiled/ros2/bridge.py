@@ -83,6 +83,11 @@ class BoardTopics:
         """Names of all topics."""
         return [f"{self.name}/{topic}" for topic in (*self._own, "wrench", "taxels")]
 
+    @property
+    def refused(self) -> int:
+        """Number of messages that DDS did not take."""
+        return sum(writer.refused for writer in (*self._own.values(), self._wrench, self._cloud))
+
     def take(self, topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> None:
         """Publish a message of the daemon, if it is fresh."""
         if not self.freshness.admit(topic, data, now_s, unix_s):
@@ -193,7 +198,7 @@ class Bridge:
     def diagnose(self) -> None:
         """Publish the diagnostics of all boards, and of endpoints without one."""
         rows = [
-            self._row(f"tactiled {board}", board, topics.freshness)
+            self._row(f"tactiled {board}", board, topics.freshness, topics.refused)
             for (_, board), topics in self._boards.items()
         ]
         for endpoint, freshness in self._unnamed.items():
@@ -207,10 +212,14 @@ class Bridge:
             self.diagnose()
             await asyncio.sleep(_DIAGNOSTICS_S)
 
-    def _row(self, name: str, board: str, freshness: BoardFreshness) -> tuple[Any, ...]:
+    def _row(self, name: str, board: str, freshness: BoardFreshness, refused: int = 0) -> tuple[Any, ...]:
         level, text = freshness.level(time.monotonic())
         values = {key: value for key, value in freshness.status.items() if not isinstance(value, dict)}
-        counts = {"messages_too_old": freshness.dropped, "messages_malformed": self._malformed}
+        counts = {
+            "messages_too_old": freshness.dropped,
+            "messages_malformed": self._malformed,
+            "messages_refused": refused,
+        }
         return name, board, level, text, values | counts
 
     async def _serve(self) -> None:

@@ -49,6 +49,9 @@ class TopicWriter:
     def __init__(self, writer: Any, kind: Any, encoder: CdrEncoder, delivery: Delivery) -> None:
         self._writer, self._kind, self._encoder = writer, kind, encoder
         self._latched = delivery == "latched"
+        self._refusal: Any = importlib.import_module("cyclonedds.core").DDSException
+        self.refused = 0
+        """Number of messages that DDS did not take, because a subscriber stopped reading."""
 
     @property
     def is_wanted(self) -> bool:
@@ -56,8 +59,12 @@ class TopicWriter:
         return self._latched or bool(self._writer.matched_sub)
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Publish a message."""
-        self._writer.write(self._kind(self._encoder.encode(values)))
+        """Publish a message, without waiting for anybody."""
+        data = self._encoder.encode(values)
+        try:
+            self._writer.write(self._kind(data))
+        except self._refusal:
+            self.refused += 1
 
 
 @dataclass(frozen=True)
@@ -193,11 +200,10 @@ class Node:
 
     def _policies(self, delivery: Delivery, own: bytes) -> Any:
         policy = self._qos.Policy
-        seconds = 1_000_000_000
         return self._qos.Qos(
             policy.Reliability.BestEffort
             if delivery == "sensor"
-            else policy.Reliability.Reliable(max_blocking_time=seconds // 10),
+            else policy.Reliability.Reliable(max_blocking_time=0),  # the loop never waits for a subscriber
             policy.Durability.TransientLocal if delivery == "latched" else policy.Durability.Volatile,
             policy.History.KeepLast(_DEPTH[delivery]),
             policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),

@@ -14,6 +14,7 @@ class FakeWriter:
     """Writer that encodes and notes what is published, and has subscribers."""
 
     is_wanted = True
+    refused = 0
 
     def __init__(self, written: list[tuple[str, Any]], topic: str, kind: str) -> None:
         self.written, self.topic, self.encoder = written, topic, CdrEncoder(kind, TYPES)

@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from nodes import TYPES
 
-from tactiled.ros2.participant import Node
+from tactiled.ros2.cdr import CdrEncoder
+from tactiled.ros2.participant import Node, TopicWriter
 
 DOMAIN = 186
 
@@ -25,6 +27,16 @@ def node() -> Iterator[Node]:
     made = Node(DOMAIN, "tactiled", "tactile", loopback=True)
     yield made
     made.close()
+
+
+def test_a_subscriber_that_stops_reading_stops_nothing() -> None:
+    class Full:
+        def write(self, _: object) -> None:
+            raise importlib.import_module("cyclonedds.core").DDSException(-10)
+
+    writer = TopicWriter(Full(), bytes, CdrEncoder("builtin_interfaces/msg/Time", TYPES), "event")
+    writer.write({"sec": 1, "nanosec": 2})
+    assert writer.refused == 1
 
 
 def matches(entity: Any, name: str) -> bool:
