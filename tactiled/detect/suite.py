@@ -17,6 +17,7 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
+from tactiled.detect.sliding.detector import SlidingSlip
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
@@ -202,9 +203,13 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
     return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
 
 
-_COHERENT = DetectorFactories(
-    slip=lambda array, params: CoherentSlip(array, params.slip), texture=_joint_texture
-)
+def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
+    """Make the slip detector; where shear over pressure is not measured, with what sliding itself shows."""
+    coherent = CoherentSlip(array, params.slip)
+    return coherent if array.has_shear else SlidingSlip(array, coherent)
+
+
+_COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)
 _WANG2019 = DetectorFactories(
     slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
 )

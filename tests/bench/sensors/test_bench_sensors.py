@@ -6,6 +6,8 @@ import pytest
 from bench.sensors.baseline import strongest_line_hz
 from bench.sensors.bench import run
 from bench.sensors.recordings import FLAT, SENSORS, Sensor, make
+from bench.sensors.slips import FIRST_SEED, run_slips
+from bench.sensors.worlds import FINGERTIP, play
 
 
 @pytest.mark.parametrize("sensor", SENSORS, ids=[sensor.name for sensor in SENSORS])
@@ -32,3 +34,15 @@ def test_a_trial_judges_ridges_and_flat_surfaces() -> None:
     assert ridges.baseline_is_right
     flat = run(SENSORS[0], "white noise", 0.0, seed=0)
     assert (flat.status, flat.is_right, flat.baseline_is_right) == ("", False, False)
+
+
+def test_a_world_states_when_it_slides_and_its_slip_is_judged() -> None:
+    played = play(FINGERTIP, "rough", FIRST_SEED)
+    ((start_s, end_s),) = played.spans()
+    assert played.time_s[0] < start_s < end_s < played.time_s[-1]
+    assert played.readings.min() >= 0
+    trial = run_slips(FINGERTIP, "rough", FIRST_SEED)
+    assert trial.has_slide
+    assert trial.n_false == 0
+    hold = run_slips(FINGERTIP, "hold", FIRST_SEED)
+    assert (hold.has_slide, hold.found, hold.n_false) == (False, False, 0)

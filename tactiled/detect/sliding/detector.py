@@ -1,0 +1,190 @@
+"""Slip detector for arrays whose shear or pressure is not measured: the events of two detectors as one.
+
+A first detector reports contact, and slip as far as the array shows shear. Beside it `SlidingTracker` finds
+sliding by its roughness and ripple. A slip goes on while either of the two sees it: ridges that move the
+centre of load end a slip for the first detector, and not for the second. What the second finds is published
+as gross slip without a direction.
+"""
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.sliding.tracker import BEGINS, Change, SlidingTracker
+from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock
+
+DETECTOR = "sliding"
+_STATES_THAT_SLIDE = ("unknown", "loading", "holding", "sliding")
+
+
+class ContactAndSlip(Protocol):
+    """Detector of contact and slip."""
+
+    @property
+    def contact_state(self) -> ContactState:
+        """State of the contact after the last scan."""
+        ...
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Return the events that the item completes."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        ...
+
+
+class SlidingSlip:
+    """Detect contact and slip; a `Detector`.
+
+    Parameters
+    ----------
+    array : Array
+    first : ContactAndSlip
+        Reports contact, and slip by shear.
+    """
+
+    def __init__(self, array: Array, first: ContactAndSlip) -> None:
+        self._array = array
+        self._first = first
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen; keep the parameters."""
+        self._first.reset()
+        self._rate_hz = 0.0  # nothing seen
+        self._last_time_s = 0.0
+        self._state: ContactState = "none"  # of the first detector
+        self._published: ContactState = "none"
+        self._touching: tuple[int, ...] = ()
+        self._of_first: SlipEvent | None = None  # newest onset of a slip that has not ended
+        self._own: SlipEvent | None = None
+        self._newest: SlipEvent | None = None  # newest onset that was published
+
+    @property
+    def contact_state(self) -> ContactState:
+        """State of the contact after the last scan."""
+        return self._published
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Return the events that the item completes; a gap ends slip and contact as not valid."""
+        if isinstance(item, Gap):
+            self._first.process(item)
+            return self._cut_off()
+        events: list[Event] = []
+        before = self._first.process(item)
+        if item.rate_hz != self._rate_hz:
+            if self._rate_hz:  # the first detector ended its slip and contact at the last scan
+                before = [event for event in before if event.evidence_s > self._last_time_s]
+                events += self._cut_off()
+            self._rate_hz = item.rate_hz
+            self._quantiser = Quantiser(self._array)
+            self._tracker = SlidingTracker(self._array, item.rate_hz)
+        self._last_time_s = float(item.time_s[-1])
+        at = [(_row(item, event), event) for event in before]
+        changes = self._tracker.process(self._quantiser.process(item), self._touches(item, at))
+        both: list[tuple[int, Event | Change]] = [*at, *((change.row, change) for change in changes)]
+        for row, found in sorted(both, key=lambda pair: pair[0]):  # stable: the first detector first
+            if isinstance(found, Change):
+                events += self._changed(item, found)
+            elif isinstance(found, SlipEvent):
+                events += self._first_slips(found)
+            elif isinstance(found, ContactEvent):
+                self._state, self._touching = found.state, found.taxels
+            events += self._contact(item, row)
+        return events
+
+    def _touches(self, block: ScanBlock, at: list[tuple[int, Event]]) -> NDArray[np.bool_]:
+        """Return the scans (n,) in contact."""
+        touches = np.full(len(block), self._state != "none")
+        for row, event in at:
+            if isinstance(event, ContactEvent):
+                touches[row:] = event.state != "none"
+        return touches
+
+    def _changed(self, block: ScanBlock, change: Change) -> list[Event]:
+        time_s, valid = float(block.time_s[change.row]), not bool(block.late[change.row])
+        if change.is_onset:
+            self._own = self._onset(time_s, change, valid=valid)
+            if self._of_first is not None and self._of_first.kind == "gross":
+                return []
+            self._newest = self._own
+            return [self._own]
+        self._own = None
+        return [] if self._of_first is not None else self._ended(time_s, time_s, valid=valid)
+
+    def _first_slips(self, event: SlipEvent) -> list[Event]:
+        self._of_first = event if event.state == "onset" else None
+        if self._own is not None:
+            return []
+        self._newest = event if event.state == "onset" else None
+        return [event]
+
+    def _ended(self, time_s: float, detected_s: float, *, valid: bool) -> list[Event]:
+        newest, self._newest = self._newest, None
+        if newest is None:
+            return []
+        return [dataclasses.replace(newest, state="end", time_s=time_s, detected_s=detected_s, valid=valid)]
+
+    def _onset(self, time_s: float, change: Change, *, valid: bool) -> SlipEvent:
+        before_s = change.scans_before / self._rate_hz
+        return SlipEvent(
+            time_s=time_s - before_s,
+            state="onset",
+            kind="gross",
+            onset_s=time_s - before_s,
+            onset_sd_s=before_s / 2,
+            direction_deg=0.0,
+            direction_sd_deg=UNKNOWN_SD_DEG,
+            confidence=float(1 / (1 + np.exp(-change.log_odds))),
+            taxels=self._touching or tuple(range(self._array.n_taxels)),
+            detector=DETECTOR,
+            statistic=change.log_odds,
+            threshold=BEGINS,
+            valid=valid,
+            detected_s=time_s,
+        )
+
+    def _contact(self, block: ScanBlock, row: int) -> list[Event]:
+        """Return the change of the published contact, which slides while sliding is seen."""
+        slides = self._own is not None and self._state in _STATES_THAT_SLIDE
+        state: ContactState = "sliding" if slides else self._state
+        if state == self._published:
+            return []
+        before, self._published = self._published, state
+        return [
+            ContactEvent(
+                time_s=float(block.time_s[row]),
+                state=state,
+                previous=before,
+                taxels=self._touching,
+                valid=not bool(block.late[row]),
+            )
+        ]
+
+    def _cut_off(self) -> list[Event]:
+        """End slip and contact after the last scan, not valid, and forget them."""
+        events: list[Event] = []
+        if self._newest is not None:
+            events += self._ended(self._last_time_s, self._last_time_s, valid=False)
+        if self._published != "none":
+            events.append(
+                ContactEvent(
+                    time_s=self._last_time_s, state="none", previous=self._published, taxels=(), valid=False
+                )
+            )
+        self._rate_hz = 0.0
+        self._state = self._published = "none"
+        self._touching = ()
+        self._of_first = self._own = self._newest = None
+        return events
+
+
+def _row(block: ScanBlock, event: Event) -> int:
+    """Scan of a block at which an event was reported."""
+    return min(int(np.searchsorted(block.time_s, event.evidence_s)), len(block) - 1)

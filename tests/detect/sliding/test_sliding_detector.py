@@ -1,0 +1,149 @@
+"""Slip of arrays without shear channels: roughness and ripple are found, and shaking bodies are not."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from touches import pieces, run, splits
+
+from tactiled.array import Array, ArrayFile, FloatArray, build
+from tactiled.detect.base import Detector
+from tactiled.detect.sliding.ripple import travelling_line
+from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.tomlfile import parse
+
+RATE_HZ = 36.0
+SLIDE_S = (6.0, 11.0)
+N = round(14 * RATE_HZ)
+SIDE = np.arange(16) % 4 - 1.5, np.arange(16) // 4 - 1.5
+
+
+@functools.cache
+def pad() -> Array:
+    channel = {"name": "N", "kind": "normal"}
+    document = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxel_count": 16}
+    return build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
+
+
+def hold(seed: int, extra: FloatArray | float = 0.0, press_s: float = 1.0) -> ScanBlock:
+    """Return a press to 800 counts, unequal over the taxels and times 1 + extra, in noise of 2 counts."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N)[:, np.newaxis] / RATE_HZ
+    load = 500 * rng.uniform(0.6, 1.4, 16) * np.clip(t - press_s, 0, 1)
+    return regular_block(np.rint(load * (1 + extra) + 2 * rng.standard_normal((N, 16))), RATE_HZ)
+
+
+def travel(speed_mm_s: float = 8.0) -> FloatArray:
+    t = np.arange(N) / RATE_HZ
+    return np.asarray(speed_mm_s * np.clip(t - SLIDE_S[0], 0, SLIDE_S[1] - SLIDE_S[0]))
+
+
+def rough(seed: int) -> FloatArray:
+    """Relative load (n, 16) under taxels 4 mm apart on a plate of random waves of 1 to 5 mm."""
+    rng = np.random.default_rng(seed)
+    x, y = travel()[:, np.newaxis] + 4 * SIDE[0], 4 * SIDE[1]
+    relief = np.zeros((N, 16))
+    for _ in range(40):
+        k, turn = 2 * np.pi / rng.uniform(1, 5), rng.uniform(0, 2 * np.pi)
+        relief += np.cos(k * (x * np.cos(turn) + y * np.sin(turn)) + rng.uniform(0, 2 * np.pi))
+    return np.asarray(0.005 * relief)
+
+
+def ridges(period_mm: float = 3.0) -> FloatArray:
+    angle = np.radians(20)
+    x, y = travel()[:, np.newaxis] + 4 * SIDE[0], 4 * SIDE[1]
+    return np.asarray(0.05 * np.cos(2 * np.pi / period_mm * (x * np.cos(angle) + y * np.sin(angle))))
+
+
+def shakes(kind: str) -> FloatArray:
+    """Relative load (n, 16) as of a rigid body: the load and two tilts."""
+    t = np.arange(N)[:, np.newaxis] / RATE_HZ
+    rng = np.random.default_rng(4)
+    if kind == "hum":
+        phase = 2 * np.pi * 11.3 * t
+        return np.asarray((0.05 * np.cos(phase) + 0.03 * SIDE[0] * np.sin(phase + 0.4)) * (t > 5))
+    if kind == "tremor":
+        slow = np.cumsum(rng.standard_normal((N, 3)), axis=0) * 0.003
+        slow -= slow.mean(axis=0)
+        return np.asarray(slow[:, :1] + slow[:, 1:2] * SIDE[0] / 2 + slow[:, 2:] * SIDE[1] / 2)
+    if kind == "taps":
+        taps = np.array([np.abs(t - s) < 0.04 for s in (5.0, 6.1, 7.4, 9.0)]).any(axis=0)
+        return np.asarray(0.3 * taps * (1 + 0.2 * SIDE[0]))
+    return np.asarray(0.6 * np.clip((t - 6) / 0.3, 0, 1))  # a firmer grip
+
+
+def detector() -> Detector:
+    return build_methods(pad(), DetectParams(), topics=("slip", "contact"))
+
+
+def slips(events: list[Event]) -> list[SlipEvent]:
+    return [event for event in events if isinstance(event, SlipEvent)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rough_slide_is_one_slip_without_direction(seed: int) -> None:
+    onset, end = slips(detector().process(hold(seed, rough(seed))))
+    assert (onset.state, onset.kind, end.state) == ("onset", "gross", "end")
+    assert SLIDE_S[0] < onset.detected_s < SLIDE_S[0] + 2
+    assert abs(onset.onset_s - SLIDE_S[0]) < 2 * onset.onset_sd_s
+    assert SLIDE_S[1] < end.detected_s < SLIDE_S[1] + 2.5  # a window, and what was believed
+    assert onset.direction_sd_deg == UNKNOWN_SD_DEG
+
+
+def test_a_slide_over_ridges_that_is_under_way_in_the_first_scan_is_found() -> None:
+    block = hold(0, ridges())[round(7 * RATE_HZ) :]
+    first = slips(detector().process(block))[0]
+    assert first.state == "onset"
+    assert first.detected_s < 7 + 3.5
+
+
+@pytest.mark.parametrize("kind", ["hum", "tremor", "taps", "grip"])
+def test_a_rigid_body_that_shakes_does_not_slide(kind: str) -> None:
+    assert slips(detector().process(hold(1, shakes(kind)))) == []
+
+
+def test_contact_slides_with_the_slip_and_holds_after_it() -> None:
+    events = detector().process(hold(2, rough(2)))
+    states = [event.state for event in events if isinstance(event, ContactEvent)]
+    assert "sliding" in states
+    assert states[-1] == "holding"
+
+
+def test_any_chunking_gives_the_same_slips() -> None:
+    block = hold(0, rough(0))
+    whole = detector().process(block)
+
+    @given(splits(len(block)))
+    @settings(max_examples=8, deadline=None)
+    def check(cuts: list[int]) -> None:
+        assert run(detector(), pieces(block, cuts)) == whole
+
+    check()
+
+
+def test_a_gap_ends_the_slip_as_not_valid_and_forgets() -> None:
+    block = hold(0, rough(0))
+    cut = round(9 * RATE_HZ)
+    seen = detector()
+    seen.process(block[:cut])
+    end, contact = seen.process(Gap(5, "missing", 5000))
+    assert isinstance(end, SlipEvent)
+    assert isinstance(contact, ContactEvent)
+    assert (end.state, end.valid, contact.state, contact.valid) == ("end", False, "none", False)
+    assert seen.process(block) == detector().process(block)
+
+
+@given(st.integers(0, 10_000))
+def test_phases_that_fill_the_circle_travel_and_those_of_a_tilting_body_do_not(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((34, 16)) + 1j * rng.standard_normal((34, 16))
+    filled, rocking = noise.copy(), noise.copy()
+    filled[9] += 30 * np.exp(1j * (2 * np.pi * np.arange(16) / 16 + rng.uniform(0, 6)))
+    turn = np.exp(1j * rng.uniform(0, 6))
+    rocking[9] += turn * (30 + 10j + rng.uniform(0, 60) * 1j * SIDE[0])
+    assert travelling_line(filled) > 5.5
+    assert travelling_line(rocking) < 5.5
