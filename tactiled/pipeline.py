@@ -4,7 +4,7 @@ import heapq
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -208,12 +208,18 @@ class Pipeline:
                 self._assembler.answered(frame, now_s)
                 out.append(frame)
 
+    @property
+    def is_measuring(self) -> bool:
+        """True while scans arrive whose rate is not known yet, so that they are no output."""
+        return self._meter.has_begun
+
     def _measure(self, now_s: float, out: list[Any]) -> None:
         """Measure the rate; once it is known, the board is known, as if it had said hello."""
         rate_hz = self._meter.add(now_s)
         hello = self.layout.assumed_hello(rate_hz) if rate_hz is not None else None
         if hello is not None:
             self._meter.reset()
+            hello = replace(hello, streaming=True)
             out.append(hello)
             if check_hello(hello, self.layout, self.array) is None:
                 self._accept(hello, now_s)

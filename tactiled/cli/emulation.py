@@ -41,7 +41,10 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 )  # fmt: skip
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
 @click.option("--tcp", help="Listen on host:port instead; the daemon connects to socket://host:port.")
-@click.option("--protocol", default="board-v1", show_default=True, help="Shipped layout or TOML file.")
+@click.option(
+    "--layout", "--protocol", "protocol", default="board-v1", show_default=True,
+    help="Shipped layout of the frames, or TOML file.",
+)  # fmt: skip
 @click.option("--array", help="Shipped array or TOML file. [default: that of the scene or of the layout]")
 @click.option("--board", type=FILE, help="TOML file of the board: serial number, rate, crystal, ...")
 @click.option("--faults", type=FILE, help="TOML file of the faults on the serial line.")

@@ -66,6 +66,7 @@ class Simulation:
         self._drain_s = _DRAIN_S + faults.bunch_s + faults.stall_s
         self._encoder = Encoder(layout)
         self._is_host = is_host and layout.has("start")
+        self._starts_unasked = self._is_host and not layout.has("hello")  # such a board says nothing before
         self._token = 0
         self._port = EmulatedPort(
             scene,
@@ -121,7 +122,10 @@ class Simulation:
     def _until_end(self) -> Iterator[tuple[float, bytes]]:
         while (due_s := self._port.next_deadline_s()) <= self._end_s():
             self.now_s = due_s
-            for arrival in self._port.advance(due_s):
+            arrivals = self._port.advance(due_s)
+            if self._is_host and self._starts_unasked and not self._port.board.running:
+                self._command("start")
+            for arrival in arrivals:
                 if self._is_host and not self._port.board.running:
                     self._command("start")
                 yield arrival

@@ -19,6 +19,11 @@ class RateMeter:
         self._begin_s: float | None = None
         self._n_scans = 0
 
+    @property
+    def has_begun(self) -> bool:
+        """True when a scan has come since the reset."""
+        return self._begin_s is not None
+
     def add(self, now_s: float) -> float | None:
         """Take a scan that was handed over at `now_s`; return the rate in hertz once it is known."""
         if self._begin_s is None:

@@ -11,7 +11,7 @@ from tactiled.errors import ContractError
 from tactiled.wire import cobs, lines
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
 from tactiled.wire.framing import make_framer
-from tactiled.wire.layout import Layout, MessageFormat
+from tactiled.wire.layout import Layout, MessageFormat, tagged_packets
 from tactiled.wire.schema import IN_UNITS, Direction
 
 
@@ -30,6 +30,7 @@ class Decoder:
         self._direction = direction
         self._messages = layout.incoming(direction)
         self._commands = {m.id: m.name for m in layout.incoming("host-to-board").values()}
+        self._fixed = layout.fixed_commands if direction == "host-to-board" else {}
         self._results = {code: name for name, code in layout.file.results.items()}
         self._scans = _ScanReader(layout)
         self.reset()
@@ -78,6 +79,8 @@ class Decoder:
         return Command(f"0x{type_:02x}", int.from_bytes(item.body[width : width + n_token], order))
 
     def _frame(self, body: bytes) -> Frame | Corrupt:
+        if self._fixed:
+            return Command(self._fixed[body], 0)
         width = self.layout.type_bytes
         message = self._messages[int.from_bytes(body[:width], self.layout.byte_order)]
         if message.name == "scan":
@@ -147,6 +150,8 @@ class Encoder:
         if name not in self.layout.messages:
             raise ContractError(f"layout {self.layout.name} has no message {name}")
         message = self.layout.messages[name]
+        if message.fixed:
+            return message.fixed
         values = values_of(frame)
         if isinstance(frame, Acknowledge):
             if frame.result not in self.layout.file.results:
@@ -182,6 +187,8 @@ class Encoder:
         length = len(body).to_bytes(layout.length_bytes, order) if layout.length_bytes else b""
         if layout.file.framing.kind == "terminator":
             return body + layout.terminator
+        if layout.file.framing.kind == "tagged":
+            return tagged_packets(layout, body)
         if layout.file.framing.kind == "lines":
             return lines.encode(layout, body) + layout.terminator
         covered = length + body if layout.covers_length else body

@@ -91,7 +91,8 @@ class Corrupt:
     reason : str
         ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"length"`` and ``"checksum"``
         (damaged), ``"type"`` (intact, but no message of the layout: the other end uses another protocol), or
-        ``"value"`` (intact, but a field has an invalid value).
+        ``"value"`` (intact, but a field has an invalid value),
+        ``"terminator"`` (not in its place) or ``"records"`` (no packet of known records).
     n_bytes : int
         Number of bytes discarded here, including the delimiter.
     body : bytes

@@ -28,10 +28,12 @@ import numpy as np
 
 from tactiled import compiled
 from tactiled.wire import cobs
+from tactiled.wire.fixed import FixedCommandFramer
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
 from tactiled.wire.lines import LineFramer
 from tactiled.wire.schema import Direction
+from tactiled.wire.tagged import TaggedFramer
 from tactiled.wire.terminated import TerminatorFramer
 
 
@@ -341,6 +343,10 @@ class SyncFramer:
 def make_framer(layout: Layout, direction: Direction) -> Framer:
     """Make the framer of a layout for one direction."""
     kind = layout.file.framing.kind
+    if direction == "host-to-board" and layout.fixed_commands:
+        return FixedCommandFramer(layout)
+    if kind == "tagged":
+        return TaggedFramer(layout, direction)
     if kind == "cobs":
         return CobsFramer(layout, direction)
     if kind == "terminator":

@@ -4,6 +4,7 @@ Other firmware needs such a file, and no change of code.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +35,8 @@ class MessageFormat:
     id: int
     dtype: np.dtype[np.void]
     per_unit: dict[str, int]
+    fixed: bytes = b""
+    """All bytes of a command without fields; empty for other messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +136,7 @@ class Layout:
     @property
     def leading_token_bytes(self) -> int:
         """Width in bytes of the token that begins every command; 0 unless all have one of equal width."""
-        first = [m.fields[0] for m in self.file.messages if m.direction == "host-to-board"]
+        first = [m.fields[0] for m in self.file.messages if m.direction == "host-to-board" and m.fields]
         widths = {f.n_bytes(1) if f.name == "token" else 0 for f in first}
         return widths.pop() if len(widths) == 1 else 0
 
@@ -142,6 +145,20 @@ class Layout:
         """Seconds of one tick of the board clock; None where scans carry no ticks."""
         scan = self.messages["scan"]
         return 1.0 / scan.per_unit["ticks"] if "ticks" in scan.per_unit else None
+
+    @property
+    def fixed_commands(self) -> dict[bytes, str]:
+        """Names of the commands that are fixed bytes, by these bytes."""
+        return {m.fixed: m.name for m in self.messages.values() if m.fixed}
+
+    @cached_property
+    def _tagged_bytes(self) -> int:
+        return len(tagged_packets(self, bytes(self.messages["scan"].dtype.itemsize)))
+
+    @property
+    def longest_body(self) -> int:
+        """Largest length, in bytes, of a packet of tagged records."""
+        return self.file.framing.most_bytes or (1 << 8 * self.length_bytes) - 1
 
     def flag(self, name: str) -> int:
         """Return the mask of a flag bit; 0 where the layout has no such flag."""
@@ -153,6 +170,10 @@ class Layout:
 
     def wire_bytes(self, message: str) -> int:
         """Return the number of bytes of a message on the wire, including framing and checksum."""
+        if self.messages[message].fixed:
+            return len(self.messages[message].fixed)
+        if self.file.framing.kind == "tagged":
+            return self._tagged_bytes
         guarded = self.body_bytes(self.messages[message]) + self.checksum.n_bytes
         if self.file.framing.kind == "cobs":  # one code for each started run of 254, one delimiter
             return guarded + 1 + (guarded - 1) // 254 + 1
@@ -160,6 +181,31 @@ class Layout:
             (scan,) = self.file.messages
             return sum(f.n_bytes(self.n_channels) for f in scan.fields) + len(self.terminator)
         return len(self.sync) + self.length_bytes + guarded + len(self.terminator)
+
+
+def tagged_packets(layout: Layout, body: bytes) -> bytes:
+    """Return the packets of a scan, with all bytes of the records that are no channels 0.
+
+    Parameters
+    ----------
+    layout : Layout
+    body : bytes
+        Channels, in the order of the layout.
+    """
+    packets, records, at = b"", b"", 0
+    for record in layout.file.records:
+        value = body[at : at + record.bytes] if record.channels else bytes(record.bytes)
+        at += record.bytes if record.channels else 0
+        if len(records) + 1 + record.bytes > layout.longest_body:
+            packets += _packet(layout, records)
+            records = b""
+        records += bytes([record.tag]) + value
+    return packets + _packet(layout, records)
+
+
+def _packet(layout: Layout, records: bytes) -> bytes:
+    length = len(records).to_bytes(layout.length_bytes, layout.byte_order)
+    return layout.sync + bytes(layout.file.framing.skipped) + length + records
 
 
 def compile_layout(file: LayoutFile) -> Layout:
@@ -184,6 +230,7 @@ def compile_layout(file: LayoutFile) -> Layout:
                 id=m.id,
                 dtype=np.dtype([field(f) for f in m.fields]),
                 per_unit={f.name: f.per_unit for f in m.fields},
+                fixed=bytes.fromhex(m.hex or ""),
             )
             for m in file.messages
         },

@@ -33,7 +33,9 @@ _MAY: dict[str, set[str]] = {
     "acknowledge": {"ticks"},
 }  # fmt: skip
 _PER_CHANNEL = {"counts", "channel_offset_s"}
-UNCHECKED = ("terminator", "lines")  # kinds of framing without a checksum
+UNCHECKED = ("terminator", "lines", "tagged")  # kinds of framing without a checksum
+_TERMINATED = ("terminator", "lines")
+_FIXED = ("start", "stop")  # commands that a board may obey without an answer
 # Bytes of a number in a line with its separator: sign, six digits, point. Only times on the line use it.
 _TYPICAL_NUMBER = 9
 _TEXT = {"board_serial", "array_id", "firmware_version"}
@@ -93,10 +95,23 @@ class MessageLayout(Params):
     name: Literal["scan", "hello", "acknowledge", "start", "stop", "set_rate", "ping", "identify"]
     id: int = Field(default=0, ge=0, le=65535)
     direction: Direction
-    fields: list[FieldLayout] = Field(min_length=1)
+    fields: list[FieldLayout] = []
+    hex: str | None = Field(
+        default=None,
+        pattern=r"^([0-9A-Fa-f]{2}){1,64}$",
+        description="all bytes of a command that has no fields and is not answered",
+    )
 
     @model_validator(mode="after")
     def _roles(self) -> Self:
+        if (self.direction == "host-to-board") != (self.name in _COMMANDS):
+            raise ValueError(f"{self.name} cannot go {self.direction}")
+        if bool(self.fields) == (self.hex is not None):
+            raise ValueError(f"{self.name}: give either fields or, for start and stop, hex")
+        if self.hex is not None:
+            if self.name not in _FIXED:
+                raise ValueError(f"{self.name} cannot be fixed bytes: hex belongs to start and stop")
+            return self
         names = [field.name for field in self.fields]
         must, may = _MUST[self.name], _MAY.get(self.name, set())
         if self.name == "scan":  # only framing without a checksum may do without: see `LayoutFile`
@@ -108,18 +123,31 @@ class MessageLayout(Params):
         if unknown := set(names) - must - may:
             known = ", ".join(sorted(must | may))
             raise ValueError(f"{self.name}: no such field as {', '.join(sorted(unknown))}; known: {known}")
-        if (self.direction == "host-to-board") != (self.name in _COMMANDS):
-            raise ValueError(f"{self.name} cannot go {self.direction}")
         return self
+
+
+class RecordLayout(Params):
+    """Record of a packet of tagged records."""
+
+    tag: int = Field(ge=0, le=255, description="octet that begins the record, after framing.tag_mask")
+    bytes: int = Field(ge=1, le=65534, description="bytes behind the tag")
+    channels: bool = Field(default=False, description="the next channels of a scan; else skipped")
 
 
 class Framing(Params):
     """Kind of framing and its parameters."""
 
-    kind: Literal["cobs", "sync-length", "terminator", "lines"]
+    kind: Literal["cobs", "sync-length", "terminator", "lines", "tagged"]
     message_type: Unsigned | None = Field(default=None, description="absent: all is scans")
     sync_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
-    length: Unsigned | None = Field(default=None, description="bytes of message type and fields")
+    length: Unsigned | None = Field(
+        default=None, description="bytes of message type and fields, or of the records"
+    )
+    skipped: int = Field(
+        default=0, ge=0, le=16, description="bytes between sync word and length that are not read"
+    )
+    tag_mask: int = Field(default=0xFF, ge=1, le=0xFF, description="bits of a tag that say the record")
+    most_bytes: int | None = Field(default=None, ge=2, le=65535, description="largest length of a packet")
     terminator_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
     separator: Literal[",", ";", " ", "\t"] | None = Field(
         default=None, description="between the numbers of a line; a blank stands for any blanks and tabs"
@@ -128,9 +156,16 @@ class Framing(Params):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         has_sync = (self.sync_hex is not None, self.length is not None)
-        if has_sync != ((self.kind == "sync-length"),) * 2:
-            raise ValueError("sync_hex and length belong to kind = 'sync-length', both of them")
-        if (self.terminator_hex is not None) != (self.kind in UNCHECKED):
+        if has_sync != ((self.kind in ("sync-length", "tagged")),) * 2:
+            raise ValueError(
+                "sync_hex and length belong to kind = 'sync-length' and kind = 'tagged', both of them"
+            )
+        for name in ("skipped", "tag_mask", "most_bytes"):
+            if self.kind != "tagged" and getattr(self, name) != type(self).model_fields[name].default:
+                raise ValueError(f"{name} belongs to kind = 'tagged'")
+        if self.kind == "tagged" and self.length == "u32":
+            raise ValueError("length: u8 or u16 with kind = 'tagged'")
+        if (self.terminator_hex is not None) != (self.kind in _TERMINATED):
             raise ValueError("terminator_hex belongs to kind = 'terminator' and kind = 'lines'")
         if (self.separator is not None) != (self.kind == "lines"):
             raise ValueError("separator belongs to kind = 'lines'")
@@ -158,6 +193,9 @@ class AssumedHello(Params):
     board_serial: str
     array_id: str
     rate_hz: float | None = Field(default=None, gt=0, description="left out: measured")
+    typical_rate_hz: float | None = Field(
+        default=None, gt=0, description="rate of the emulated board where rate_hz is left out"
+    )
     adc_bits: int = Field(default=16, ge=1, le=32)
     adc_reference_v: float = Field(default=3.0, gt=0)
     channel_offset_s: list[float] = []
@@ -179,6 +217,7 @@ class LayoutFile(Params):
     framing: Framing
     checksum: ChecksumLayout | None = None
     messages: list[MessageLayout] = Field(min_length=1)
+    records: list[RecordLayout] = []
     results: dict[str, int] = {}
     flags: dict[str, int] = {}
     assumed_hello: AssumedHello | None = None
@@ -190,6 +229,8 @@ class LayoutFile(Params):
             *self._field_faults(),
             *self._table_faults(),
             *self._protection_faults(),
+            *self._command_faults(),
+            *self._record_faults(),
         ]
         if faults:
             raise ValueError("; ".join(faults))
@@ -199,14 +240,15 @@ class LayoutFile(Params):
         names = [m.name for m in self.messages]
         for name in sorted({n for n in names if names.count(n) > 1}):
             yield f"messages: {name} is described twice"
-        ids = [(m.direction, m.id) for m in self.messages]
+        ids = [(m.direction, m.id) for m in self.messages if m.hex is None]
         for direction, id_ in sorted({i for i in ids if ids.count(i) > 1}):
             yield f"messages: id {id_} is used twice {direction}"
         if "scan" not in names:
             yield "messages: there is no scan"
         if ("hello" in names) == (self.assumed_hello is not None):
             yield "give either a hello message or [assumed_hello]"
-        if any(name in names for name in _COMMANDS) and "acknowledge" not in names:
+        answered = {m.name for m in self.messages if m.hex is None}
+        if any(name in answered for name in _COMMANDS) and "acknowledge" not in names:
             yield "messages: commands need an acknowledge"
         type_limit = 1 << (8 * width(self.framing.message_type))  # 1, so id 0 only, without a type
         for index, message in enumerate(self.messages):
@@ -236,15 +278,15 @@ class LayoutFile(Params):
         else:
             if self.checksum is not None:
                 yield f"checksum: framing.kind = '{kind}' has none"
-            if [m.name for m in self.messages] != ["scan"]:
-                yield f"messages: framing.kind = '{kind}' carries scans only"
+            if [m.name for m in self.messages if m.hex is None] != ["scan"]:
+                yield f"messages: framing.kind = '{kind}' carries scans, and commands with hex, only"
             if "ticks" in fields and "sequence" not in fields:
                 yield "scan: ticks without a sequence cannot be counted"
         counts = fields.get("counts")
         if counts is None:
             return
-        if counts.type == "f32" and kind != "terminator":
-            yield "counts must be an integer: f32 belongs to framing.kind = 'terminator'"
+        if counts.type == "f32" and kind not in ("terminator", "tagged"):
+            yield "counts must be an integer: f32 belongs to framing.kind = 'terminator' or 'tagged'"
         if (counts.type == "number") != (kind == "lines") or (kind == "lines" and len(fields) > 1):
             yield "type = 'number' belongs to the counts of framing.kind = 'lines', which has no other field"
         if len(set(counts.left_out)) < len(counts.left_out) or any(
@@ -261,6 +303,54 @@ class LayoutFile(Params):
             for name in ("adc_bits", "adc_reference_v"):
                 if name not in hello.model_fields_set:
                     yield f"assumed_hello.{name}: missing"
+
+    def _command_faults(self) -> Iterator[str]:
+        fixed = {m.name: bytes.fromhex(m.hex) for m in self.messages if m.hex is not None}
+        if fixed and self.framing.kind not in UNCHECKED:
+            yield f"messages: hex belongs to framing.kind = {', '.join(repr(kind) for kind in UNCHECKED)}"
+        if "stop" in fixed and "start" not in fixed:
+            yield "messages: stop has hex, so start needs hex, too"
+        if len(fixed) == 2 and (
+            fixed["start"].startswith(fixed["stop"]) or fixed["stop"].startswith(fixed["start"])
+        ):
+            yield "messages: the hex of start and stop must differ, and neither begin with the other"
+
+    def _record_faults(self) -> Iterator[str]:
+        framing = self.framing
+        if bool(self.records) != (framing.kind == "tagged"):
+            yield "records: they belong to framing.kind = 'tagged', which needs at least one"
+            return
+        if not self.records:
+            return
+        largest = framing.most_bytes or (1 << 8 * width(framing.length)) - 1
+        if largest >= 1 << 8 * width(framing.length):
+            yield f"framing.most_bytes: {largest} does not fit length = '{framing.length}'"
+        tags = [record.tag for record in self.records]
+        for index, record in enumerate(self.records):
+            if tags.index(record.tag) != index:
+                yield f"records[{index}].tag: {record.tag:#04x} is used twice"
+            if record.tag & ~framing.tag_mask:
+                yield f"records[{index}].tag: {record.tag:#04x} has bits outside framing.tag_mask"
+            if record.bytes >= largest:
+                yield f"records[{index}].bytes: {record.bytes} and the tag exceed a packet of {largest} bytes"
+        scan = next((m for m in self.messages if m.name == "scan"), None)
+        if scan is None:
+            return
+        if [field.name for field in scan.fields] != ["counts"]:
+            yield "scan: framing.kind = 'tagged' has no field but counts"
+            return
+        (counts,) = scan.fields
+        one = counts.n_bytes(self.channels) // counts.n_values(self.channels)
+        in_records = 0
+        for index, record in enumerate(self.records):
+            if record.channels and record.bytes % one:
+                yield f"records[{index}].bytes: {record.bytes} is no whole number of {counts.type}"
+            in_records += record.bytes if record.channels else 0
+        if in_records != counts.n_bytes(self.channels):
+            yield (
+                f"records: those with channels = true have {in_records} bytes, but {self.channels} channels "
+                f"of {counts.type} need {counts.n_bytes(self.channels)}"
+            )
 
     def _table_faults(self) -> Iterator[str]:
         bits = {(m.name, f.name): 8 * f.n_bytes(1) for m in self.messages for f in m.fields}

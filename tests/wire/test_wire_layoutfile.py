@@ -53,7 +53,7 @@ def twice(index: int) -> Callable[[Document], None]:
     return lambda document: document["messages"].append(copy.deepcopy(document["messages"][index]))
 
 
-V1, L9 = "board-v1", "legacy-9"
+V1, L9, TSF, M5 = "board-v1", "legacy-9", "tsf-85", "magnetometers-5"
 SCAN, HELLO = ("messages", 0, "fields"), ("messages", 1, "fields")
 BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, drop("name"), "name: missing"),
@@ -115,6 +115,38 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (L9, drop("assumed_hello", "array_id"), "assumed_hello.array_id: missing"),
     (L9, put("assumed_hello", "channel_offset_s", value=[0.1]), "assumed_hello.channel_offset_s: 1 numbers"),
     (L9, put("flags", value={"overrun": 0}), "flags.overrun: the scan's flags have no bit 0"),
+    (L9, put("framing", "skipped", value=1), "framing: skipped belongs to kind = 'tagged'"),
+    (L9, put("framing", "tag_mask", value=3), "framing: tag_mask belongs to kind = 'tagged'"),
+    (L9, put("records", value=[{"tag": 1, "bytes": 2}]), "records: they belong to framing.kind = 'tagged'"),
+    (TSF, drop("records"), "records: they belong to framing.kind = 'tagged', which needs at least one"),
+    (TSF, put("records", value=[]), "records: they belong to framing.kind = 'tagged', which needs at"),
+    (TSF, put("channels", value=0), "channels: "),
+    (TSF, put("channels", value=28), "records: those with channels = true have 112 bytes, but 28 channels"),
+    (TSF, drop("records", 1), "records: those with channels = true have 56 bytes, but 56 channels"),
+    (TSF, put("records", 1, "tag", value=0x10), "records[1].tag: 0x10 is used twice"),
+    (TSF, put("records", 1, "tag", value=0x15), "records[1].tag: 0x15 has bits outside framing.tag_mask"),
+    (TSF, put("records", 1, "tag", value=256), "records[1].tag: "),
+    (TSF, put("records", 1, "bytes", value=0), "records[1].bytes: "),
+    (TSF, put("records", 1, "bytes", value=60), "records[1].bytes: 60 and the tag exceed a packet of 60"),
+    (TSF, put("records", 1, "bytes", value=55), "records[1].bytes: 55 is no whole number of u16"),
+    (TSF, put("records", 1, "channel", value=True), "records[1].channel: unknown key; did you mean"),
+    (TSF, put("framing", "most_bytes", value=256), "framing.most_bytes: 256 does not fit length = 'u8'"),
+    (TSF, put("framing", "length", value="u32"), "framing: length: u8 or u16"),
+    (TSF, drop("framing", "length"), "framing: sync_hex and length belong"),
+    (TSF, put("framing", "tag_mask", value=0), "framing.tag_mask: "),
+    (TSF, put("checksum", value={"algorithm": "crc-16/xmodem"}), "checksum: framing.kind = 'tagged' has"),
+    (TSF, put("messages", 1, "hex", value="9A0"), "messages[1].hex: "),
+    (TSF, put("messages", 1, "name", value="ping"), "messages[1]: ping cannot be fixed bytes"),
+    (TSF, drop("messages", 1, "hex"), "messages[1]: start: give either fields or, for start and stop, hex"),
+    (TSF, drop("messages", 1), "messages: stop has hex, so start needs hex, too"),
+    (TSF, put("messages", 2, "hex", value="9A005801"), "messages: the hex of start and stop must differ"),
+    (TSF, put("messages", 0, "hex", value="00"), "messages[0]: scan: give either fields or"),
+    (V1, put("messages", 3, value={"name": "start", "direction": "host-to-board", "hex": "01"}),
+     "messages: hex belongs to framing.kind"),
+    (M5, put("messages", 0, "fields", 0, "left_out", value=[0, 0]), "left_out: positions must differ"),
+    (M5, put("messages", 0, "fields", 0, "left_out", value=[20]), "left_out: positions must differ and lie"),
+    (M5, put("framing", "separator", value=","), "framing: separator belongs to kind = 'lines'"),
+    (M5, put("framing", "sync_hex", value="9A"), "framing: sync_hex and length belong"),
 ]  # fmt: skip
 
 
@@ -163,7 +195,7 @@ def test_shipped_sizes_are_those_of_the_prose() -> None:
 
 def test_a_name_that_is_not_shipped_lists_those_that_are() -> None:
     with pytest.raises(
-        ConfigError, match=r"no layout named 'board-v9'; shipped: board-v1, legacy-9, lines-15, magnet"
+        ConfigError, match=r"no layout named 'board-v9'; shipped: board-v1, legacy-9, lines-15, load-cell"
     ):
         load_layout("board-v9")
 

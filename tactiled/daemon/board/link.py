@@ -118,6 +118,8 @@ class BoardLink:
                 commands += session.greeted(item, now_s)
             else:
                 commands += session.answered(item, now_s)
+        if self.pipeline.is_measuring:
+            session.streams()
         if scanned:
             self._line.framed(now_s)
             commands += session.scanned(now_s)

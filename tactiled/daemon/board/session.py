@@ -152,6 +152,10 @@ class Session:
             self._known = self._confirmed or not self.terms.confirms
         return self._step(now_s)
 
+    def streams(self) -> None:
+        """Take note that the board sends scans at a rate that is not known yet: it need not be started."""
+        self._streaming = True
+
     def tick(self, now_s: float) -> list[Command]:
         """Act on passed deadlines."""
         if self._leaving:

@@ -7,7 +7,7 @@ States, as ``protocols/board.md`` requires:
     off --power_up--> boot --50 ms--> idle (hello at once, then each second)
                                       idle --start--> running --stop--> idle
 
-A layout without commands runs from the end of boot. Rules:
+A layout without commands runs from the end of boot; one without hello is silent while idle. Rules:
 
 1. A command is answered in any state after boot, also when it changes nothing: start while running and
    stop while idle are ``ok``. A type that the layout does not contain is ``unknown_command``.
@@ -149,7 +149,9 @@ class Board:
             return
         for item in self._decoder.feed(data):
             if isinstance(item, Command):
-                result = self._answers.get(item) or self._obey(item, now_s)
+                # Commands without token are not answered, and carried out each time.
+                known = self._answers if self._layout.has("acknowledge") else {}
+                result = known.get(item) or self._obey(item, now_s)
                 if item.name == "identify":
                     self._send_hello(now_s)
                 self._answers = {item: result}  # only the newest: the host has one command under way

@@ -77,7 +77,8 @@ def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello
     assumed = layout.file.assumed_hello
     version = layout.file.protocol_version
     if assumed is not None:
-        hello = layout.assumed_hello(params.rate_hz)
+        typical_hz = None if "rate_hz" in params.model_fields_set else assumed.typical_rate_hz
+        hello = layout.assumed_hello(typical_hz or params.rate_hz)
         assert hello is not None  # it has a rate
         return hello
     return Hello(

@@ -23,7 +23,8 @@ class Sensor:
     adc_bits : int
     adc_reference_v : float
     span : (float, float), optional
-        Readings of no and of all counts, in the unit of the array: the sensor converts counts itself.
+        Readings of no and of all counts, in the unit of the array: the sensor converts counts itself. An
+        array in newtons then reads the force on the skin, without rubber and divider.
 
     Attributes
     ----------
@@ -54,6 +55,8 @@ class Sensor:
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         self._span = span
+        self._reads_force = span is not None and array.unit == "N"
+        self._force_sign = np.where(np.char.startswith(array.channel_kind, "shear"), 1.0, array.sign)
         kinds = np.array(array.channel_kind)
         self._is_side = kinds == "side"
         self._taxel = array.channel_taxel
@@ -96,6 +99,12 @@ class Sensor:
     def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64] | FloatArray:
         """Counts of scans ``first``, ``first + 1``, ... sampled at `time_s` (n, channels)."""
         noise = self._params.noise_v * self._noise.normal(first, len(time_s))
+        if self._span is not None and self._reads_force:
+            low, high = self._span
+            force_n = self.contact.forces(time_s) * self._force_sign
+            force_n[:, self._params.dead_channels] = 0.0
+            noisy_n = force_n + noise * ((high - low) / self._reference_v)
+            return np.asarray(np.clip(noisy_n, low, high), dtype=np.float64)
         counts = electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
         if self._span is None:
             return counts
