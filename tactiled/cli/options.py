@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from tactiled import tomltext
-from tactiled.errors import DataError, OperatorError
+from tactiled.errors import ConfigError, DataError, OperatorError
 
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -59,6 +59,14 @@ def _fault_of(path: Path) -> int:
     if path.is_dir():
         return errno.EISDIR
     return 0 if os.access(path, os.R_OK) else errno.EACCES
+
+
+def need_picture(path: Path) -> None:
+    """Refuse a picture that cannot be written: unknown ending, or no such folder."""
+    from tactiled.plots import PICTURES
+
+    if not (path.parent.is_dir() and path.suffix in PICTURES):
+        raise ConfigError("--plot", [f"{path}: name a {', '.join(PICTURES)} in a folder that exists"])
 
 
 def need_extra(module: str, extra: str, what: str) -> None:

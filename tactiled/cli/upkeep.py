@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,10 +16,15 @@ from tactiled.cli.options import (
     PORT,
     SPEED,
     need_board,
+    need_extra,
     need_named,
+    need_picture,
     need_readable,
     need_toml,
 )
+
+if TYPE_CHECKING:
+    from tactiled.array import Array
 
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
 
@@ -26,14 +32,30 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.command("check-config")
 @click.argument("files", type=FILES, nargs=-1, envvar=CONFIG_ENV)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
-def check_config(files: tuple[Path, ...], schema: bool) -> None:
+@click.option("--plot", type=FILE, help="Draw the array into this picture (.png, .svg, .pdf).")
+@click.option(
+    "--rate",
+    "rate_hz",
+    default=100.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 20_000),
+    help="Scan rate (Hz), for what an array file can measure.",
+)
+@click.option(
+    "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for the same; 0: unknown."
+)  # fmt: skip
+def check_config(
+    files: tuple[Path, ...], schema: bool, plot: Path | None, rate_hz: float, speed_mm_s: float
+) -> None:
     """Check a configuration and the files it names without opening the port, or one file of another kind.
 
-    Other kinds are array files, layout files and force calibrations. Of several configurations, or of those
-    in a directory, it is also checked that one process can serve their boards, as `tactiled run` does. Prints
-    one JSON line for each.
+    Other kinds are array files, layout files and force calibrations. For an array, it is also said what it
+    can measure: contact, slip, direction, and periods and angles of grooves. Of several configurations, or of
+    those in a directory, it is also checked that one process can serve their boards, as `tactiled run` does.
+    Prints one JSON line for each.
 
     Example: tactiled check-config /etc/tactiled/left.toml
+    Example: tactiled check-config pad.toml --plot pad.png
     """
     if schema:
         from tactiled.config import Config
@@ -52,6 +74,11 @@ def check_config(files: tuple[Path, ...], schema: bool) -> None:
     ):
         raise click.UsageError(f"check arrays and layouts one by one: {', '.join(others)}")
     file, kind = paths[0], kinds[0]
+    if plot is not None and kind != "array":
+        raise click.UsageError(f"--plot draws an array, and {file} is a {kind}")
+    if plot is not None:
+        need_extra("matplotlib", "plot", "check-config --plot")
+        need_picture(plot)
     if kind == "layout":
         from tactiled.wire.layout import load_layout
 
@@ -71,6 +98,7 @@ def check_config(files: tuple[Path, ...], schema: bool) -> None:
         array = build(tomlfile.load(file, ArrayFile))
         click.echo(json.dumps(array.summary()))
         click.echo(f"{file}: valid ({array.in_words()})", err=True)
+        _echo_abilities(array, rate_hz, speed_mm_s, plot)
         return
     if kind == "calibration":
         from tactiled.force.calibration import load_calibration
@@ -90,6 +118,23 @@ def check_config(files: tuple[Path, ...], schema: bool) -> None:
             click.echo(f"warning: {warning}", err=True)
         for line in resolved_in_words(setup):
             click.echo(line, err=True)
+
+
+def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:
+    """Print what an array can measure, and draw it where asked."""
+    from tactiled.doctor.abilities import abilities
+
+    findings = abilities(array, rate_hz, speed_mm_s)
+    lines = [
+        f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else "") for each in findings
+    ]
+    for line in lines:
+        click.echo(line, err=True)
+    if plot is not None:
+        from tactiled.plots.array_map import draw_array
+
+        draw_array(plot, array, [f"at {rate_hz:g} scans a second:", *lines])
+        click.echo(f"wrote {plot}", err=True)
 
 
 @click.command()

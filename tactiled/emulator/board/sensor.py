@@ -104,7 +104,7 @@ class Sensor:
             force_n = self.contact.forces(time_s) * self._force_sign
             force_n[:, self._params.dead_channels] = 0.0
             noisy_n = force_n + noise * ((high - low) / self._reference_v)
-            return np.asarray(np.clip(noisy_n, low, high), dtype=np.float64)
+            return np.asarray(np.clip(noisy_n, low, high).round(4), dtype=np.float64)  # 0.1 mN, to be printed
         counts = electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
         if self._span is None:
             return counts

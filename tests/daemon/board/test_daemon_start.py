@@ -77,5 +77,7 @@ def test_a_start_that_is_lost_is_repeated() -> None:
     cable = Cable()
     cable.link.opened(cable.now_s)  # these bytes never reach the board
     cable.run(3.0)
-    assert cable.sent[0] == (pytest.approx(101.2, abs=0.02), "start")
+    sent_s, name = cable.sent[0]
+    assert name == "start"
+    assert sent_s == pytest.approx(101.2, abs=0.02)
     assert cable.link.session.state == "running"

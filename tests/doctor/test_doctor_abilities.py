@@ -1,0 +1,83 @@
+"""What check-config says that an array can measure: contact, slip, direction, grooves."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactiled.array import load_array
+from tactiled.cli import main
+from tactiled.doctor.abilities import abilities
+
+SHEAR_ONLY = """
+name = "field"
+unit = "uT"
+range = [-100, 100]
+taxel_count = 2
+[[taxel_channels]]
+name = "X"
+kind = "shear_x"
+"""
+
+
+def call(*arguments: str) -> int:
+    """Run a command of tactiled in this process, and return its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tactiled", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+    return int(left.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "slip", "direction", "grooves"),
+    [
+        ("wang2019-3x3", "from shear, beside the pressure", "of slip", "resolves 0.5 to 20 mm"),
+        ("normal-4x4", "from pressure that moves between taxels", "not measured", "normal-4x4, at unknown"),
+        ("load-cell", "not reported: neither shear nor", "not measured", "no angle (period-only): freq"),
+        ("magnetometers-5", "from shear, beside the pressure", "of slip", "no angle (period-only): freq"),
+    ],
+)
+def test_abilities_follow_from_the_channels_and_places(
+    name: str, slip: str, direction: str, grooves: str
+) -> None:
+    found = {finding.check: finding.words for finding in abilities(load_array(name), 100.0, 0.0)}
+    assert list(found) == ["contact", "slip", "direction", "grooves", "sliding speed"]
+    assert slip in found["slip"]
+    assert direction in found["direction"]
+    assert grooves in found["grooves"]
+
+
+def test_without_pressure_there_is_neither_contact_nor_slip(tmp_path: Path) -> None:
+    file = tmp_path / "field.toml"
+    file.write_text(SHEAR_ONLY)
+    found = {finding.check: finding for finding in abilities(load_array(str(file)), 100.0, 5.0)}
+    assert [found[check].verdict for check in ("contact", "slip", "direction")] == ["warn", "warn", "ok"]
+    assert "5 mm/s over the frequency" in found["grooves"].words
+
+
+def test_check_config_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, picture = tmp_path / "field.toml", tmp_path / "field.svg"
+    file.write_text(SHEAR_ONLY)
+    assert call("check-config", str(file), "--plot", str(picture), "--rate", "50") == 0
+    captured = capsys.readouterr()
+    assert captured.out.count("\n") == 1
+    assert "contact: not measured" in captured.err
+    assert "11.2 mm/s or slower for 0.5 mm" in captured.err
+    assert picture.read_text().count("<svg") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        (["protocols/tsf-85.toml", "--plot", "a.png"], "--plot draws an array"),
+        (["config/arrays/load-cell.toml", "--plot", "a.bmp"], "--plot: a.bmp: name a .png"),
+        (["config/arrays/load-cell.toml", "--plot", "/none/a.png"], "in a folder that exists"),
+    ],
+)
+def test_what_cannot_be_drawn_is_a_usage_error(
+    options: list[str], fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = Path(__file__).parents[2]
+    assert call("check-config", str(root / options[0]), *options[1:]) == 2
+    assert fault in capsys.readouterr().err
