@@ -26,12 +26,13 @@ from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.plots import PICTURES
 from tactiled.recording.bag import BAGS, read_bag
-from tactiled.recording.contents import Input, Read
+from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
 from tactiled.recording.table import TABLES, TimeUnit, read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
+from tactiled.wire.layout import Layout, load_layout
 
 logger = logging.getLogger(__name__)
 
@@ -73,6 +74,8 @@ class Choices:
         See `read_table`.
     topic : str, optional
         Topic of a bag; see `read_bag`.
+    layout : str, optional
+        Name or path of the layout that reads the bytes of a recording, in place of its own.
     """
 
     speed_mm_s: float | None = None
@@ -90,6 +93,25 @@ class Choices:
     columns: tuple[str, ...] = ()
     time_unit: TimeUnit | None = None
     topic: str | None = None
+    layout: str | None = None
+
+    def source_of(self, path: Path, array: str | None) -> RecordedBoard:
+        """Return layout and array of a recording, or those that the user asks for.
+
+        Raises
+        ------
+        ConfigError
+            An array for a recording that is read with its own layout, or no array for another layout.
+        """
+        if self.layout is None:
+            if array is not None:
+                fault = "--array is for tables, or beside --layout; a recording contains its array"
+                raise ConfigError("command line", [fault])
+            return read_header(path).source
+        assumed = load_layout(self.layout).file.assumed_hello
+        if array is None and assumed is None:
+            raise ConfigError("command line", [f"--layout {self.layout} needs --array: it assumes none"])
+        return load_board(self.layout, array or ("" if assumed is None else assumed.array_id))
 
     def params(self) -> DetectParams:
         """Check all parameters: those of the file, replaced by those of the command line."""
@@ -202,17 +224,20 @@ def detect_messages(
     is_bag = path.is_dir() or path.suffix in BAGS
     if path.suffix == ".mcap" and choices.topic is None:
         is_bag = path.is_dir() or (path.exists() and not is_recording(path))
+    if choices.layout is not None and (is_bag or path.suffix != ".mcap"):
+        raise ConfigError("command line", ["--layout is for our recordings (.mcap), which hold bytes"])
     if choices.topic is not None and not is_bag:
         raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])
     if is_bag and (choices.columns or choices.time_unit):
         fault = "--columns and --time-unit are for tables; --topic TOPIC.FIELD chooses the channels of a bag"
         raise ConfigError("command line", [fault])
     if path.suffix == ".mcap" and not is_bag:
-        if array is not None or rate_hz is not None or choices.columns or choices.time_unit:
-            fault = "--array, --rate, --columns and --time-unit are for tables; a recording contains them"
+        if rate_hz is not None or choices.columns or choices.time_unit:
+            fault = "--rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
-        log = Log(choices.array_of(read_header(path).source.array))
-        found = _run_recording(path, log, params, choices, reached)
+        source = choices.source_of(path, array)
+        log = Log(choices.array_of(source.array))
+        found = _run_recording(path, log, source.layout, params, choices, reached)
     elif is_bag or path.suffix in TABLES:
         log = Log(choices.array_of(load_array(array or _array_of_config(choices.config))))
         found = _run_table(path, log, rate_hz, params, choices, reached)
@@ -241,15 +266,20 @@ def _array_of_config(config: Path | None) -> str:
 
 
 def _run_recording(
-    path: Path, log: Log, params: DetectParams, choices: Choices, reached: Reached | None
+    path: Path,
+    log: Log,
+    layout: Layout,
+    params: DetectParams,
+    choices: Choices,
+    reached: Reached | None,
 ) -> Iterator[Event]:
     """Run recorded bytes through the pipeline, without its limit on lateness."""
     header = read_header(path)
-    layout = header.source.layout
     pipeline = Pipeline(layout, log.array, header.pipeline.model_copy(update={"detect": params}), live=False)
     pipeline.tuning = choices.suite(log.array, params)
     foreign = ""
-    pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
+    if choices.layout is None:
+        pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
     inputs = read_inputs(path, reached)
     for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
         for change in batch:

@@ -414,3 +414,39 @@ def test_grip_lines_come_at_their_rate_and_at_changes_of_state(
     detect_file(tmp_path / "log.csv", choices=Choices(grip_hz=0.0))
     others = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert others == [line for line in lines if line["topic"] != "grip"]
+
+
+def test_a_recording_of_records_of_several_kinds_is_read_with_another_layout(tmp_path: Path) -> None:
+    source, path = load_board("tsf-85-dynamic", "tsf-85-dynamic"), tmp_path / "tsf.mcap"
+    scene = load_scene("rest").model_copy(update={"array": "tsf-85-dynamic"})
+    board = EmulatedBoardParams(rate_hz=100.0)
+    with RecordingWriter(path, Header(source)) as writer:
+        for arrival_s, data in Simulation(scene, source.layout, board=board, duration_s=3.0):
+            writer.read(Read(arrival_s, 0.0, data))
+    dynamic = detect_file(path, choices=Choices(topics=("contact",)))
+    static = detect_file(path, choices=Choices(topics=("contact",), layout="tsf-85"))
+    assert len(dynamic.volts[0]) == 2
+    assert len(static.volts[0]) == 56
+    assert len(dynamic.volts) == pytest.approx(100, abs=5)  # the first two seconds measure the rate
+    assert abs(len(static.volts) - len(dynamic.volts)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("file", "array", "layout", "fault"),
+    [
+        ("a.mcap", "tsf-85", None, "--array is for tables, or beside --layout"),
+        ("a.mcap", None, "board-v1", "--layout board-v1 needs --array"),
+        ("a.csv", None, "tsf-85", "--layout is for our recordings"),
+    ],
+)
+def test_a_layout_that_does_not_fit_is_refused(
+    tmp_path: Path, file: str, array: str | None, layout: str | None, fault: str
+) -> None:
+    path = tmp_path / file
+    if path.suffix == ".csv":
+        path.touch()
+    else:
+        with RecordingWriter(path, Header(load_board("board-v1", "wang2019-3x3"))):
+            pass
+    with pytest.raises(ConfigError, match=fault):
+        detect_file(path, array, choices=Choices(layout=layout))

@@ -59,6 +59,10 @@ class Topics(click.ParamType[tuple[str, ...]]):
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.option("--array", help="Array of the log: shipped name or TOML file. A recording contains its array.")
 @click.option(
+    "--layout",
+    help="Read the bytes of a recording with this layout: shipped name or TOML file, with its array.",
+)
+@click.option(
     "--rate",
     "rate_hz",
     type=click.FloatRange(0, min_open=True),
@@ -171,6 +175,7 @@ def detect(
     if to is None and not file.is_dir():  # of a rosbag2
         need_readable(file)
     need_named(array, "config/arrays")
+    need_named(choices["layout"], "protocols")
     need_named(choices["calibration"], "config/calibration")
     need_toml(choices["config"])
     if plot is not None:
