@@ -15,6 +15,7 @@ from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health
+from tactiled.samples.rate import RateMeter
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
 from tactiled.wire.layout import Layout
@@ -32,7 +33,7 @@ _NOISY_PART = 0.01
 
 @dataclass
 class BoardObservation:
-    """Data of a board that was received for `LISTEN_S`."""
+    """Data of a board that was received for `listened_s`."""
 
     status: StatusEvent
     health: Health
@@ -43,6 +44,7 @@ class BoardObservation:
     """Last bytes that were received."""
     first_scans: list[tuple[float, ...]] = field(default_factory=list)
     """Readings of the first few scans, one for each channel."""
+    listened_s: float = LISTEN_S
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
@@ -60,8 +62,12 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
 
 
 async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
-    """Run the board link of the daemon for `LISTEN_S`, then restore the state of the board."""
+    """Run the board link of the daemon for `LISTEN_S`, then restore the state of the board.
+
+    It takes longer where the rate must be measured first.
+    """
     layout, pipeline = setup.layout, setup.make_pipeline()
+    listen_s = LISTEN_S + (RateMeter.LEAST_S if layout.measures_rate else 0.0)
     link = make_link(pipeline, setup.config.session, baud, other_layouts(layout))
     session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
@@ -94,7 +100,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         port.attach(received, lost.append)
         pipeline.command("adapter", {"handover_s": port.handover_s}, time.monotonic())
         send(link.opened(time.monotonic(), _framing(port)))
-        while time.monotonic() < began_s + LISTEN_S and not lost:
+        while time.monotonic() < began_s + listen_s and not lost:
             await asyncio.sleep(_STEP_S)
             send(link.watch(time.monotonic(), _framing(port)))
         status = link.status(time.monotonic(), started_s=began_s, connects=1, warning=port.warning)
@@ -105,12 +111,12 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans)
+    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans, listen_s)
 
 
 def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     health, status, hello = observed.health, observed.status, observed.hello
-    findings = [_bytes(health, status)]
+    findings = [_bytes(health, status, observed.listened_s)]
     if status.state == "fault" or (status.state != "running" and health.frames):
         findings.append(replace(split("board", status.reason, "fail"), values=_identity(observed)))
     elif hello is not None and health.frames:
@@ -145,8 +151,8 @@ def _identity(observed: BoardObservation) -> dict[str, Any]:
     }
 
 
-def _bytes(health: Health, status: StatusEvent) -> Finding:
-    per_s = health.bytes_in / LISTEN_S
+def _bytes(health: Health, status: StatusEvent, listened_s: float) -> Finding:
+    per_s = health.bytes_in / listened_s
     if not health.frames:
         words = status.reason if status.reason else "no valid frame"
         return split("line", words, "fail")

@@ -130,7 +130,7 @@ class RecordLayout(Params):
     """Record of a packet of tagged records."""
 
     tag: int = Field(ge=0, le=255, description="octet that begins the record, after framing.tag_mask")
-    bytes: int = Field(ge=1, le=65534, description="bytes behind the tag")
+    bytes: int = Field(ge=1, le=4095, description="bytes behind the tag")
     channels: bool = Field(default=False, description="the next channels of a scan; else skipped")
 
 
@@ -147,7 +147,7 @@ class Framing(Params):
         default=0, ge=0, le=16, description="bytes between sync word and length that are not read"
     )
     tag_mask: int = Field(default=0xFF, ge=1, le=0xFF, description="bits of a tag that say the record")
-    most_bytes: int | None = Field(default=None, ge=2, le=65535, description="largest length of a packet")
+    most_bytes: int | None = Field(default=None, ge=2, le=4096, description="largest length of a packet")
     terminator_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
     separator: Literal[",", ";", " ", "\t"] | None = Field(
         default=None, description="between the numbers of a line; a blank stands for any blanks and tabs"
@@ -165,6 +165,10 @@ class Framing(Params):
                 raise ValueError(f"{name} belongs to kind = 'tagged'")
         if self.kind == "tagged" and self.length == "u32":
             raise ValueError("length: u8 or u16 with kind = 'tagged'")
+        if self.kind == "tagged" and self.length == "u16" and self.most_bytes is None:
+            raise ValueError(
+                "most_bytes: missing, with length = 'u16'; a damaged length could stop all scans"
+            )
         if (self.terminator_hex is not None) != (self.kind in _TERMINATED):
             raise ValueError("terminator_hex belongs to kind = 'terminator' and kind = 'lines'")
         if (self.separator is not None) != (self.kind == "lines"):

@@ -132,6 +132,8 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (TSF, put("records", 1, "channel", value=True), "records[1].channel: unknown key; did you mean"),
     (TSF, put("framing", "most_bytes", value=256), "framing.most_bytes: 256 does not fit length = 'u8'"),
     (TSF, put("framing", "length", value="u32"), "framing: length: u8 or u16"),
+    (TSF, put("framing", value={"kind": "tagged", "sync_hex": "9A", "length": "u16"}), "framing: most_bytes"),
+    (TSF, put("framing", "most_bytes", value=5000), "framing.most_bytes: "),
     (TSF, drop("framing", "length"), "framing: sync_hex and length belong"),
     (TSF, put("framing", "tag_mask", value=0), "framing.tag_mask: "),
     (TSF, put("checksum", value={"algorithm": "crc-16/xmodem"}), "checksum: framing.kind = 'tagged' has"),
