@@ -235,7 +235,7 @@ def test_events_contain_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (("log.csv", "no-such-array"), ConfigError, "no-such-array"),
         (("log.csv", None, None, Choices(setting="fastest")), ConfigError, "setting"),
         (("none.mcap",), DataError, "No such file"),
-        (("log.mcap", "normal-4x4"), ConfigError, "a recording contains them"),
+        (("log.mcap", "normal-4x4"), ConfigError, "a recording contains its array"),
     ],
 )
 def test_unusable_input_gives_a_reason(
