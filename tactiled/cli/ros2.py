@@ -2,11 +2,14 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import click
 
+from tactiled import resources
 from tactiled.cli.options import KEYS, need_extra
+from tactiled.errors import OperatorError
 
 _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
 
@@ -36,6 +39,10 @@ _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
     "--allow-commands", is_flag=True,
     help="Offer the services tare, inhibit and mark; DDS does not tell who calls them.",
 )  # fmt: skip
+@click.option(
+    "--messages", type=click.Path(path_type=Path, file_okay=False), metavar="DIRECTORY",
+    help="Only write the packages tactiled_msgs and tactiled_examples for colcon into this folder.",
+)  # fmt: skip
 @KEYS
 def ros2(
     endpoints: tuple[str, ...],
@@ -45,6 +52,7 @@ def ros2(
     distro: str,
     localhost: bool,
     allow_commands: bool,
+    messages: Path | None,
     keys: Path | None,
 ) -> None:
     """Publish boards to ROS 2 over DDS, as a node; ROS need not be installed.
@@ -54,6 +62,9 @@ def ros2(
 
     Example: tactiled ros2 --events tcp://127.0.0.1:9872 --namespace tactile
     """
+    if messages is not None:
+        _write_packages(messages)
+        return
     need_extra("cyclonedds", "ros2", "the bridge to ROS 2")
     from tactiled.ros2.bridge import BridgeParams, run_bridge
     from tactiled.ros2.names import is_namespace
@@ -80,3 +91,13 @@ def ros2(
         return Node(domain, "tactiled", namespace, gid_bytes=gid_bytes, loopback=localhost)
 
     run_bridge(params, make_node, report)
+
+
+def _write_packages(folder: Path) -> None:
+    """Copy the packages for colcon; files that are there are replaced."""
+    for name in ("tactiled_msgs", "tactiled_examples"):
+        try:
+            shutil.copytree(resources.shipped("ros2", name), folder / name, dirs_exist_ok=True)
+        except OSError as error:
+            raise OperatorError(f"--messages {folder}: cannot be written: {error.strerror or error}") from None
+        click.echo(f"ros2: {folder / name}", err=True)

@@ -1,6 +1,7 @@
 """Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
 
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -91,6 +92,17 @@ def test_wrong_options(arguments: list[str], says: str) -> None:
     done = CliRunner().invoke(ros2, arguments)
     assert done.exit_code == 2
     assert says in done.output
+
+
+def test_the_message_package_is_written(tmp_path: Path) -> None:
+    done = CliRunner().invoke(ros2, ["--messages", str(tmp_path / "src")])
+    assert done.exit_code == 0, done.output
+    written = {path.name for path in (tmp_path / "src" / "tactiled_msgs" / "msg").iterdir()}
+    assert {"Slip.msg", "Candidate.msg"} <= written
+    assert (tmp_path / "src" / "tactiled_msgs" / "package.xml").exists()
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(ros2, ["--messages", str(tmp_path / "file" / "src")])
+    assert "cannot be written" in str(done.exception)
 
 
 def test_help_has_an_example() -> None:
