@@ -99,5 +99,7 @@ def _write_packages(folder: Path) -> None:
         try:
             shutil.copytree(resources.shipped("ros2", name), folder / name, dirs_exist_ok=True)
         except OSError as error:
-            raise OperatorError(f"--messages {folder}: cannot be written: {error.strerror or error}") from None
+            raise OperatorError(
+                f"--messages {folder}: cannot be written: {error.strerror or error}"
+            ) from None
         click.echo(f"ros2: {folder / name}", err=True)

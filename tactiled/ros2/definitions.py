@@ -8,7 +8,7 @@ PRIMITIVES = frozenset(
     ("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 ) | {"float32", "float64", "string"}
 _FIELD = re.compile(
-    r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
+    r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(<=(?P<most>\d+)|(?P<size>\d*))\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
 )
 
 
@@ -25,12 +25,15 @@ class RosField:
         None for one value, 0 for a sequence, otherwise the length of a fixed array.
     bound : int
         Longest string; 0 where there is no bound.
+    most : int
+        Longest sequence; 0 where there is no bound.
     """
 
     name: str
     kind: str
     size: int | None = None
     bound: int = 0
+    most: int = 0
 
 
 @dataclass(frozen=True)
@@ -67,13 +70,34 @@ def parse_type(name: str, text: str) -> RosType:
             raise ValueError(f"{name}: {raw!r} is no field")
         size = None if found["array"] is None else int(found["size"] or 0)
         kind = _full_name(found["kind"], package)
-        fields.append(RosField(found["name"], kind, size, int(found["bound"] or 0)))
+        fields.append(RosField(found["name"], kind, size, int(found["bound"] or 0), int(found["most"] or 0)))
     return RosType(name, tuple(fields))
 
 
 def parse_types(texts: Mapping[str, str]) -> dict[str, RosType]:
     """Parse several definitions by full name."""
     return {name: parse_type(name, text) for name, text in texts.items()}
+
+
+def service_types(name: str) -> dict[str, RosType]:
+    """Return the types by which ROS describes a service, beside its request and response.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the service, such as ``std_srvs/srv/Trigger``.
+    """
+    request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
+    parts = (("request_message", request), ("response_message", response), ("event_message", event))
+    fields = (
+        RosField("info", "service_msgs/msg/ServiceEventInfo"),
+        RosField("request", request, 0, most=1),
+        RosField("response", response, 0, most=1),
+    )
+    return {
+        event: RosType(event, fields),
+        name: RosType(name, tuple(RosField(field, kind) for field, kind in parts)),
+    }
 
 
 def nested_types(name: str, types: Mapping[str, RosType]) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from tactiled.errors import OperatorError
 from tactiled.ros2 import names
 from tactiled.ros2.cdr import CdrEncoder, decode
-from tactiled.ros2.definitions import RosField, RosType, parse_types
+from tactiled.ros2.definitions import RosField, RosType, parse_types, service_types
 from tactiled.ros2.own_types import own_definitions
 from tactiled.ros2.standard_types import STANDARD, discovery_types
 from tactiled.ros2.typehash import rihs01
@@ -141,7 +141,8 @@ class Node:
     def serve(self, service: str, kind: str) -> None:
         """Create a service; `kind` is the full name of its type, such as ``std_srvs/srv/Trigger``."""
         mark = ".".join(f"{byte:02x}" for byte in secrets.token_bytes(24))
-        own = f"serviceid={mark};".encode()
+        self.types.update(service_types(kind))
+        own = f"serviceid={mark};typehash={rihs01(kind, self.types)};".encode()
         request, reply = f"{kind}_Request", f"{kind}_Response"
         qos = self._policies("event", own)
         reader = self._sub.DataReader(

@@ -16,6 +16,9 @@ STANDARD: dict[str, str] = {
         "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\n"
         "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
     ),
+    "service_msgs/msg/ServiceEventInfo": (
+        "uint8 event_type\nbuiltin_interfaces/Time stamp\nchar[16] client_gid\nint64 sequence_number\n"
+    ),
     # ROS gives a type without fields one of this name, because IDL has no empty structures.
     "std_srvs/srv/Trigger_Request": "uint8 structure_needs_at_least_one_member\n",
     "std_srvs/srv/Trigger_Response": "bool success\nstring message\n",

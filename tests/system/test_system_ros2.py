@@ -201,6 +201,12 @@ def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
         services_reach_the_daemon(peer, subscription)
     discovery_names_node_and_types(robot, peer)
     loss_of_the_daemon_is_silence(robot, peer, daemon, program)
+    robot.tactiled("run", "--config", str(robot.folder / "tactiled.toml"))
+    peer.until(is_message(f"{BOARD}/wrench"), "forces of the next daemon")
+    contacts = [robot.decode(row) for row in peer.rows if is_message(f"{BOARD}/contact")(row)]
+    assert (contacts[-1].valid, contacts[-1].seq) == (True, -1)  # made from the status
+    bridge.child.terminate()
+    assert bridge.child.wait(PATIENCE_S) == 0
 
 
 def topics_match_what_the_daemon_sends(robot: Robot, peer: Lines, subscription: Subscription) -> None:
