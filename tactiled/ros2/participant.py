@@ -6,11 +6,19 @@ request it belongs to. rmw_fastrtps writes those ids into RTPS instead, to which
 no access: services answer clients that run rmw_cyclonedds_cpp, topics reach every DDS.
 """
 
-import importlib
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
+
+from cyclonedds.core import DDSException
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import make_idl_struct
+from cyclonedds.idl import types as idl_types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
 
 from tactiled.errors import OperatorError
 from tactiled.ros2 import names
@@ -49,7 +57,6 @@ class TopicWriter:
     def __init__(self, writer: Any, kind: Any, encoder: CdrEncoder, delivery: Delivery) -> None:
         self._writer, self._kind, self._encoder = writer, kind, encoder
         self._latched = delivery == "latched"
-        self._refusal: Any = importlib.import_module("cyclonedds.core").DDSException
         self.refused = 0
         """Number of messages that DDS did not take, because a subscriber stopped reading."""
 
@@ -63,7 +70,7 @@ class TopicWriter:
         data = self._encoder.encode(values)
         try:
             self._writer.write(self._kind(data))
-        except self._refusal:
+        except DDSException:
             self.refused += 1
 
 
@@ -96,13 +103,6 @@ class Node:
     def __init__(
         self, domain_id: int, name: str, namespace: str, *, gid_bytes: int = 16, loopback: bool = False
     ) -> None:
-        self._dds: Any = importlib.import_module("cyclonedds.domain")
-        self._pub: Any = importlib.import_module("cyclonedds.pub")
-        self._sub: Any = importlib.import_module("cyclonedds.sub")
-        self._topic: Any = importlib.import_module("cyclonedds.topic")
-        self._qos: Any = importlib.import_module("cyclonedds.qos")
-        self._idl: Any = importlib.import_module("cyclonedds.idl")
-        self._idl_types: Any = importlib.import_module("cyclonedds.idl.types")
         self.name, self.domain_id = name, domain_id
         self._namespace, self._gid_bytes = namespace, gid_bytes
         self.types = parse_types({**STANDARD, **discovery_types(gid_bytes), **own_definitions()})
@@ -111,13 +111,10 @@ class Node:
         self._services: dict[str, _Service] = {}
         self._readers: list[Any] = []
         self._writers: list[Any] = []
-        policy = self._qos.Policy
         try:
-            self._domain = self._dds.Domain(domain_id, _LOOPBACK) if loopback else None
-            self._participant = self._dds.DomainParticipant(
-                domain_id, self._qos.Qos(policy.Userdata(b"enclave=/;"))
-            )
-        except importlib.import_module("cyclonedds.core").DDSException as error:
+            self._domain = Domain(domain_id, _LOOPBACK) if loopback else None
+            self._participant = DomainParticipant(domain_id, Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
             raise OperatorError(f"DDS domain {domain_id} cannot be joined: {error}") from None
         self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched", hashed=False)
         self._announce()
@@ -145,9 +142,7 @@ class Node:
         own = f"serviceid={mark};typehash={rihs01(kind, self.types)};".encode()
         request, reply = f"{kind}_Request", f"{kind}_Response"
         qos = self._policies("event", own)
-        reader = self._sub.DataReader(
-            self._participant, self._topic_of(names.dds_request(service), request), qos
-        )
+        reader = DataReader(self._participant, self._topic_of(names.dds_request(service), request), qos)
         self._readers.append(reader)
         writer = self._writer(
             names.dds_reply(service), reply, "event", own, encoded_as=self._with_head(reply), hashed=False
@@ -192,27 +187,24 @@ class Node:
     ) -> TopicWriter:
         if hashed:
             own += f"typehash={rihs01(kind, self.types)};".encode()
-        writer = self._pub.DataWriter(
-            self._participant, self._topic_of(topic, kind), self._policies(delivery, own)
-        )
+        writer = DataWriter(self._participant, self._topic_of(topic, kind), self._policies(delivery, own))
         if topic != _INFO_TOPIC:
             self._writers.append(writer)
         return TopicWriter(writer, self._kind(kind), CdrEncoder(encoded_as or kind, self.types), delivery)
 
     def _policies(self, delivery: Delivery, own: bytes) -> Any:
-        policy = self._qos.Policy
-        return self._qos.Qos(
-            policy.Reliability.BestEffort
+        return Qos(
+            Policy.Reliability.BestEffort
             if delivery == "sensor"
-            else policy.Reliability.Reliable(max_blocking_time=0),  # the loop never waits for a subscriber
-            policy.Durability.TransientLocal if delivery == "latched" else policy.Durability.Volatile,
-            policy.History.KeepLast(_DEPTH[delivery]),
-            policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
-            policy.Userdata(own),
+            else Policy.Reliability.Reliable(max_blocking_time=0),  # the loop never waits for a subscriber
+            Policy.Durability.TransientLocal if delivery == "latched" else Policy.Durability.Volatile,
+            Policy.History.KeepLast(_DEPTH[delivery]),
+            Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+            Policy.Userdata(own),
         )
 
     def _topic_of(self, topic: str, kind: str) -> Any:
-        return self._topic.Topic(self._participant, topic, self._kind(kind))
+        return Topic(self._participant, topic, self._kind(kind))
 
     def _with_head(self, name: str) -> str:
         """Register the type of a request or reply with its 16 bytes, and return its name.
@@ -238,24 +230,21 @@ class Node:
         if name not in self._structs:
             fields = {field.name: self._idl_type(field) for field in self.types[name].fields}
             bare = name.rsplit("/", 1)[-1]
-            self._structs[name] = self._idl.make_idl_struct(
-                bare, names.dds_type(name).replace("::", "."), fields
-            )
+            self._structs[name] = make_idl_struct(bare, names.dds_type(name).replace("::", "."), fields)
         return self._structs[name]
 
     def _idl_type(self, field: RosField) -> Any:
-        idl = self._idl_types
         if field.kind == "string":
-            kind: Any = idl.bounded_str[field.bound] if field.bound else str
+            kind: Any = idl_types.bounded_str[field.bound] if field.bound else str
         elif field.kind in self.types:
             kind = self._struct(field.kind)
         elif field.kind == "bool":
             kind = bool
         else:
-            kind = getattr(idl, {"char": "uint8", "byte": "uint8"}.get(field.kind, field.kind))
+            kind = getattr(idl_types, {"char": "uint8", "byte": "uint8"}.get(field.kind, field.kind))
         if field.size is None:
             return kind
-        return idl.array[kind, field.size] if field.size else idl.sequence[kind]
+        return idl_types.array[kind, field.size] if field.size else idl_types.sequence[kind]
 
     def _announce(self) -> None:
         """Publish which endpoints belong to this node."""

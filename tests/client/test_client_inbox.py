@@ -56,7 +56,7 @@ class Daemon:
 
 
 def kinds(items: list[Item]) -> list[str]:
-    return [type(item).__name__ for item in items]
+    return ["Message" if isinstance(item, Message) else type(item).__name__ for item in items]
 
 
 def test_a_message_carries_what_was_sent() -> None:
