@@ -81,7 +81,7 @@ class _Service:
 
 
 class Node:
-    """One node of ROS 2; a context manager.
+    """One node of ROS 2, which joins its domain at once and leaves it with `close`.
 
     Parameters
     ----------
@@ -109,6 +109,7 @@ class Node:
         self._kinds: dict[str, Any] = {}
         self._structs: dict[str, Any] = {}
         self._services: dict[str, _Service] = {}
+        self._hashes: dict[str, str] = {}
         self._readers: list[Any] = []
         self._writers: list[Any] = []
         try:
@@ -138,16 +139,13 @@ class Node:
     def serve(self, service: str, kind: str) -> None:
         """Create a service; `kind` is the full name of its type, such as ``std_srvs/srv/Trigger``."""
         mark = ".".join(f"{byte:02x}" for byte in secrets.token_bytes(24))
-        self.types.update(service_types(kind))
-        own = f"serviceid={mark};typehash={rihs01(kind, self.types)};".encode()
-        request, reply = f"{kind}_Request", f"{kind}_Response"
+        own = f"serviceid={mark};typehash={self._service_hash(kind)};".encode()
+        request, reply = self._with_head(f"{kind}_Request"), self._with_head(f"{kind}_Response")
         qos = self._policies("event", own)
         reader = DataReader(self._participant, self._topic_of(names.dds_request(service), request), qos)
         self._readers.append(reader)
-        writer = self._writer(
-            names.dds_reply(service), reply, "event", own, encoded_as=self._with_head(reply), hashed=False
-        )
-        self._services[service] = _Service((reader, self._with_head(request)), writer)
+        writer = self._writer(names.dds_reply(service), reply, "event", own, hashed=False)
+        self._services[service] = _Service((reader, request), writer)
         self._announce()
 
     def requests(self) -> list[ServiceRequest]:
@@ -176,21 +174,14 @@ class Node:
             self._domain._delete(self._domain._ref)  # noqa: SLF001
 
     def _writer(
-        self,
-        topic: str,
-        kind: str,
-        delivery: Delivery,
-        own: bytes = b"",
-        *,
-        encoded_as: str = "",
-        hashed: bool = True,
+        self, topic: str, kind: str, delivery: Delivery, own: bytes = b"", *, hashed: bool = True
     ) -> TopicWriter:
         if hashed:
             own += f"typehash={rihs01(kind, self.types)};".encode()
         writer = DataWriter(self._participant, self._topic_of(topic, kind), self._policies(delivery, own))
         if topic != _INFO_TOPIC:
             self._writers.append(writer)
-        return TopicWriter(writer, self._kind(kind), CdrEncoder(encoded_as or kind, self.types), delivery)
+        return TopicWriter(writer, self._kind(kind), CdrEncoder(kind, self.types), delivery)
 
     def _policies(self, delivery: Delivery, own: bytes) -> Any:
         return Qos(
@@ -206,15 +197,17 @@ class Node:
     def _topic_of(self, topic: str, kind: str) -> Any:
         return Topic(self._participant, topic, self._kind(kind))
 
-    def _with_head(self, name: str) -> str:
-        """Register the type of a request or reply with its 16 bytes, and return its name.
+    def _service_hash(self, kind: str) -> str:
+        if kind not in self._hashes:  # once: `_with_head` changes the types that it is made of
+            self._hashes[kind] = rihs01(kind, self.types | service_types(kind))
+        return self._hashes[kind]
 
-        The description on DDS lacks them, as that of rmw_cyclonedds does: where both sides describe their
-        types, they must be equal.
-        """
-        headed = f"{name}_with_head"
-        self.types[headed] = RosType(headed, (*_REQUEST_HEAD, *self.types[name].fields))
-        return headed
+    def _with_head(self, name: str) -> str:
+        """Put the 16 bytes before the fields of a request or reply; return the name of its type."""
+        kind = self.types[name]
+        if kind.fields[:2] != _REQUEST_HEAD:
+            self.types[name] = RosType(name, (*_REQUEST_HEAD, *kind.fields))
+        return name
 
     def _kind(self, name: str) -> Any:
         """Class of Cyclone DDS for a type: its description, around data that are encoded already."""

@@ -6,6 +6,7 @@ The peer (tests/ros2/peer.cpp) prints what it discovers and receives; rosbags de
 import json
 import os
 import queue
+import re
 import shutil
 import struct
 import subprocess
@@ -305,6 +306,9 @@ def discovery_names_node_and_types(robot: Robot, peer: Lines) -> None:
         )
         assert request["user"] == reply["user"]
         assert request["user"].startswith("serviceid=")
+        assert re.search("typehash=RIHS01_[0-9a-f]{64};$", request["user"])
+    trigger = "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"  # as ROS 2 has it
+    assert trigger in found["reader", f"rq{BOARD}/tareRequest"]["user"]
 
 
 def loss_of_the_daemon_is_silence(robot: Robot, peer: Lines, daemon: Lines, program: Path) -> None:
