@@ -18,7 +18,7 @@ from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent
 from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
-from tactiled.samples.assembler import Assembler, SampleParams
+from tactiled.samples.assembler import Assembler, SampleParams, SoleScan
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.samples.rate import RateMeter
 from tactiled.tomlfile import Params
@@ -327,12 +327,12 @@ class Pipeline:
         """Run the detectors on the scans received, and give the outputs to the reads that completed them."""
         origins, self._origins = self._origins, []
         n_done = 0
-        items = self._assembler.flush()
-        is_alone = len(origins) == len(items) == 1 and not origins[0].out
-        if self.announce is not None and is_alone and isinstance(items[0], ScanBlock):
-            self._flush_one(self.announce, items[0], origins[0])
-            return
-        for item in items:
+        if self.announce is not None and len(origins) == 1 and not origins[0].out:
+            sole = self._assembler.sole()
+            if sole is not None:
+                self._flush_sole(self.announce, sole, origins[0])
+                return
+        for item in self._assembler.flush():
             found = self._note(self.tuning.process(item))
             if isinstance(item, Gap):  # the scan behind it is always there
                 origins[n_done].out.extend(found)
@@ -347,14 +347,22 @@ class Pipeline:
                 for origin, event in zip(part, scan_events(item, part), strict=True):
                     origin.out.append(event)
 
-    def _flush_one(
-        self, announce: Callable[[ScanEvent], None], block: ScanBlock, origin: "_ScanOrigin"
+    def _flush_sole(
+        self, announce: Callable[[ScanEvent], None], sole: SoleScan, origin: "_ScanOrigin"
     ) -> None:
         """Announce a scan, run the detectors on it, and give it and what they found to its read."""
-        (scan,) = scan_events(block, [origin])
-        announce(scan)
-        found = self._note(self.tuning.process(block))
-        origin.out.extend(heapq.merge([scan], found, key=lambda event: event.evidence_s))
+        scan = ScanEvent(
+            time_s=sole.time_s,
+            index=sole.index,
+            volts=tuple(sole.volts),
+            valid=tuple(sole.valid),
+            time_sd_s=sole.time_sd_s,
+            age_s=origin.now_s - sole.time_s,
+            late=sole.late,
+        )
+        announce(scan)  # before the block is made, which takes as long as what was done for the scan by now
+        found = [event for block in self._assembler.flush() for event in self.tuning.process(block)]
+        origin.out.extend(heapq.merge([scan], self._note(found), key=lambda event: event.evidence_s))
 
     def _note(self, events: list[Event]) -> list[Event]:
         """Keep the state of contact and slip for `health`; returns the events."""

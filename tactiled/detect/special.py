@@ -17,10 +17,10 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
-_PRECISION = 1e-15  # relative size of the terms and steps at which series, fractions and Newton's method end
+_PRECISION = 1e-15  # relative size of the terms at which series and fractions end
+_LAST_STEP = 1e-10  # of Newton's method in log(x): the error that a step leaves is of the order of its square
 _MOST_TERMS = 10_000  # of a series or fraction: these need a few times the square root of the larger argument
 _MOST_STEPS = 100  # of Newton's method, which needs ten
-_LARGEST_STEP = 1.0  # upwards in log(x): a longer first step may reach an x whose tail is no number above 0
 _DEGREES = np.arange(20.0)[:, np.newaxis]  # of an interpolation: 1e-11 for shapes up to 1000
 _TINY = 1e-300  # in place of a zero divisor in Lentz's method
 
@@ -32,7 +32,7 @@ def gamma_quantile(shape: float, chance: float) -> float:
 
     def tail(x: float) -> tuple[float, float]:
         log_part = shape * math.log(x) - x - log_norm
-        return _gamma_tail(shape, x, log_part), log_part
+        return _log_gamma_tail(shape, x, log_part), log_part
 
     return _solved(tail, shape + 1, chance)
 
@@ -72,7 +72,8 @@ def student_quantile(freedom: float, chance: float) -> float:
     def tail(t: float) -> tuple[float, float]:
         total = freedom + t * t
         log_density = log_norm - (freedom + 1) / 2 * math.log1p(t * t / freedom)
-        return 0.5 * _beta_part(freedom / 2, 0.5, freedom / total, t * t / total), math.log(t) + log_density
+        log_tail = math.log(0.5) + _log_beta_part(freedom / 2, 0.5, freedom / total, t * t / total)
+        return log_tail, math.log(t) + log_density
 
     return _solved(tail, 1.0, chance)
 
@@ -116,23 +117,23 @@ def _solved(tail: Callable[[float], tuple[float, float]], start: float, chance: 
     Parameters
     ----------
     tail : callable
-        Returns the tail at an argument, and the logarithm of argument times density.
+        Returns the logarithms of the tail at an argument, and of the argument times the density.
     start : float
         An argument beyond the largest density of its logarithm.
     chance : float
     """
     x = start
     for _ in range(_MOST_STEPS):
-        above, log_slope = tail(x)
-        step = min(math.log(above / chance) * math.exp(math.log(above) - log_slope), _LARGEST_STEP)
+        log_tail, log_slope = tail(x)
+        step = (log_tail - math.log(chance)) * math.exp(log_tail - log_slope)
         x *= math.exp(step)
-        if abs(step) < 4 * _PRECISION * max(1.0, x) or x < _TINY:
+        if abs(step) < _LAST_STEP or x < _TINY:
             break
     return x
 
 
-def _gamma_tail(shape: float, x: float, log_part: float) -> float:
-    """Regularised upper incomplete gamma function; `log_part` is the logarithm of x^a e^-x / Gamma(a)."""
+def _log_gamma_tail(shape: float, x: float, log_part: float) -> float:
+    """Logarithm of the regularised upper incomplete gamma function; that of x^a e^-x / Gamma(a) is given."""
     if x < shape + 1:  # 1 minus the series of DLMF 8.7.1
         term = total = 1 / shape
         for n in range(1, _MOST_TERMS):
@@ -140,17 +141,17 @@ def _gamma_tail(shape: float, x: float, log_part: float) -> float:
             total += term
             if term < _PRECISION * total:
                 break
-        return 1 - total * math.exp(log_part)
+        return math.log1p(-total * math.exp(log_part))
     fraction = _continued(  # DLMF 8.9.2, its even part
         lambda n: (-n * (n - shape), x + 2 * n + 1 - shape), x + 1 - shape
     )
-    return math.exp(log_part) / fraction
+    return log_part - math.log(fraction)
 
 
-def _beta_part(a: float, b: float, x: float, rest: float) -> float:
-    """Regularised incomplete beta function of x = 1 - `rest` (DLMF 8.17.22)."""
+def _log_beta_part(a: float, b: float, x: float, rest: float) -> float:
+    """Logarithm of the regularised incomplete beta function of x = 1 - `rest` (DLMF 8.17.22)."""
     if x > (a + 1) / (a + b + 2):
-        return 1 - _beta_part(b, a, rest, x)
+        return math.log1p(-math.exp(_log_beta_part(b, a, rest, x)))
 
     def term(n: int) -> tuple[float, float]:
         m = n // 2
@@ -159,7 +160,7 @@ def _beta_part(a: float, b: float, x: float, rest: float) -> float:
         return m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)), 1.0
 
     log_part = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log(rest)
-    return math.exp(log_part) / (a * _continued(term, 1.0))
+    return log_part - math.log(a * _continued(term, 1.0))
 
 
 def _continued(term: Callable[[int], tuple[float, float]], first: float) -> float:

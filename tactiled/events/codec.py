@@ -7,6 +7,7 @@ monotonic clock to epoch seconds (0 offline: instants stay in the clock of the f
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple, get_args, get_origin
 
@@ -35,18 +36,20 @@ def topic_of(board: str, event_topic: str) -> str:
 def to_map(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> dict[str, Any]:
     """Return the message map of an event; `run` identifies the run of the daemon, 0 for files."""
     message: dict[str, Any] = {"v": MESSAGE_VERSION, "timestamp": 0.0, "seq": seq, "board": board, "run": run}
-    for name, key, convert in _FIELDS[type(event)]:
-        value = getattr(event, name)
+    values_of, fields = _FIELDS[type(event)]
+    for (key, convert), value in zip(fields, values_of(event), strict=True):
         message[key] = float(value) + unix_offset_s if convert is None else convert(value)
     return message
 
 
-class _Field(NamedTuple):
-    """Field of an event, its key in the map, and its conversion; None for an instant."""
+class _Fields(NamedTuple):
+    """Getter of the values of an event, and for each its key in the map and its conversion.
 
-    name: str
-    key: str
-    convert: Callable[[Any], Any] | None
+    The conversion is None for an instant.
+    """
+
+    values_of: Callable[[Event], tuple[Any, ...]]
+    keys: tuple[tuple[str, Callable[[Any], Any] | None], ...]
 
 
 def _converter(name: str, kind: Any) -> Callable[[Any], Any] | None:
@@ -60,17 +63,18 @@ def _plain(kind: Any) -> Callable[[Any], Any]:
         return lambda value: {name: convert(getattr(value, name)) for name, convert in parts}
     if get_origin(kind) is tuple:
         inner = _plain(get_args(kind)[0])
-        return lambda value: [inner(one) for one in value]
+        return lambda value: list(map(inner, value))
     if kind in (bool, int, float, str):
         made: Callable[[Any], Any] = kind
         return made
     return lambda value: value  # a Literal: the string itself
 
 
-def _fields(kind: type[Event]) -> tuple[_Field, ...]:
-    return tuple(
-        _Field(field.name, message_key(field.name), _converter(field.name, field.type))
-        for field in dataclasses.fields(kind)
+def _fields(kind: type[Event]) -> _Fields:
+    fields = dataclasses.fields(kind)
+    return _Fields(
+        operator.attrgetter(*(field.name for field in fields)),
+        tuple((message_key(each.name), _converter(each.name, each.type)) for each in fields),
     )
 
 
@@ -83,7 +87,12 @@ _pack = msgpack.Packer().pack
 def encode(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int = 0) -> tuple[bytes, bytes]:
     """Return the two frames of a message: topic and payload. One thread alone may call it."""
     payload = _pack(to_map(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=run))
-    return topic_of(board, event.topic).encode(), payload
+    return _topic_octets(board, event.topic), payload
+
+
+@functools.lru_cache(maxsize=256)
+def _topic_octets(board: str, event_topic: str) -> bytes:
+    return topic_of(board, event_topic).encode()
 
 
 def decode(topic: bytes, payload: bytes) -> tuple[str, dict[str, Any]]:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout
 
+_Readings = tuple[NDArray[np.float64], NDArray[np.bool_]]
 NO_CLOCK_SD_S = (
     1e9  # standard deviation before the first scan: thirty years, because messages carry no infinity
 )
@@ -49,6 +50,26 @@ class SampleCounts:
     """Part of `missing`: explained by no damaged byte, interruption or flag."""
     duplicate: int = 0
     restarts: int = 0
+
+
+class SoleScan(NamedTuple):
+    """The only scan since the last flush, before its block is made; names as in `ScanBlock`."""
+
+    index: int
+    volts: list[float]
+    valid: list[bool]
+    time_s: float
+    time_sd_s: float
+    late: bool
+
+
+class _Row(NamedTuple):
+    """Frame of a scan with its instant, the standard deviation of that, and whether it is late."""
+
+    scan: Scan
+    time_s: float
+    time_sd_s: float
+    late: bool
 
 
 class Assembler:
@@ -113,8 +134,10 @@ class Assembler:
         self._hello: Hello | None = None
         self._handover_s: float | None = None
         self._index = -1
-        self._counts = Counter[str]()
-        self._rows: list[tuple[Scan, float, float, bool]] = []
+        self._n_scans = 0
+        self._counts = Counter[str]()  # all others of `SampleCounts`
+        self._rows: list[_Row] = []
+        self._converted: _Readings | None = None  # of the rows, where they are known already
         self._out: list[ScanBlock | Gap] = []
         self._n_corrupt = 0
         self._restart_seen = False
@@ -139,7 +162,7 @@ class Assembler:
     @property
     def counts(self) -> SampleCounts:
         """Counts of scans since the last reset."""
-        return SampleCounts(**self._counts)
+        return SampleCounts(self._n_scans, **self._counts)
 
     @property
     def rate_hz(self) -> float:
@@ -314,9 +337,18 @@ class Assembler:
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
-        self._rows.append((scan, time_s, sd_s, self._live and not fresh))
-        self._counts["scans"] += 1
+        self._rows.append(_Row(scan, time_s, sd_s, self._live and not fresh))
+        self._converted = None
+        self._n_scans += 1
         return True
+
+    def sole(self) -> SoleScan | None:
+        """Return the scan that came since the last flush; None where more came, or a gap."""
+        if len(self._rows) != 1 or self._out:
+            return None
+        [(_, time_s, sd_s, late)] = self._rows
+        self._converted = volts, valid = self._readings(self._rows)
+        return SoleScan(self._index, volts[0].tolist(), valid[0].tolist(), time_s, sd_s, late)
 
     def flush(self) -> list[ScanBlock | Gap]:
         """Return complete blocks and gaps, in order."""
@@ -353,7 +385,26 @@ class Assembler:
             return
         rows, self._rows = self._rows, []
         n = len(rows)
-        counts = np.array([scan.counts for scan, *_ in rows])
+        volts, valid = self._converted or self._readings(rows)
+        self._converted = None
+        self._out.append(
+            ScanBlock(
+                volts=volts,
+                time_s=np.array([row.time_s for row in rows]),
+                time_sd_s=np.array([row.time_sd_s for row in rows]),
+                index=np.arange(self._index - n + 1, self._index + 1, dtype=np.int64),
+                valid=valid,
+                rate_hz=self._hello.rate_hz,
+                channel_offset_s=self._offset_s,
+                late=np.array([row.late for row in rows], dtype=np.bool_),
+            )
+        )
+
+    def _readings(self, rows: list[_Row]) -> _Readings:
+        """Return the readings (rows, channels) of frames in the unit of the array, and which are valid."""
+        counts = (
+            rows[0].scan.counts[np.newaxis] if len(rows) == 1 else np.array([row.scan.counts for row in rows])
+        )
         # At full scale the true voltage may be higher; zero is a valid reading without contact.
         if self._in_range is None:
             valid = counts < self._full_count
@@ -361,21 +412,10 @@ class Assembler:
             valid = self._in_range(counts)
             counts = np.where(np.isfinite(counts), counts, 0.0)
         if self._fault_flag:
-            sound = [not scan.flags & self._fault_flag for scan, *_ in rows]
+            sound = [not row.scan.flags & self._fault_flag for row in rows]
             if not all(sound):
                 valid &= np.array(sound)[:, np.newaxis]
-        self._out.append(
-            ScanBlock(
-                volts=np.asarray(counts * self._per_count, dtype=np.float64),
-                time_s=np.array([time_s for _, time_s, _, _ in rows]),
-                time_sd_s=np.array([sd_s for _, _, sd_s, _ in rows]),
-                index=np.arange(self._index - n + 1, self._index + 1, dtype=np.int64),
-                valid=valid,
-                rate_hz=self._hello.rate_hz,
-                channel_offset_s=self._offset_s,
-                late=np.array([late for *_, late in rows], dtype=np.bool_),
-            )
-        )
+        return np.asarray(counts * self._per_count, dtype=np.float64), valid
 
     def _count(self, **more: int) -> None:
         self._counts.update(more)

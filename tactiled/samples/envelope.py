@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 Point = tuple[float, float]
@@ -38,7 +39,7 @@ class Line:
     var01: float
     var11: float
 
-    @property
+    @cached_property
     def slope(self) -> float:
         """Mean slope of the line."""
         return (self.y1 - self.y0) / (self.x1 - self.x0)

@@ -1,12 +1,10 @@
 """Unwrapping of sequence numbers and ticks, and detection of boards that restarted."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 
-@dataclass(frozen=True)
-class CounterStep:
+class CounterStep(NamedTuple):
     """Relation of a scan to the one before it.
 
     Attributes

@@ -26,6 +26,7 @@ from tactiled.tomlfile import Params
 # most about 2 MB.
 _SEND_HIGH_WATER = 2000
 _LINGER_MS = 300  # enough to send queued events over loopback; a dead subscriber delays the end by no more
+_TOPIC_FLAGS, _PAYLOAD_FLAGS = int(zmq.NOBLOCK | zmq.SNDMORE), int(zmq.NOBLOCK)
 # Longest message of a subscriber: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
 _LONGEST_SUBSCRIPTION = 1024
 
@@ -167,8 +168,8 @@ class Publisher:
         for sock in self._sockets.values():
             try:
                 # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
-                sock.send(frames[0], zmq.NOBLOCK | zmq.SNDMORE)
-                sock.send(frames[1], zmq.NOBLOCK)
+                sock.send(frames[0], _TOPIC_FLAGS)
+                sock.send(frames[1], _PAYLOAD_FLAGS)
             except zmq.Again:
                 self.dropped[board] += 1
 
