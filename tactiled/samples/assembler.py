@@ -52,7 +52,8 @@ class SampleCounts:
     restarts: int = 0
 
 
-class SoleScan(NamedTuple):
+@dataclass(frozen=True)
+class SoleScan:
     """The only scan since the last flush, before its block is made; names as in `ScanBlock`."""
 
     index: int
@@ -402,9 +403,7 @@ class Assembler:
 
     def _readings(self, rows: list[_Row]) -> _Readings:
         """Return the readings (rows, channels) of frames in the unit of the array, and which are valid."""
-        counts = (
-            rows[0].scan.counts[np.newaxis] if len(rows) == 1 else np.array([row.scan.counts for row in rows])
-        )
+        counts = np.array([row.scan.counts for row in rows])
         # At full scale the true voltage may be higher; zero is a valid reading without contact.
         if self._in_range is None:
             valid = counts < self._full_count
