@@ -43,7 +43,7 @@ def check_unit(log: BinnedLog, table: ReferenceTable, array: Array) -> None:
         return
     model = build_model(array, load_calibration(array.name))
     pressed = log.readings[np.argsort(log.readings.sum(axis=1))[-_LEAST_BINS:]].mean(axis=0)
-    nominal = float(model.weights[2] @ model.features(pressed, log.step_s))
+    nominal = float(model.weights[2] @ model.features(pressed[np.newaxis], [log.step_s])[0])
     span = float(np.nanmax(table.values[:, 2]) - np.nanmin(table.values[:, 2]))
     if nominal > 0 and span > _MOST_NOMINAL * nominal:
         raise DataError(

@@ -1,7 +1,7 @@
 """Force events from scans: zero, model, standard deviations, flags."""
 
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
 from tactiled.force.calibration import AXES, CalibrationFile
-from tactiled.force.model import build_model
+from tactiled.force.model import build_model, times_each
 from tactiled.force.zero import DriftZero
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -60,6 +60,29 @@ class UncalibratedForce:
 
     def tared(self) -> None:
         """Ignore the tare."""
+
+
+class _Estimate(NamedTuple):
+    """Estimate of one scan.
+
+    Attributes
+    ----------
+    values : (outputs + errors,) float64
+        Forces and moments, then what the standard deviations are made of.
+    excess : float
+        Largest reading over the largest calibrated one.
+    touched_s : float
+        See `DriftZero`.
+    missing2 : list of float
+        Variances of fx, fy and fz by channels without a reading.
+    n_missing : int
+    """
+
+    values: FloatArray
+    excess: float
+    touched_s: float
+    missing2: list[float]
+    n_missing: int
 
 
 class ForceEstimator:
@@ -134,67 +157,56 @@ class ForceEstimator:
             if item.cause in ("restart", "disconnect", "start"):
                 self._last_s = None  # the time in between is not known
             return []
-        step_s = 1.0 / item.rate_hz
+        n = len(item)
+        steps_s = self._steps_s(item)
+        complete: list[bool] = np.all(item.valid, axis=1).tolist()
+        relative = np.empty_like(item.volts)
+        touched_s: list[float] = []
+        n_missing, saturated = [0] * n, [False] * n
+        for scan, step_s in enumerate(steps_s):
+            readings = item.volts[scan]
+            if not complete[scan]:
+                valid = item.valid[scan]
+                at_limit = self._at_limit(readings, valid)
+                saturated[scan] = bool(at_limit.any())
+                n_missing[scan] = int(np.count_nonzero(~valid))
+                readings = self._filled(readings, valid | at_limit)
+            self._previous = readings
+            relative[scan] = self._zero.step(readings, step_s, is_complete=complete[scan])
+            touched_s.append(self._zero.touched_s)
+        features = self._model.features(relative, steps_s)
+        values = times_each(self._matrix, features)
+        excess: list[float] = np.abs(relative / self._limit).max(axis=1).tolist()
         times: list[float] = item.time_s.tolist()
         late: list[bool] = item.late.tolist()
-        complete = np.all(item.valid, axis=1)
         events: list[ForceEvent] = []
         for scan, time_s in enumerate(times):
-            elapsed_s = step_s
-            if self._last_s is not None and time_s - self._last_s > 1.5 * step_s:
-                elapsed_s = time_s - self._last_s
-            self._last_s = time_s
-            valid = None if complete[scan] else item.valid[scan]
-            events.append(self._step(item.volts[scan], valid, time_s, elapsed_s, is_late=late[scan]))
+            missing2 = [0.0, 0.0, 0.0]
+            if not complete[scan]:
+                missing2 = self._missing_variance(features[scan], item.valid[scan])
+            estimate = _Estimate(values[scan], excess[scan], touched_s[scan], missing2, n_missing[scan])
+            events.append(self._event(time_s, estimate, saturated=saturated[scan], is_late=late[scan]))
         return events
 
-    def _step(
-        self,
-        readings: FloatArray,
-        valid: NDArray[np.bool_] | None,
-        time_s: float,
-        step_s: float,
-        *,
-        is_late: bool,
-    ) -> ForceEvent:
-        """Return the event of a scan (channels,); `valid` is None where all readings are."""
-        n_missing, saturated = 0, False
-        if valid is not None:
-            at_limit = self._at_limit(readings, valid)
-            saturated = bool(at_limit.any())
-            n_missing = int(np.count_nonzero(~valid))
-            readings = self._filled(readings, valid | at_limit)
-        self._previous = readings
-        relative = self._zero.step(readings, step_s, is_complete=valid is None)
-        features = self._model.features(relative, step_s)
-        values = self._matrix @ features
-        outputs: list[float] = values[: self._n_outputs].tolist()
-        excess = float(np.abs(relative / self._limit).max())
-        if abs(outputs[2]) > self._most_n[2]:
-            excess = max(excess, abs(outputs[2]) / self._most_n[2])
-        gain2 = _WARMING**2 * min(self._zero.touched_s / _WARMING_S, 1.0)
-        if excess > 1.0:
-            gain2 += self._beyond2 * math.log(_BEYOND * excess) ** 2
-        missing2 = [0.0, 0.0, 0.0] if valid is None else self._missing_variance(features, valid)
-        zero2 = self._zero.sd() ** 2
-        normal2 = outputs[2] ** 2
-        sd: list[float] = []
-        at = self._n_outputs
-        for axis in range(3):
-            errors = values[at : at + self._rank[axis]]
-            at += self._rank[axis]
-            if not self._known[axis] or n_missing == len(readings):
-                sd.append(UNKNOWN_SD_N)
-                continue
-            variance = (
-                self._floor2[axis]
-                + (self._own2[axis] + gain2) * outputs[axis] ** 2
-                + self._of_normal2[axis] * normal2
-                + self._per_unit2[axis] * zero2
-                + missing2[axis]
-            )
-            sd.append(math.sqrt(variance + float(errors @ errors)))
+    def _steps_s(self, item: ScanBlock) -> list[float]:
+        """Time of each scan since the one before, which is the period unless scans are missing."""
+        period_s = 1.0 / item.rate_hz
+        steps_s: list[float] = []
+        for time_s in item.time_s.tolist():
+            since_s = 0.0 if self._last_s is None else time_s - self._last_s
+            steps_s.append(since_s if since_s > 1.5 * period_s else period_s)
+            self._last_s = time_s
+        return steps_s
+
+    def _event(self, time_s: float, estimate: "_Estimate", *, saturated: bool, is_late: bool) -> ForceEvent:
+        """Make the event of a scan."""
+        outputs: list[float] = estimate.values[: self._n_outputs].tolist()
         fx, fy, fz, tx, ty, tz = outputs[:6]
+        excess = estimate.excess
+        if abs(fz) > self._most_n[2]:
+            excess = max(excess, abs(fz) / self._most_n[2])
+        zero2 = self._zero.variance(estimate.touched_s)
+        sd = self._sd(estimate, outputs, excess, zero2)
         x_mm, y_mm = self._centre_mm
         if fz > _NO_CENTRE_SDS * math.sqrt(self._floor2[2] + self._per_unit2[2] * zero2):
             x_mm, y_mm = -ty / fz, tx / fz
@@ -218,10 +230,34 @@ class ForceEstimator:
             calibration=self._name,
             saturated=saturated,
             beyond_range=excess > 1.0,
-            channels_missing=n_missing,
-            valid=not is_late and n_missing <= _TOLERATED_MISSING * len(readings),
+            channels_missing=estimate.n_missing,
+            valid=not is_late and estimate.n_missing <= _TOLERATED_MISSING * self._array.n_channels,
             late=is_late,
         )
+
+    def _sd(self, estimate: "_Estimate", outputs: list[float], excess: float, zero2: float) -> list[float]:
+        """Return the standard deviations of fx, fy and fz."""
+        gain2 = _WARMING**2 * min(estimate.touched_s / _WARMING_S, 1.0)
+        if excess > 1.0:
+            gain2 += self._beyond2 * math.log(_BEYOND * excess) ** 2
+        normal2 = outputs[2] ** 2
+        sd: list[float] = []
+        at = self._n_outputs
+        for axis, rank in enumerate(self._rank):
+            errors = estimate.values[at : at + rank]
+            at += rank
+            if not self._known[axis] or estimate.n_missing == self._array.n_channels:
+                sd.append(UNKNOWN_SD_N)
+                continue
+            variance = (
+                self._floor2[axis]
+                + (self._own2[axis] + gain2) * outputs[axis] ** 2
+                + self._of_normal2[axis] * normal2
+                + self._per_unit2[axis] * zero2
+                + estimate.missing2[axis]
+            )
+            sd.append(math.sqrt(variance + (float(errors @ errors) if rank else 0.0)))
+        return sd
 
     def _at_limit(self, readings: FloatArray, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flag channels (channels,) whose reading is not valid because it is as large as it can be."""

@@ -2,9 +2,10 @@
 
 Both models are linear in their weights, so that the standard deviation of a force follows from the covariance
 of the weights. Scans are taken one by one with arrays of fixed shapes: results do not depend on how scans
-were chunked.
+were chunked. A product of a matrix with several scans would be rounded otherwise than with one.
 """
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -28,17 +29,25 @@ class ForceModel(Protocol):
         """Forget the state of creep."""
         ...
 
-    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
-        """Return the features (features,) of the next scan; the array is reused.
+    def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
+        """Return the features (n, features) of the next scans.
 
         Parameters
         ----------
-        readings : (channels,) float64
+        readings : (n, channels) float64
             Relative to zero, finite.
-        step_s : float
-            Time since the scan before.
+        steps_s : sequence of float
+            Time of each scan since the one before.
         """
         ...
+
+
+def times_each(matrix: FloatArray, scans: FloatArray) -> FloatArray:
+    """Product (n, rows) of a matrix (rows, columns) with each of n scans (n, columns) by itself."""
+    out = np.empty((len(scans), len(matrix)))
+    for scan, row in zip(scans, out, strict=True):
+        np.matmul(matrix, scan, out=row)
+    return out
 
 
 def taxel_means(array: Array) -> FloatArray:
@@ -109,8 +118,6 @@ class PairsModel:
         self._time_s = np.array([state.time_s for state in params.creep])[:, np.newaxis]
         self._gain = np.array([state.gain for state in params.creep])
         self._unloading = params.unloading
-        self._features = np.zeros(N_KINDS * n)
-        self._parts = self._features.reshape(N_KINDS, n)
         self._step_s, self._follow = -1.0, np.zeros((len(params.creep), 1))
         self.reset()
 
@@ -120,29 +127,35 @@ class PairsModel:
         self._relaxed = np.zeros((len(self._gain), n))
         self._peak = np.zeros(n)
 
-    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
+    def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
         """Return load, reading and load times mean load of the taxel, for each channel."""
-        load, reading, product = self._parts
-        if self._uncouple is None:
-            reading[:] = readings
-        else:
-            np.matmul(self._uncouple, readings, out=reading)
-        load[:] = np.interp(reading, self._reading, self._load)
+        reading = readings if self._uncouple is None else times_each(self._uncouple, readings)
+        load = np.interp(reading, self._reading, self._load)
         if self._unloading:
-            own = self._mean @ load
-            np.maximum(self._peak, own, out=self._peak)
-            self._peak[own < _RELEASED * self._peak] = 0.0
-            load /= 1.0 + self._unloading * (1.0 - own / np.maximum(self._peak, 1e-9))
+            for scan in load:
+                self._unload(scan)
         if len(self._gain):
-            if step_s != self._step_s:
-                self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
-            load /= 1.0 + self._gain @ self._relaxed
-            mean = self._mean @ load
-            self._relaxed += self._follow * (mean - self._relaxed)
+            mean = np.empty_like(load)
+            for scan, own, step_s in zip(load, mean, steps_s, strict=True):
+                self._creep(scan, own, step_s)
         else:
-            mean = self._mean @ load
-        np.multiply(load, mean, out=product)
-        return self._features
+            mean = times_each(self._mean, load)
+        return np.concatenate([load, reading, load * mean], axis=1)
+
+    def _unload(self, load: FloatArray) -> None:
+        """Correct the loads (channels,) of a scan for the largest ones since the touch began."""
+        own = self._mean @ load
+        np.maximum(self._peak, own, out=self._peak)
+        self._peak[own < _RELEASED * self._peak] = 0.0
+        load /= 1.0 + self._unloading * (1.0 - own / np.maximum(self._peak, 1e-9))
+
+    def _creep(self, load: FloatArray, mean: FloatArray, step_s: float) -> None:
+        """Correct the loads (channels,) of a scan for creep, and set the means of their taxels."""
+        if step_s != self._step_s:
+            self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
+        load /= 1.0 + self._gain @ self._relaxed
+        np.matmul(self._mean, load, out=mean)
+        self._relaxed += self._follow * (mean - self._relaxed)
 
 
 class SmoothModel:
@@ -170,7 +183,6 @@ class SmoothModel:
         taxel = np.concatenate(blocks)
         own = np.equal.outer(np.arange(array.n_taxels), taxel)
         self.weights = np.ascontiguousarray(np.concatenate([totals, *(own * row for row in totals[:3])]))
-        self._features = np.zeros(len(taxel))
         self._step_s, self._follow = -1.0, np.zeros((self._n_states, 1))
         self._relaxed = np.zeros((self._n_states, n))
 
@@ -178,28 +190,24 @@ class SmoothModel:
         """Forget the low-passed readings."""
         self._relaxed[:] = 0.0
 
-    def features(self, readings: FloatArray, step_s: float) -> FloatArray:
+    def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
         """Return readings, squares, products and low-passed readings."""
-        n = len(self._scale)
-        scaled = self._features[:n]
-        np.divide(readings, self._scale, out=scaled)
-        at = n
+        scaled = readings / self._scale
+        parts = [scaled]
         if self._squares:
-            np.multiply(scaled, scaled, out=self._features[at : at + n])
-            at += n
+            parts.append(scaled * scaled)
         if len(self._pairs):
-            np.multiply(
-                scaled[self._pairs[:, 0]],
-                scaled[self._pairs[:, 1]],
-                out=self._features[at : at + len(self._pairs)],
-            )
-            at += len(self._pairs)
+            parts.append(scaled[:, self._pairs[:, 0]] * scaled[:, self._pairs[:, 1]])
         if self._n_states:
-            if step_s != self._step_s:
-                self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
-            self._relaxed += self._follow * (scaled - self._relaxed)
-            self._features[at:] = self._relaxed.ravel()
-        return self._features
+            parts.append(np.stack([self._relax(*scan) for scan in zip(scaled, steps_s, strict=True)]))
+        return np.concatenate(parts, axis=1)
+
+    def _relax(self, scaled: FloatArray, step_s: float) -> FloatArray:
+        """Return the low-passed readings (states channels,) of the next scan."""
+        if step_s != self._step_s:
+            self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
+        self._relaxed += self._follow * (scaled - self._relaxed)
+        return self._relaxed.flatten()
 
 
 def product_pairs(array: Array) -> NDArray[np.int64]:

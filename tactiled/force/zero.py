@@ -65,7 +65,7 @@ class DriftZero:
     def step(self, readings: FloatArray, step_s: float, *, is_complete: bool) -> FloatArray:
         """Return the readings (channels,) of a scan relative to the drifted zero, and follow the drift."""
         relative = readings - self.offset
-        size = float(np.abs(relative).max())
+        size = max(float(relative.max()), -float(relative.min()))
         if not (is_complete and size < self._level + self._margin):
             if not self.touching:  # the beginning of the contact may have moved the zero
                 self.offset = self._snapshots[0].copy()
@@ -78,7 +78,7 @@ class DriftZero:
         self.touching = False
         self.touched_s = self._peak = self._calm_s = 0.0
         self._margin = max(self._margin - most, 0.0)
-        self.offset += np.clip(relative * min(1.0, step_s / _FOLLOW_S), -most, most)
+        self.offset += np.minimum(np.maximum(relative * min(1.0, step_s / _FOLLOW_S), -most), most)
         self._since_s += step_s
         if self._since_s >= _HOLD_BACK_S / _SNAPSHOTS:
             self._since_s = 0.0
@@ -93,7 +93,7 @@ class DriftZero:
         if self._calm_s >= _HOLD_BACK_S:
             self._margin = left
 
-    def sd(self) -> float:
-        """Return the standard deviation of the zero, in the unit of the array."""
+    def variance(self, touched_s: float) -> float:
+        """Return the variance of the zero at a value of `touched_s`, in the unit of the array squared."""
         walk = _WALK_PER_ROOT_S * self._scale
-        return float(np.sqrt(self._sd**2 + walk * walk * self.touched_s))
+        return self._sd**2 + walk * walk * touched_s
