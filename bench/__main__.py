@@ -22,13 +22,14 @@ BENCHES = {
     "contact": "bench.contact.bench",
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
+    "hold": "bench.hold.bench",
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
     "web": "bench.web.bench",
     "ros2": "bench.ros2",
 }
-WITH_PLOT = ("contact", "slip", "grip", "force", "texture")
+WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
 WITH_JOBS = ("force", "grip", "slip", "texture")
 WITH_JSON = ("slip", "force", "texture", "sensors", "web")
@@ -54,11 +55,12 @@ def bench(
     memory and latency of many boards in one process, by their number. soak: days of board time, every
     frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip: detection
     latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
-    random. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and the
-    bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the
-    model. sensors: slides of six kinds of sensor in their own units, beside the strongest line of a
-    spectrum. web: delays of the live page in a browser, and what server and page cost. ros2: delay
-    and cost of the bridge to ROS 2.
+    random. hold: drops and grip force of a controller that follows the contact model's margin, beside
+    fixed grips and slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge
+    regression and the bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows
+    that break the model. sensors: slides of six kinds of sensor in their own units, beside the strongest
+    line of a spectrum. web: delays of the live page in a browser, and what server and page cost. ros2:
+    delay and cost of the bridge to ROS 2.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

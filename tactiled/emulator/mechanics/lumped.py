@@ -73,6 +73,11 @@ class Lumped:
     n_taxels : int
     readout : {"edge", "half"}
 
+    Attributes
+    ----------
+    friction_part : float or (t,) float64
+        Friction over that of the surface; may be changed between steps.
+
     Raises
     ------
     ConfigError
@@ -84,6 +89,7 @@ class Lumped:
     ) -> None:
         refuse_grooves("lumped", surface, "a load curve has no ridges")
         self._surface = surface
+        self.friction_part: float | FloatArray = 1.0
         self._n_taxels = n_taxels
         self._edges = np.stack(
             [_RING_EDGES_MM, load_n(_RING_EDGES_MM), _way_mm(_RING_EDGES_MM), _stiffness_n_mm(_RING_EDGES_MM)]
@@ -113,7 +119,8 @@ class Lumped:
             normal = load_n(depth)
         moved = _changes(base_mm, base_mm[0] if self._base_mm is None else self._base_mm)
         self._base_mm = base_mm[-1].copy()
-        capacity = normal * friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
+        friction = friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
+        capacity = normal * friction * self.friction_part
         tangential, slipping = self._slide(moved, depth, capacity)
         pressed, tilted = growth(normal)
         side = pressed * normal[..., None] * self._normal_side + tilted * (tangential @ self._tangential_side)

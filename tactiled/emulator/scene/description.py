@@ -123,8 +123,10 @@ class Scene(Params):
             if held is not None and phase.surface is not None:
                 raise ValueError(f"phases[{index}]: a held object has one surface; put it into the scene")
         for index, extra in enumerate(self.disturbances):
-            if extra.on == "pull_n" and held is None:
-                raise ValueError(f"disturbances[{index}]: pull_n pulls at an object; add [held_object]")
+            if extra.on in ("pull_n", "friction") and held is None:
+                raise ValueError(f"disturbances[{index}]: {extra.on} is of an object; add [held_object]")
+            if extra.on == "friction" and self.contact != "lumped":
+                raise ValueError(f'disturbances[{index}]: friction changes with contact = "lumped" only')
         if held is not None and self.held == "displacement":
             raise ValueError("held: the grip on an object is a force")
         return self

@@ -10,6 +10,7 @@ from tactiled.emulator.scene.phases import Disturbance
 
 Shape = Callable[[Disturbance, FloatArray], FloatArray]
 
+_LEAST_FRICTION = 0.01  # of the plate's: contact models need a limit above zero
 _SWELL = 0.1  # part of its time over which a sine grows, and fades, so that it begins and ends without a kink
 
 
@@ -36,6 +37,10 @@ class Disturbances:
 
     def temperature_k(self, time_s: FloatArray) -> FloatArray:
         return self._sum("temperature_k", time_s)
+
+    def friction_part(self, time_s: FloatArray) -> FloatArray:
+        """Friction over that of the plate, at least `_LEAST_FRICTION`."""
+        return np.maximum(1.0 + self._sum("friction", time_s), _LEAST_FRICTION)
 
     def _sum(self, on: str, time_s: FloatArray) -> FloatArray:
         out = np.zeros(np.shape(time_s))

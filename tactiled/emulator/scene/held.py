@@ -20,13 +20,13 @@ from tactiled.emulator.scene.motion import MotionState
 from tactiled.emulator.scene.phases import LARGEST_FORCE_N, HeldObject, LoadPhase, PressPhase
 from tactiled.errors import ConfigError
 
-Feel = Callable[[float, FloatArray], TaxelForces]
+Feel = Callable[[float, FloatArray, float], TaxelForces]
 
 _STABLE = 0.5  # step times omega; 2 is the limit of stability
 # Tangential stiffness of a taxel at rest over its load per indentation (`lumped`).
 _STIFFNESS = 0.6
 # Damping of the object by the sticking skin; silicones have about 0.2 of critical.
-_DAMPING_RATIO = 0.2
+DAMPING_RATIO = 0.2
 
 
 class HeldMotion:
@@ -48,9 +48,10 @@ class HeldMotion:
         self._params = params
         forces = [p.force_n for p in scene.phases if isinstance(p, PressPhase | LoadPhase) and p.force_n]
         # A controller may grip four times as hard as the scene before the margin of stability is used up.
-        self._stiffness_n_mm = _stiffness_n_mm(max(forces))
+        self._stiffness_n_mm = stiffness_n_mm(max(forces))
         rate = math.sqrt((self._stiffness_n_mm + params.spring_n_mm) * 1e3 / params.mass_kg)
         self.step_s = longest_step_s / math.ceil(max(longest_step_s * rate / _STABLE, 1.0))
+        self._delay_steps = round(params.grip_delay_s / self.step_s)
         self._commands: list[tuple[int, float]] = []
         self._k = 0
         self.reset()
@@ -66,7 +67,7 @@ class HeldMotion:
         self.has_fallen = False
 
     def grip(self, force_n: float) -> None:
-        """Set a controller's grip from the next step on, instead of the scene's load.
+        """Set a controller's grip, instead of the scene's load, from the step after the gripper's delay on.
 
         Raises
         ------
@@ -75,8 +76,10 @@ class HeldMotion:
         """
         if not 0 <= force_n <= LARGEST_FORCE_N:
             raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {LARGEST_FORCE_N:g} N"])
+        if step_n := self._params.grip_step_n:
+            force_n = step_n * round(force_n / step_n)
         if not self._commands or self._commands[-1][1] != force_n:
-            self._commands.append((self._k, force_n))
+            self._commands.append((self._k + self._delay_steps, force_n))
 
     def play(self, drive: MotionState, feel: Feel) -> tuple[FloatArray, FloatArray, TaxelForces]:
         """Do the next n steps.
@@ -86,7 +89,7 @@ class HeldMotion:
         drive : MotionState
             Motion and load of the scene at the steps (n,).
         feel : callable
-            Grip and place of the skin (2,) to the forces of a step.
+            Grip, place of the skin (2,) and friction over that of the plate to the forces of a step.
 
         Returns
         -------
@@ -102,7 +105,7 @@ class HeldMotion:
             self._k += 1
             load_n[k] = self._grip_n
             place_mm[k] = self._place.real, self._place.imag
-            felt.append(feel(self._grip_n, place_mm[k]))
+            felt.append(feel(self._grip_n, place_mm[k], float(drive.friction_part[k])))
             x, y = felt[-1].tangential_n.sum(axis=0)
             self._friction = complex(x, y)
             self._held_share = 1 - float(felt[-1].slipping.mean()) if self._grip_n > 0 else 0.0
@@ -123,7 +126,7 @@ class HeldMotion:
         """Move the object by one step under `force` (pull and far end of the spring), friction and spring."""
         params = self._params
         mass = params.mass_kg * 1e-3  # N s2/mm
-        damping = 2 * _DAMPING_RATIO * math.sqrt(self._stiffness_n_mm * mass) * self._held_share
+        damping = 2 * DAMPING_RATIO * math.sqrt(self._stiffness_n_mm * mass) * self._held_share
         force += self._friction - params.spring_n_mm * self._place
         self._velocity = (self._velocity + force * self.step_s / mass) / (1 + damping * self.step_s / mass)
         self._place = self._place + self._velocity * self.step_s
@@ -134,7 +137,7 @@ class HeldMotion:
             self._velocity = 0j
 
 
-def _stiffness_n_mm(force_n: float) -> float:
+def stiffness_n_mm(force_n: float) -> float:
     """Tangential stiffness at rest of nine taxels under `force_n`."""
     each = force_n / 9
     return float(9 * _STIFFNESS * each / indentation_mm(np.array(each)))

@@ -110,6 +110,7 @@ class MotionState:
     shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
     turn_deg : angle by which the skin has turned about the middle of the array
     pull_x_n, pull_y_n : tangential load of a held object, in the direction in which the skin would slip
+    friction_part : friction of a held object over that of its plate
     phase : number of the scene's phase
     """
 
@@ -123,6 +124,7 @@ class MotionState:
     turn_deg: FloatArray
     pull_x_n: FloatArray
     pull_y_n: FloatArray
+    friction_part: FloatArray
     phase: NDArray[np.int64]
 
 
@@ -175,6 +177,7 @@ class SceneMotion:
             turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
             pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull_x_n,
             pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull_y_n,
+            friction_part=self._disturbances.friction_part(time_s),
             phase=table["phase"][i],
         )
 

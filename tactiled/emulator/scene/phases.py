@@ -164,8 +164,9 @@ Phase = Annotated[
 class Disturbance(Params):
     """Addition to the phases, such as vibration, taps, tugs or warming."""
 
-    on: Literal["load_n", "pull_n", "travel_mm", "temperature_k"] = Field(
-        description="quantity that it adds to: grip, pull on a held object, travel of the skin, temperature"
+    on: Literal["load_n", "pull_n", "travel_mm", "temperature_k", "friction"] = Field(
+        description="quantity that it adds to: grip, pull on a held object, travel of the skin, temperature, "
+        "relative change of a held object's friction"
     )
     shape: Literal["sine", "pulse", "ramp"] = Field(
         description="sine of frequency_hz that grows and fades over a tenth of the time each; pulse: half a "
@@ -190,6 +191,12 @@ class HeldObject(Params):
     )
     grip_rate_n_s: float = Field(
         default=200.0, ge=1e-3, le=1e6, description="rate at which the grip follows a controller"
+    )
+    grip_delay_s: float = Field(
+        default=0.0, ge=0, le=10, description="time after which the grip begins to follow a controller"
+    )
+    grip_step_n: float = Field(
+        default=0.0, ge=0, le=100, description="resolution of a controller's grip; 0: as fine as its number"
     )
     fall_mm: float = Field(
         default=20.0, ge=1e-3, le=1e6, description="slip after which the object has fallen"

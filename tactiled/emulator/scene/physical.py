@@ -14,7 +14,7 @@ from tactiled.emulator.mechanics.base import (
     TaxelModel,
     beyond_references,
 )
-from tactiled.emulator.mechanics.lumped import indentation_mm
+from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm
 from tactiled.emulator.mechanics.stepper import GridInterpolator, play
 from tactiled.emulator.scene.held import HeldMotion
 from tactiled.emulator.scene.loading import LoadMemory
@@ -202,8 +202,10 @@ class ContactStepper:
         felt = self._step(time_s, state.load_n, travel_mm, np.deg2rad(state.turn_deg))
         return self._rows(time_s, state.load_n, travel_mm, felt)
 
-    def _step_held(self, load_n: float, place_mm: FloatArray) -> TaxelForces:
+    def _step_held(self, load_n: float, place_mm: FloatArray, friction_part: float) -> TaxelForces:
         """Step once on a held object, which has one surface."""
+        if isinstance(self._models[0], Lumped):
+            self._models[0].friction_part = friction_part
         base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
         return self._models[0].step("force", load_n * self._share, base_mm, self.step_s)
 

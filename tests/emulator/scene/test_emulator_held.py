@@ -254,3 +254,34 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
         thread.join(5)
     assert not thread.is_alive()
     assert not (tmp_path / "control").exists()
+
+
+def test_a_gripper_has_a_delay_and_a_resolution() -> None:
+    gripper = {"grip_rate_n_s": 1000.0, "grip_delay_s": 0.05, "grip_step_n": 0.5}
+    model = contact(held(PRESS, load(1.0), {"kind": "hold", "duration_s": 1.0}, held_object=gripper))
+    model.play_until(1.0)
+    model.grip(12.3)
+    grip_n = model.state(np.arange(1.0, 1.2, 0.01)).load_n
+    assert np.all(grip_n[:4] == 10.0)
+    assert np.all(grip_n[10:] == 12.5)
+
+
+def test_friction_that_falls_lets_go_where_friction_no_longer_bears_the_load() -> None:
+    eases = {"on": "friction", "shape": "ramp", "amplitude": -0.8, "start_s": 1.0, "duration_s": 0.8}
+    model = contact(
+        held(PRESS, load(3.0), {"kind": "hold", "duration_s": 1.0}, disturbances=[eases])
+    )  # bears 6 N at 1.0 s, 3 N at 1.5 s
+    model.play_until(2.0)
+    moved_mm = np.hypot(*model.state(np.array([1.4, 1.7])).travel_mm.T)
+    assert moved_mm[0] < 0.2
+    assert moved_mm[1] > 1.0
+    with pytest.raises(ValueError, match='contact = "lumped" only'):
+        held(PRESS, contact="compliance", disturbances=[eases])
+
+
+def test_a_press_alone_does_not_hold_what_is_lifted_and_filled() -> None:
+    model = contact(load_scene("hold"))
+    model.play_until(4.0)
+    assert not model.has_fallen
+    model.play_until(7.0)
+    assert model.has_fallen

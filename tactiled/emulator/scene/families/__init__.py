@@ -1,13 +1,14 @@
 """Random scenes: each family is a function of a seed, with the same scenes on any machine.
 
 A detector must report the slips in ``SLIPPING`` and none in ``QUIET``. Families in ``HELD_OUT_`` are for
-reports only: nothing may be tuned on them. `FAMILIES` has all.
+reports only: nothing may be tuned on them. Whether an object in ``HELD`` slips is up to the controller of its
+gripper. `FAMILIES` has all.
 """
 
 from collections.abc import Callable
 
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.families import held_out, quiet, slipping
+from tactiled.emulator.scene.families import held_out, holding, quiet, slipping
 
 Family = Callable[[int], Scene]
 
@@ -44,4 +45,5 @@ HELD_OUT_QUIET: dict[str, Family] = {
     "hand-over": held_out.hand_over,
     "off-centre-squeeze": held_out.off_centre_squeeze,
 }
-FAMILIES: dict[str, Family] = SLIPPING | QUIET | HELD_OUT_SLIPPING | HELD_OUT_QUIET
+HELD: dict[str, Family] = {"hold": holding.hold}
+FAMILIES: dict[str, Family] = SLIPPING | QUIET | HELD_OUT_SLIPPING | HELD_OUT_QUIET | HELD

@@ -1,0 +1,1 @@
+"""Drops and grip force of grasp controllers on held objects drawn at random."""

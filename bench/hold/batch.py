@@ -1,0 +1,163 @@
+"""Many held objects at once: the emulator's contact model, electronics and equation of motion in arrays.
+
+`HeldBatch` does for scenes of `families.holding` what `Simulation` does for one: a test compares the two.
+Scans are taken at one instant for all channels, and arrive without line or clock.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.emulator.board import electronics
+from tactiled.emulator.mechanics.base import Surface
+from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.held import DAMPING_RATIO, stiffness_n_mm
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.phases import FlatPlate, PressPhase
+from tactiled.emulator.scene.taxels import INEQUALITY, taxel_shares
+
+STEP_S = 1e-3  # a fifth of the period of the lightest object on the skin
+RATE_HZ = 100.0
+_STEPS = round(1 / RATE_HZ / STEP_S)
+_ADC_BITS, _ADC_V = 12, 3.0
+
+
+class HeldBatch:
+    """Held objects in grippers, all stepped together.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Of contact model lumped, with a held object without spring, of equal duration.
+    array : Array
+        Of taxels with side electrodes.
+
+    Attributes
+    ----------
+    grip_n, goal_n : (e,) float64
+        Present grip, and the one that the gripper follows.
+    place_mm : (e, 2) float64
+        How far each object has moved over the skin.
+    sliding : (e,) float64
+        Share of the taxels' contact area that slips.
+    has_fallen : (e,) bool
+    """
+
+    def __init__(self, scenes: Sequence[Scene], array: Array) -> None:
+        self._array = array
+        held = [scene.held_object for scene in scenes]
+        plates = [scene.surface for scene in scenes]
+        motions = [SceneMotion(scene) for scene in scenes]
+        e, t = len(scenes), array.n_taxels
+        self.n_scans = round(scenes[0].duration_s * RATE_HZ)
+        time_s = np.arange(self.n_scans * _STEPS + 1) * STEP_S
+        drives = [motion.at(time_s) for motion in motions]
+        self._scene_n = np.stack([drive.load_n for drive in drives])
+        self._pull_n = np.stack([drive.pull_x_n + 1j * drive.pull_y_n for drive in drives])
+        self._friction_part = np.stack([drive.friction_part for drive in drives])
+        self._share = np.concatenate([taxel_shares(motion, array) for motion in motions])
+        self._mass = np.array([1e-3 * h.mass_kg for h in held if h])  # N s2/mm
+        self._fall_mm = np.array([h.fall_mm for h in held if h])
+        self._most_n = np.array([h.grip_rate_n_s * STEP_S for h in held if h])
+        self._delay = np.array([round(h.grip_delay_s / STEP_S) for h in held if h])
+        self._step_n = np.array([h.grip_step_n for h in held if h])
+        presses = [next(p.force_n for p in scene.phases if isinstance(p, PressPhase)) for scene in scenes]
+        self._stiffness = np.array([stiffness_n_mm(force_n) for force_n in presses])
+        self._surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
+        self._azimuth_deg = np.unique(array.azimuth_deg % 360)
+        self._model = Lumped(self._surface, self._azimuth_deg, e * t)
+        self._base_mm = np.tile(np.stack([array.x_mm, array.y_mm], axis=-1), (e, 1))
+        self._area = np.searchsorted(self._azimuth_deg, array.azimuth_deg % 360)
+        self._gain = np.stack(
+            [
+                1 + INEQUALITY * np.random.default_rng([s.seed, 2]).uniform(-1, 1, array.n_channels)
+                for s in scenes
+            ]
+        )
+        self._electronics = scenes[0].electronics
+        self._noise_v = np.array([scene.electronics.noise_v for scene in scenes])
+        self._rngs = [np.random.default_rng([scene.seed, 3]) for scene in scenes]
+        self._crept_n = np.zeros(e)
+        self._e, self._t, self._k = e, t, 0
+        self.grip_n = np.zeros(e)
+        self._goals = np.full((int(self._delay.max()) + 1, e), np.nan)  # by step, in a ring
+        self.goal_n = np.full(e, np.nan)
+        self._place, self._velocity = np.zeros(e, complex), np.zeros(e, complex)
+        self._friction_n, self._held_share = np.zeros(e, complex), np.ones(e)
+        self.has_fallen: NDArray[np.bool_] = np.zeros(e, dtype=np.bool_)
+        self.sliding = np.zeros(e)
+
+    @property
+    def place_mm(self) -> FloatArray:
+        """How far each object has moved over the skin, (e, 2)."""
+        return np.stack([self._place.real, self._place.imag], axis=-1)
+
+    def command(self, grip_n: FloatArray) -> None:
+        """Command the grip of each gripper (e,); NaN leaves it as it is."""
+        goal = np.clip(self._step_n * np.round(grip_n / self._step_n), 0.0, None)
+        row = (self._k + self._delay) % len(self._goals)
+        given = np.flatnonzero(~np.isnan(goal))
+        self._goals[row[given], given] = goal[given]
+
+    def scan(self) -> FloatArray:
+        """Step to the next scan and return its volts (e, channels)."""
+        for _ in range(_STEPS):
+            self._step()
+        return self._volts()
+
+    def _step(self) -> None:
+        k = self._k
+        ring = self._goals[k % len(self._goals)]
+        self.goal_n = np.where(np.isnan(ring), self.goal_n, ring)
+        ring[:] = np.nan
+        toward = np.clip(self.goal_n - self.grip_n, -self._most_n, self._most_n)
+        self.grip_n = np.where(np.isnan(self.goal_n), self._scene_n[:, k], self.grip_n + toward)
+        if k > 0:
+            damping = 2 * DAMPING_RATIO * np.sqrt(self._stiffness * self._mass) * self._held_share
+            force = self._pull_n[:, k] + self._friction_n
+            self._velocity = (self._velocity + force * STEP_S / self._mass) / (
+                1 + damping * STEP_S / self._mass
+            )
+            self._place = self._place + self._velocity * STEP_S
+            way = np.abs(self._place)
+            fallen = way > self._fall_mm
+            self.has_fallen |= fallen
+            self._place = np.where(fallen, self._place * (self._fall_mm / np.maximum(way, 1e-9)), self._place)
+            self._velocity = np.where(fallen, 0.0, self._velocity)
+        self._k += 1
+        t = self._t
+        self._model.friction_part = np.repeat(self._friction_part[:, k], t)
+        base_mm = self._base_mm + np.repeat(self.place_mm, t, axis=0)
+        self._felt = self._model.step("force", np.repeat(self.grip_n, t) * self._share, base_mm, STEP_S)
+        tangential = self._felt.tangential_n.reshape(self._e, t, 2).sum(axis=1)
+        self._friction_n = tangential[:, 0] + 1j * tangential[:, 1]
+        self.sliding = self._felt.slipping.reshape(self._e, t).mean(axis=1)
+        self._held_share = np.where(self.grip_n > 0, 1 - self.sliding, 0.0)
+        self._crept_n += (self.grip_n - self._crept_n) * STEP_S / self._electronics.creep_time_s
+
+    def _volts(self) -> FloatArray:
+        """Readings of the present contact, with noise and the converter's rounding."""
+        array, params = self._array, self._electronics
+        side = (
+            self._felt.side_n.reshape(self._e, self._t, -1)[:, array.channel_taxel, self._area] * self._gain
+        )
+        quarter = electronics.quarter_n(side, "edge")
+        spread = electronics.spread_n(params, quarter, array.channel_taxel, array.azimuth_deg)
+        crept = spread * electronics.creep_gain(params, self._crept_n)[:, None]
+        volts = electronics.divider_v(params, electronics.conductance_s(params, crept))
+        volts = np.where(array.sign < 0, _ADC_V - volts, volts)
+        noise = np.stack([rng.standard_normal(volts.shape[1]) for rng in self._rngs])
+        counts = electronics.adc_counts(volts + self._noise_v[:, None] * noise, _ADC_BITS, _ADC_V)
+        return np.asarray(counts * (_ADC_V / 2**_ADC_BITS))
+
+
+def _surfaces(plates: Sequence[FlatPlate], taxels: int) -> Surface:
+    """Plates as one surface whose numbers are arrays (plates * taxels,), which the contact model allows."""
+    columns = {
+        name: np.repeat([getattr(plate, name) for plate in plates], taxels)
+        for name in ("friction", "static_ratio", "stribeck_mm_s")
+    }
+    return Surface(**columns)  # type: ignore[arg-type]  # its arithmetic is elementwise

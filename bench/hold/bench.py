@@ -1,0 +1,254 @@
+"""``./run bench hold``: drops, grip force and reaction of grasp controllers on objects that they do not know.
+
+Objects, grippers and events are drawn from a seed (`families.holding`). Simulated time uses the emulator's
+contact model and electronics in arrays (`batch`), the detector scan by scan, and the controller of
+``examples/hold.py``. The controller's numbers were set on seeds from `TUNED_FROM`; what is printed is
+measured on others.
+"""
+
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.hold.play import Controller, Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
+from bench.hold.real import EXAMPLE, play_in_processes
+from bench.hold.result import GraspResult
+from bench.pool import workers
+from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, judge, seeds_in_words, table
+from tactiled.array import load_array
+from tactiled.detect.base import Detector
+from tactiled.detect.grip.detector import GripDetector
+from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.holding import EVENTS, hold
+from tactiled.progress import ProgressBar
+
+TUNED_FROM = 500  # seeds on which the controller's numbers were set
+REPORTED_FROM = 10_000
+N_MARGIN, N_OTHERS, N_QUICK = 400, 80, 40
+N_REAL, N_REAL_QUICK = 10, 2
+_BATCH = 40  # grasps that are simulated at once, and by one process
+_FIXED = (1.5, 3.0, 6.0)  # times the least grip of each object, which no controller knows
+_FIXED_N = (8.0, 12.0, 16.0, 24.0)  # the same for all objects
+_TIGHTER = (1.2, 1.5, 2.0)
+_MOST_DROPPED, _MOST_OVER = 0.005, 1.4
+
+
+def example() -> ModuleType:
+    """Return the module ``examples/hold.py``, which is not in a package."""
+    spec = importlib.util.spec_from_file_location("hold_example", EXAMPLE)
+    if spec is None or spec.loader is None:
+        raise FileNotFoundError(EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Arm(NamedTuple):
+    """A way of holding, with its number, and how many grasps are reported of it.
+
+    Attributes
+    ----------
+    kind : str
+        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"`` or ``"margin"``.
+    number : float
+    n : int
+    """
+
+    kind: str
+    number: float
+    n: int
+
+
+def default_target() -> float:
+    """Target of the example's controller."""
+    return float(example().TARGET)
+
+
+def arms(quick: bool) -> list[Arm]:
+    """List what is compared."""
+    n, n_margin = (N_QUICK, N_QUICK) if quick else (N_OTHERS, N_MARGIN)
+    target = default_target()
+    return [
+        *(Arm("times the least", number, n) for number in _FIXED),
+        *(Arm("newtons", number, n) for number in _FIXED_N),
+        *(Arm("slip events", number, n) for number in _TIGHTER),
+        Arm("slip events, eased", 1.5, n),
+        *(
+            Arm("margin", round(target * part, 2), n_margin if part == 1.0 else n)
+            for part in (0.7, 0.85, 1.0, 1.15)
+        ),
+    ]
+
+
+def measure(arm: Arm, seeds: range) -> list[GraspResult]:
+    """Play grasps of some seeds."""
+    scenes = [hold(seed) for seed in seeds]
+    array = load_array("wang2019-3x3")
+    makers: dict[str, tuple[Callable[[Scene], Controller], Callable[[], Detector] | None, str]] = {
+        "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None, ""),
+        "newtons": (lambda _: FixedGrip(arm.number), None, ""),
+        "slip events": (
+            lambda _: TightenOnSlip(arm.number),
+            lambda: CoherentSlip(array, SETTINGS["balanced"]),
+            "slip",
+        ),
+        "slip events, eased": (
+            lambda _: TightenOnSlip(arm.number, eases=True),
+            lambda: CoherentSlip(array, SETTINGS["balanced"]),
+            "slip",
+        ),
+        "margin": (lambda _: example().HoldController(arm.number), lambda: GripDetector(array), "grip"),
+    }
+    make, detector, topic = makers[arm.kind]
+    return results(play(scenes, array, [make(scene) for scene in scenes], detector, topic))
+
+
+def margin_episodes(seeds: Sequence[int]) -> Episodes:
+    """Play grasps of some seeds with the example's controller."""
+    scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
+    controllers = [example().HoldController() for _ in scenes]
+    return play(scenes, array, controllers, lambda: GripDetector(array), "grip")
+
+
+def results(episodes: Episodes) -> list[GraspResult]:
+    """Return what is reported of each grasp."""
+    return [
+        GraspResult(
+            event=scene.description,
+            dropped=bool(episodes.dropped[e]),
+            over_least=float(episodes.over_least[e]),
+            slid_mm=float(episodes.place_mm[-1, e]),
+            reaction_s=float(episodes.reaction_s[e]),
+        )
+        for e, scene in enumerate(episodes.scenes)
+    ]
+
+
+def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Drops over grip of fixed grips, of tightening on slip events, and of the margin.
+
+    Quick: 40 grasps of each instead of 80 or 400.
+    """
+    compared = arms(options.quick)
+    jobs = [
+        (arm, range(start, min(start + _BATCH, REPORTED_FROM + arm.n)))
+        for arm in compared
+        for start in range(REPORTED_FROM, REPORTED_FROM + arm.n, _BATCH)
+    ]
+    n_real = N_REAL_QUICK if options.quick else N_REAL
+    progress.begin(len(jobs) + n_real)
+    found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
+    with workers() as pool:
+        for (arm, _), some in zip(jobs, pool.map(_measure, jobs), strict=True):
+            found[arm] += some
+            progress.advance("batch")
+    real = []
+    for seed in range(REPORTED_FROM, REPORTED_FROM + n_real):
+        real.append(play_in_processes(seed))
+        progress.advance("grasp in real time")
+    return report(found, real)
+
+
+def _measure(job: tuple[Arm, range]) -> list[GraspResult]:
+    return measure(*job)
+
+
+def report(found: Mapping[Arm, Sequence[GraspResult]], real: Sequence[GraspResult]) -> BenchReport:
+    """Make the tables; `real` are grasps through real processes, the first seeds of the others."""
+    target = default_target()
+    chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(target, 2))
+
+    def draw(path: Path) -> None:
+        from bench.hold.picture import draw_hold  # matplotlib is an extra
+
+        draw_hold(path, found)
+
+    return BenchReport(
+        [
+            f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; the first of them where there are "
+            "fewer). Grip over the least: mean grip over the mean of the grip that just bears the load by "
+            "friction at rest, while the object hangs freely, averaged over the grasps without a drop.",
+            aims_table(AIMS, {f"margin, target {target:g}": found[chosen]}),
+            table(_row(arm, some) for arm, some in found.items()),
+            f"The margin with target {target:g}, by event.",
+            table(
+                {"event": event, **_numbers([r for r in found[chosen] if r.event == event])}
+                for event in EVENTS
+            ),
+            "The same controller through real processes (emulator, daemon, examples/hold.py), and in "
+            "simulated time, on the same grasps.",
+            table(
+                _compared(REPORTED_FROM + k, in_processes, simulated)
+                for k, (in_processes, simulated) in enumerate(zip(real, found[chosen], strict=False))
+            ),
+        ],
+        draw=draw,
+    )
+
+
+def dropped(some: Sequence[GraspResult]) -> float:
+    """Share of the grasps that were dropped."""
+    return float(np.mean([r.dropped for r in some]))
+
+
+def over_least(some: Sequence[GraspResult]) -> float:
+    """Mean of grip over the least of the grasps that held."""
+    held = [r.over_least for r in some if not r.dropped]
+    return float(np.mean(held)) if held else float("nan")
+
+
+def _drops(some: Sequence[GraspResult]) -> Reading:
+    n = sum(r.dropped for r in some)
+    return judge(f"{100 * n / len(some):.1f} % ({n} of {len(some)})", n <= _MOST_DROPPED * len(some))
+
+
+def _over(some: Sequence[GraspResult]) -> Reading:
+    return judge(f"{over_least(some):.2f}", over_least(some) <= _MOST_OVER)
+
+
+AIMS: tuple[Aim[Sequence[GraspResult]], ...] = (
+    Aim("dropped", "at most 0.5 %", _drops),
+    Aim("mean grip over the least", "at most 1.4", _over),
+)
+
+
+def _row(arm: Arm, some: Sequence[GraspResult]) -> dict[str, str]:
+    return {"grip": in_words(arm), **_numbers(some)}
+
+
+def _compared(seed: int, real: GraspResult, simulated: GraspResult) -> dict[str, str]:
+    row = {"grasp": f"{seed}", "event": real.event}
+    for name, one in (("real processes", real), ("simulated time", simulated)):
+        held = (
+            "dropped" if one.dropped else f"{one.over_least:.2f} times the least, slid {one.slid_mm:.1f} mm"
+        )
+        row[name] = held
+    return row
+
+
+def in_words(arm: Arm) -> str:
+    """Return the name of a way of holding."""
+    return {
+        "times the least": f"{arm.number:g} times the least",
+        "newtons": f"{arm.number:g} N for all",
+        "slip events": f"times {arm.number:g} at each slip event",
+        "slip events, eased": f"the same, {arm.number:g}, eased between",
+        "margin": f"margin, target {arm.number:g}",
+    }[arm.kind]
+
+
+def _numbers(some: Sequence[GraspResult]) -> dict[str, str]:
+    slips = [1e3 * r.reaction_s for r in some if not np.isnan(r.reaction_s)]
+    return {
+        "grasps": f"{len(some)}",
+        "dropped": f"{sum(r.dropped for r in some)}",
+        "grip over the least": f"{over_least(some):.2f}",
+        "slid 1 mm or more": f"{sum(r.slid_mm >= 1 for r in some)}",
+        "gross slips": f"{len(slips)}",
+        "reaction (ms, median)": f"{np.median(slips):.0f}" if slips else "-",
+    }

@@ -1,0 +1,182 @@
+"""Grasp controllers in simulated time: held objects, the detector, a controller for each, and the record."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.hold.batch import RATE_HZ, HeldBatch
+from tactiled.array import Array, FloatArray
+from tactiled.detect.base import Detector
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.holding import LIFTED_S, START_N
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.events.codec import to_map
+from tactiled.samples.block import regular_block
+
+MOST_N = 40.0  # of a gripper
+_BEFORE_S = 0.1
+_TIGHTER = 1.05
+_ALL = 0.99  # of the contact area
+
+
+class Controller(Protocol):
+    """Grasp controller: a message and the present force to a command."""
+
+    def take(self, message: Mapping[str, Any], present_n: float) -> float:
+        """Return the force to command (N)."""
+        ...
+
+
+class FixedGrip:
+    """One force from the first touch on."""
+
+    def __init__(self, force_n: float) -> None:
+        self._force_n = force_n
+
+    def take(self, _message: Mapping[str, Any], _present_n: float) -> float:
+        """Return the force."""
+        return self._force_n
+
+
+class TightenOnSlip:
+    """Grip that is raised at each onset of slip, and eased between them if wanted.
+
+    Parameters
+    ----------
+    times : float
+        By which each onset multiplies the grip.
+    eases : bool
+        Ease a twentieth of the grip in a second, from one second after the last onset on.
+    """
+
+    def __init__(self, times: float, *, eases: bool = False) -> None:
+        self._times, self._eases = times, eases
+        self._force_n = START_N
+        self._onset_s = np.inf
+        self._last_s = 0.0
+
+    def take(self, message: Mapping[str, Any], _present_n: float) -> float:
+        """Return the force to command (N)."""
+        is_slip = "kind" in message
+        now_s = message["detected"] if is_slip else message["timestamp"]
+        if is_slip and message["state"] == "onset" and message["valid"]:
+            self._force_n = min(self._force_n * self._times, MOST_N)
+            self._onset_s = now_s
+        elif self._eases and now_s > self._onset_s + 1.0:
+            self._force_n *= 1 - 0.05 * max(now_s - self._last_s, 0.0)
+        self._last_s = now_s
+        return self._force_n
+
+
+def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
+    """Return the grip that just bears the load at instants (n,) of scene time, by friction at rest."""
+    state = SceneMotion(scene).at(time_s)
+    friction = scene.surface.friction * scene.surface.static_ratio * state.friction_part
+    return np.asarray(np.hypot(state.pull_x_n, state.pull_y_n) / friction)
+
+
+def least_at_rest_n(scene: Scene) -> float:
+    """Return the grip that just bears the object once it hangs freely, before any event."""
+    return float(least_n(scene, np.array([LIFTED_S + 0.4]))[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """Record of played grasps, (scans, e) or (e,).
+
+    Attributes
+    ----------
+    grip_n, least_n : (scans, e) float64
+        Grip, and the one that just bears the load by friction at rest.
+    command_n : (scans, e) float64
+        After the scan.
+    slides : (scans, e) bool
+        True where all of the contact slips.
+    place_mm : (scans, e) float64
+        Distance that the object has moved over the skin.
+    dropped : (e,) bool
+    """
+
+    scenes: Sequence[Scene]
+    grip_n: FloatArray
+    least_n: FloatArray
+    command_n: FloatArray
+    slides: NDArray[np.bool_]
+    place_mm: FloatArray
+    dropped: NDArray[np.bool_]
+
+    @property
+    def over_least(self) -> FloatArray:
+        """Mean grip over mean least grip while the object hangs freely; NaN where it was dropped."""
+        hangs = slice(round(LIFTED_S * RATE_HZ), None)
+        found = self.grip_n[hangs].mean(axis=0) / self.least_n[hangs].mean(axis=0)
+        return np.asarray(np.where(self.dropped, np.nan, found))
+
+    @property
+    def reaction_s(self) -> FloatArray:
+        """Time from the first gross slip of each grasp to a command that is a twentieth higher (e,).
+
+        The command is compared with that of `_BEFORE_S` before, so that a command ahead of the slip is a time
+        below zero. NaN without a gross slip, infinite without a reaction.
+        """
+        found = np.full(len(self.scenes), np.nan)
+        before = round(_BEFORE_S * RATE_HZ)
+        for e in range(len(self.scenes)):
+            begins = np.flatnonzero(self.slides[:, e])
+            if len(begins):
+                since = max(begins[0] - before, 0)
+                tighter = np.flatnonzero(self.command_n[since:, e] > _TIGHTER * self.command_n[since, e])
+                found[e] = (since + tighter[0] - begins[0]) / RATE_HZ if len(tighter) else np.inf
+        return found
+
+
+def play(
+    scenes: Sequence[Scene],
+    array: Array,
+    controllers: Sequence[Controller],
+    make_detector: Callable[[], Detector] | None = None,
+    topic: str = "",
+) -> Episodes:
+    """Play grasps with a controller for each; without a detector, controllers get an empty message.
+
+    A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
+    The gripper's own delay follows.
+    """
+    batch = HeldBatch(scenes, array)
+    scan_s = (np.arange(batch.n_scans) + 1) / RATE_HZ
+    detectors = [make_detector() for _ in scenes] if make_detector else []
+    shape = (batch.n_scans, len(scenes))
+    grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
+    slides = np.zeros(shape, dtype=np.bool_)
+    command = np.full(len(scenes), START_N)
+    if not detectors:
+        command = np.array([controller.take({}, 0.0) for controller in controllers])
+    batch.command(command)
+    sent = command.copy()
+    for scan in range(batch.n_scans):
+        volts = batch.scan()
+        grip_n[scan] = batch.grip_n
+        place_mm[scan] = np.hypot(*batch.place_mm.T)
+        # Slip events are rare: between them, their controllers are given the time alone.
+        idle = [{"timestamp": scan / RATE_HZ}] if topic == "slip" else []
+        for e, detector in enumerate(detectors):
+            if batch.has_fallen[e]:
+                continue
+            block = regular_block(volts[e : e + 1], RATE_HZ, start_s=scan / RATE_HZ, index=scan)
+            messages = [
+                to_map(event, seq=0, board="", unix_offset_s=0.0)
+                for event in detector.process(block)
+                if event.topic == topic
+            ]
+            for message in messages or idle:
+                command[e] = controllers[e].take(message, float(batch.grip_n[e]))
+        slides[scan] = (batch.sliding > _ALL) & (batch.grip_n > 0)
+        command_n[scan] = command
+        if detectors:
+            batch.command(sent)
+            sent = command.copy()
+    least = np.stack([least_n(scene, scan_s) for scene in scenes], axis=1)
+    return Episodes(scenes, grip_n, least, command_n, slides, place_mm, batch.has_fallen)

@@ -1,0 +1,88 @@
+"""The hold bench against the emulator, and its numbers against what is known of them."""
+
+import numpy as np
+import pytest
+
+from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
+from bench.hold.bench import AIMS, Arm, default_target, report
+from bench.hold.play import Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
+from bench.hold.result import GraspResult
+from tactiled.array import load_array
+from tactiled.emulator.scene.contact import make_contact
+from tactiled.emulator.scene.families.holding import EVENTS, hold
+from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.physical import PhysicalContact
+
+ARRAY = load_array("wang2019-3x3")
+
+
+def test_the_batch_moves_as_the_emulator_does() -> None:
+    scenes = [hold(seed) for seed in (510, 511)]
+    batch = HeldBatch(scenes, ARRAY)
+    contacts = [make_contact(SceneMotion(scene), ARRAY) for scene in scenes]
+    for scan in range(300):
+        batch.scan()
+        at_s = np.array([(scan + 1) / RATE_HZ - STEP_S])
+        states = [contact.state(at_s) for contact in contacts]
+        if scan == 200:
+            batch.command(np.full(2, 9.0))
+            for contact in contacts:
+                assert isinstance(contact, PhysicalContact)
+                contact.grip(9.0)
+    np.testing.assert_allclose(batch.grip_n, [state.load_n[0] for state in states], atol=1e-9)
+    np.testing.assert_allclose(batch.place_mm, [state.travel_mm[0] for state in states], atol=2e-4)
+
+
+def test_twice_the_least_holds_a_lift_and_less_than_the_least_does_not() -> None:
+    seeds = [seed for seed in range(40) if hold(seed).description == "none"][:4]
+    scenes = [hold(seed) for seed in seeds]
+    times = (2.0, 2.0, 0.9, 0.9)
+    grips = [FixedGrip(t * least_at_rest_n(scene)) for t, scene in zip(times, scenes, strict=True)]
+    episodes = play(scenes, ARRAY, grips)
+    assert episodes.dropped.tolist() == [False, False, True, True]
+    np.testing.assert_allclose(episodes.over_least[:2], 2.0, atol=0.05)
+    assert np.isnan(episodes.reaction_s[:2]).all()
+    assert np.isinf(episodes.reaction_s[2:]).all()
+
+
+def test_a_seed_has_each_event_and_the_same_length() -> None:
+    scenes = [hold(seed) for seed in range(40)]
+    assert {scene.description for scene in scenes} == set(EVENTS)
+    assert {round(scene.duration_s, 9) for scene in scenes} == {7.0}
+
+
+def test_reaction_counts_from_the_slip_and_may_be_ahead_of_it() -> None:
+    slides = np.zeros((100, 2), dtype=np.bool_)
+    slides[50:60] = True
+    command_n = np.full((100, 2), 6.0)
+    command_n[54:, 0] = 9.0
+    command_n[45:, 1] = 9.0
+    blank = np.zeros((100, 2))
+    episodes = Episodes([hold(0), hold(1)], blank, blank, command_n, slides, blank, slides[0])
+    assert episodes.reaction_s == pytest.approx([0.04, -0.05])
+
+
+def test_slip_events_tighten_and_quiet_eases() -> None:
+    onset = {"kind": "incipient", "state": "onset", "valid": True, "detected": 1.0, "timestamp": 0.9}
+    plain, eased = TightenOnSlip(1.5), TightenOnSlip(1.5, eases=True)
+    for controller in (plain, eased):
+        assert controller.take(onset, 6.0) == pytest.approx(9.0)
+        for k in range(200):
+            last_n = controller.take({"timestamp": 1.0 + k / 100}, 9.0)
+    assert plain.take({"timestamp": 3.0}, 9.0) == 9.0
+    assert 8.4 < last_n < 8.7
+
+
+def test_aims_are_judged_on_drops_and_on_what_held() -> None:
+    held = [GraspResult("none", False, 1.3, 0.0, float("nan"))] * 199
+    lost = [GraspResult("none", True, float("nan"), 20.0, 0.05)]
+    assert [aim.measure(held + lost).verdict for aim in AIMS] == ["met", "met"]
+    assert [aim.measure(held[:98] + lost).verdict for aim in AIMS] == ["MISSED", "met"]
+
+
+def test_the_report_names_every_way_of_holding() -> None:
+    one = [GraspResult(event, False, 1.3, 0.0, 0.05) for event in EVENTS]
+    arms = [Arm("times the least", 1.5, 5), Arm("margin", default_target(), 5)]
+    text = report(dict.fromkeys(arms, one), one[:1]).text
+    assert "1.5 times the least" in text
+    assert "| margin, target" in text

@@ -1,0 +1,93 @@
+"""The controller of examples/hold.py: laws of one message after another."""
+
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.hold.bench import example
+
+HOLD: ModuleType = example()
+
+
+def grip(at_s: float, shear: float = 1.0, load: float = 4.0, **rest: Any) -> dict[str, Any]:
+    return {
+        "timestamp": at_s, "load": load, "shear_x": shear, "shear_y": 0.0, "state": "sticking", "valid": True,
+        "late": False, "friction_low": 0.5, "friction": 0.6,
+    } | rest  # fmt: skip
+
+
+def played(controller: Any, messages: list[dict[str, Any]], present_n: float = 6.0) -> list[float]:
+    return [controller.take(message, present_n) for message in messages]
+
+
+def test_the_grip_eases_to_the_target_and_no_further() -> None:
+    # Shear over load is 0.25 at 6 N, half of what the bound bears: 6 N * 0.5 / TARGET is enough.
+    controller = HOLD.HoldController(start_n=6.0)
+    present_n = 6.0
+    for k in range(600):
+        present_n = controller.take(grip(k / 100, load=4.0 * present_n / 6.0), present_n)
+    assert present_n == pytest.approx(6.0 * 0.5 / HOLD.TARGET, rel=0.05)
+
+
+def test_growing_shear_is_met_before_it_arrives() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    played(controller, [grip(k / 100) for k in range(10)])
+    growing = played(controller, [grip(0.1 + k / 100, shear=1.0 + 0.2 * k) for k in range(1, 6)])
+    enough_n = 6.0 / 4.0 * 2.0 / (0.5 * HOLD.TARGET)  # for the shear of the last message
+    assert growing[-1] > enough_n
+
+
+def test_gross_slip_tightens_beyond_the_present_force() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    played(controller, [grip(k / 100) for k in range(10)])
+    assert controller.take(grip(0.1, state="gross"), 6.0) >= HOLD.GRASP_AGAIN * 6.0
+
+
+def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_is_none() -> None:
+    for load, is_slip in ((4.0, True), (5.0, False)):
+        controller = HOLD.HoldController(start_n=6.0)
+        before_n = played(controller, [grip(k / 100, shear=1.8) for k in range(60)])[-1]
+        after_n = controller.take(grip(0.6, shear=1.7, load=load), 6.0)
+        assert (after_n >= HOLD.GRASP_AGAIN * 6.0) == is_slip
+        assert before_n < HOLD.GRASP_AGAIN * 6.0
+
+
+@given(st.sampled_from([{"valid": False}, {"late": True}, {"state": "none"}, {"load": 0.0}]))
+def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    before_n = played(controller, [grip(k / 100) for k in range(50)])[-1]
+    assert controller.take(grip(0.5, shear=50.0) | fault, 6.0) == before_n
+
+
+def test_stale_data_tighten_once_and_ease_nothing() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    before_n = played(controller, [grip(k / 100) for k in range(100)])[-1]
+    tight_n = controller.blind()
+    assert tight_n == controller.blind() == pytest.approx(HOLD.BLIND * before_n)
+    assert played(controller, [grip(5.0 + k / 100) for k in range(90)])[-1] == tight_n
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0, 50), st.floats(0.01, 50), st.floats(0.01, 5), st.sampled_from(["sticking", "gross"])
+        ),
+        max_size=30,
+    )
+)
+def test_commands_stay_within_the_limits(rows: list[tuple[float, float, float, str]]) -> None:
+    controller = HOLD.HoldController(start_n=6.0, least_n=1.0, most_n=20.0)
+    for k, (shear, load, friction, state) in enumerate(rows):
+        message = grip(k / 100, shear, load, friction_low=friction, friction=1.2 * friction, state=state)
+        assert 1.0 <= controller.take(message, 6.0) <= 20.0
+
+
+def test_the_example_imports_the_client_alone() -> None:
+    text = Path(HOLD.__file__ or "").read_text()
+    imported = {line.split()[1] for line in text.splitlines() if line.startswith(("import ", "from "))}
+    assert imported - set(sys.stdlib_module_names) == {"collections.abc", "tactiled.client"}
