@@ -31,7 +31,7 @@ BENCHES = {
 }
 WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
-WITH_JOBS = ("force", "grip", "slip", "texture")
+WITH_JOBS = ("force", "grip", "hold", "slip", "texture")
 WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 

@@ -38,6 +38,7 @@ GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
 GROWTH_S = 0.03  # over which the growth of shear is measured
 REST_S, FALL_S = 0.6, 0.15  # shear is compared with what was borne so long ago
+STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 LEAST = 0.05  # of the load: less shear is no object in the air
 FALL = 0.04  # of the shear that was borne, by which it falls only if the object slides or is set down
 FORGET_PER_S = 0.005  # rate at which the friction bound is lost: surfaces get wet
@@ -72,6 +73,7 @@ class HoldController:
         self._past: deque[tuple[float, float, float]] = deque()  # time, shear, load
         self._calm_from_s = 0.0
         self._held_n = start_n
+        self._level_n = self._newtons = self._steady_from_s = 0.0
         self._probes = True
 
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
@@ -87,7 +89,7 @@ class HoldController:
             self._slid = max(shear / load, 1e-6)
         self._friction *= 1 - FORGET_PER_S * step_s
         self._friction = min(max(self._friction, grip["friction_low"]), self._slid)
-        newtons = present_n / load
+        newtons = self._newtons_per_load(now_s, present_n, load)
         bearable = self._friction * self._target
         if self._probes:
             bearable = max(bearable, PROBE * grip["friction"])
@@ -118,6 +120,14 @@ class HoldController:
             self.command_n = min(BLIND * self.command_n, self._most_n)
         self._past.clear()
         return self.command_n
+
+    def _newtons_per_load(self, now_s: float, present_n: float, load: float) -> float:
+        """Force over load reading, measured while the grip is steady: message and gripper differ in age."""
+        if abs(present_n - self._level_n) > STEADY * self._level_n:
+            self._level_n, self._steady_from_s = present_n, now_s + STEADY_S
+        if now_s >= self._steady_from_s or not self._newtons:
+            self._newtons = present_n / load
+        return self._newtons
 
     def _falls(self, now_s: float, shear: float, load: float) -> bool:
         """Return True where shear fell below all that was borne lately, and not by a tighter grip."""

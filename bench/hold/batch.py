@@ -53,7 +53,7 @@ class HeldBatch:
         motions = [SceneMotion(scene) for scene in scenes]
         e, t = len(scenes), array.n_taxels
         self.n_scans = round(scenes[0].duration_s * RATE_HZ)
-        time_s = np.arange(self.n_scans * _STEPS + 1) * STEP_S
+        time_s: FloatArray = np.arange(self.n_scans * _STEPS + 1) * np.float64(STEP_S)
         drives = [motion.at(time_s) for motion in motions]
         self._scene_n = np.stack([drive.load_n for drive in drives])
         self._pull_n = np.stack([drive.pull_x_n + 1j * drive.pull_y_n for drive in drives])

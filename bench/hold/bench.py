@@ -17,14 +17,24 @@ import numpy as np
 from bench.hold.play import Controller, Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
 from bench.hold.real import EXAMPLE, play_in_processes
 from bench.hold.result import GraspResult
-from bench.pool import workers
-from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, judge, seeds_in_words, table
+from bench.report import (
+    BENCH_WORKERS,
+    Aim,
+    BenchOptions,
+    BenchReport,
+    Reading,
+    aims_table,
+    judge,
+    seeds_in_words,
+    table,
+)
 from tactiled.array import load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector
 from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 TUNED_FROM = 500  # seeds on which the controller's numbers were set
@@ -143,7 +153,7 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     n_real = N_REAL_QUICK if options.quick else N_REAL
     progress.begin(len(jobs) + n_real)
     found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
-    with workers() as pool:
+    with executor(BENCH_WORKERS, options.dask) as pool:
         for (arm, _), some in zip(jobs, pool.map(_measure, jobs), strict=True):
             found[arm] += some
             progress.advance("batch")

@@ -146,7 +146,7 @@ def play(
     The gripper's own delay follows.
     """
     batch = HeldBatch(scenes, array)
-    scan_s = (np.arange(batch.n_scans) + 1) / RATE_HZ
+    scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
     detectors = [make_detector() for _ in scenes] if make_detector else []
     shape = (batch.n_scans, len(scenes))
     grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
