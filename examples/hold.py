@@ -30,25 +30,22 @@ from typing import Any
 from tactiled.client import Message, Stale, Subscription
 
 TARGET = 0.75  # utilisation (95 % quantile) at which an object is held
-PROBE = (
-    0.75  # median utilisation to which the grip is eased once, after the lift: friction shows near the limit
-)
+PROBE = 0.8  # by likely friction: the grip is eased so far once, because friction shows near the limit only
 LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's delay and its travel
-GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
 GROWTH_S = 0.03  # over which the growth of shear is measured
+GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 REST_S, FALL_S = 0.6, 0.15  # shear is compared with what was borne so long ago
-STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
-LEAST = 0.05  # of the load: less shear is no object in the air
 FALL = 0.04  # of the shear that was borne, by which it falls only if the object slides or is set down
+LEAST = 0.05  # of the load: less shear is no object in the air
+STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
+UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 FORGET_PER_S = 0.005  # rate at which the friction bound is lost: surfaces get wet
-CALM_S, CALM_AFTER_SLIP_S = 0.2, 1.0  # without growth of shear or slip, before the grip is eased
 RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
+CALM_S, CALM_AFTER_SLIP_S = 0.2, 1.0  # without growth of shear or slip, before the grip is eased
 EASE_PER_S = 3.0  # rate at which the grip in excess is eased
-GRASP_AGAIN, GRASP_MOST = (
-    1.3,
-    2.0,
-)  # times the present force, and that before the slip, while everything slides
+GRASP_AGAIN = 1.3  # times the present force, while everything slides
+GRASP_MOST = 2.0  # times the command before the slip, at most
 BLIND = 1.3  # times the last command while tactile data are stale
 
 
@@ -90,12 +87,12 @@ class HoldController:
         self._friction *= 1 - FORGET_PER_S * step_s
         self._friction = min(max(self._friction, grip["friction_low"]), self._slid)
         newtons = self._newtons_per_load(now_s, present_n, load)
+        # Growth is met with likely friction: with the bound, each lift would be a squeeze.
+        likely = max(math.sqrt(self._friction * grip["friction"]), self._friction)
         bearable = self._friction * self._target
         if self._probes:
-            bearable = max(bearable, PROBE * grip["friction"])
+            bearable = max(bearable, PROBE * likely)
             self._probes = not slides and (now_s < self._calm_from_s or shear / load < 0.97 * bearable)
-        # A growth is met with the likely friction: with the least one, each lift would be a squeeze.
-        likely = max(math.sqrt(self._friction * grip["friction"]), self._friction)
         ahead = shear + min(LEAD_S * self._growth(now_s, shear), LEAD_MOST * shear)
         wanted_n = newtons * max(shear / bearable, ahead / likely)
         if not slides:
@@ -125,19 +122,19 @@ class HoldController:
         """Force over load reading, measured while the grip is steady: message and gripper differ in age."""
         if abs(present_n - self._level_n) > STEADY * self._level_n:
             self._level_n, self._steady_from_s = present_n, now_s + STEADY_S
+        now = present_n / load
         if now_s >= self._steady_from_s or not self._newtons:
-            self._newtons = present_n / load
-        return self._newtons
+            self._newtons = now
+        return min(max(now, self._newtons), UNSTEADY * self._newtons)
 
     def _falls(self, now_s: float, shear: float, load: float) -> bool:
         """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
         while self._past and self._past[0][0] < now_s - REST_S:
             self._past.popleft()
         borne = [s for t, s, _ in self._past if t < now_s - FALL_S]
-        loads = [p for t, _, p in self._past if t >= now_s - FALL_S]
-        if len(borne) < 10 or not loads or shear < LEAST * load:
+        if len(borne) < 10 or shear < LEAST * load:
             return False
-        return shear < (1 - FALL) * min(borne) and load < 1.01 * min(loads)
+        return shear < (1 - FALL) * min(borne) and load < 1.02 * min(p for _, _, p in self._past)
 
     def _growth(self, now_s: float, shear: float) -> float:
         """Rate at which shear has grown over `GROWTH_S`, 0 where it has not."""
