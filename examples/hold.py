@@ -46,7 +46,7 @@ CALM_S, CALM_AFTER_SLIP_S = 0.2, 1.0  # without growth of shear or slip, before 
 EASE_PER_S = 3.0  # rate at which the grip in excess is eased
 GRASP_AGAIN = 1.3  # times the present force, while everything slides
 GRASP_MOST = 2.0  # times the command before the slip, at most
-BLIND = 1.3  # times the last command while tactile data are stale
+BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 
 
 class HoldController:
@@ -69,7 +69,7 @@ class HoldController:
         self._slid = math.inf  # shear over load at the last slip
         self._past: deque[tuple[float, float, float]] = deque()  # time, shear, load
         self._calm_from_s = 0.0
-        self._held_n = start_n
+        self._held_n, self._wanted_n = start_n, 0.0
         self._level_n = self._newtons = self._steady_from_s = 0.0
         self._probes = True
 
@@ -103,6 +103,7 @@ class HoldController:
             self._calm_from_s = now_s + CALM_AFTER_SLIP_S
         elif wanted_n > self.command_n or ahead > (1 + GROWS) * shear or shear < LEAST * load:
             self._calm_from_s = max(now_s + CALM_S, self._calm_from_s)
+        self._wanted_n = wanted_n
         if wanted_n > self.command_n:
             self.command_n = wanted_n
         elif now_s > self._calm_from_s:
@@ -112,9 +113,8 @@ class HoldController:
         return self.command_n
 
     def blind(self) -> float:
-        """Return the force to command while tactile data are stale: tighter once, and not eased."""
-        if self._past:
-            self.command_n = min(BLIND * self.command_n, self._most_n)
+        """Return the force to command while tactile data are stale: tighter, and not eased."""
+        self.command_n = min(max(self.command_n, BLIND * self._wanted_n), self._most_n)
         self._past.clear()
         return self.command_n
 

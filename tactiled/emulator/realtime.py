@@ -160,7 +160,8 @@ class Emulator:
         wait_s = self._port.next_deadline_s() - now_s
         fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
         # The board must have come up to now before it answers: overdue steps come first, one at a time.
-        awaited = [self._wake_read, *([*fds, *control_fds] if wait_s > 0 else [])]
+        # A controller is answered at any time: a gripper does not wait for the board.
+        awaited = [self._wake_read, *control_fds, *(fds if wait_s > 0 else [])]
         ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
         if self._wake_read in ready:
             os.read(self._wake_read, 64)

@@ -1,14 +1,11 @@
 """The example's controller in a process of its own: an object that is lifted, jerked and filled stays."""
 
 import json
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -28,35 +25,27 @@ def process(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
             child.kill()
 
 
-def ask(path: Path) -> dict[str, Any]:
-    with socket.socket(socket.AF_UNIX) as control:
-        control.settimeout(10.0)
-        control.connect(str(path))
-        control.sendall(b"{}\n")
-        with control.makefile() as answers:
-            answer: dict[str, Any] = json.loads(answers.readline())
-            return answer
-
-
 def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     config = tmp_path / "hold.toml"
     config.write_text(
         f'port.url = "{tmp_path}/board"\ndetect.grip.enabled = true\npublish.endpoints = ["{endpoint}"]\n'
     )
-    board = ("--scene", "hold", "--link", f"{tmp_path}/board", "--control", f"unix://{tmp_path}/control")
+    control = f"unix://{tmp_path}/control"
+    board = ("--scene", "hold", "--link", f"{tmp_path}/board", "--control", control, "--scans")
     with process("-m", "tactiled", "emulate", *board) as emulator, ExitStack() as others:
         assert emulator.stdout is not None
         assert json.loads(emulator.stdout.readline())["what"] == "ready"
-        example = [str(ROOT / "examples" / "hold.py"), f"unix://{tmp_path}/control", endpoint]
+        example = [str(ROOT / "examples" / "hold.py"), control, endpoint]
         controller = others.enter_context(process(*example))
         others.enter_context(process("-m", "tactiled", "run", "--config", str(config)))
-        while json.loads(emulator.stdout.readline())["what"] != "scene":
-            pass
-        time.sleep(FILLED_S)
+        reports = (json.loads(line) for line in emulator.stdout)
+        t0_s = next(report["t0_s"] for report in reports if report["what"] == "scene")
+        scan = next(reports)
+        while scan["what"] != "scan" or scan["began_s"] < t0_s + FILLED_S:
+            if scan["what"] == "overrun":
+                pytest.skip("this host is too slow for an emulated board in real time")
+            scan = next(reports)
         assert controller.poll() is None
-        controller.kill()
-        controller.wait()
-        answer = ask(tmp_path / "control")
-        assert not answer["fallen"]
-        assert LEAST_N < answer["grip_n"] < 2.5 * LEAST_N
+        assert not scan["fallen"]
+        assert LEAST_N < scan["grip_n"] < 2.5 * LEAST_N
