@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tactiled.errors import OperatorError
-from tactiled.setup.plan import SetupPlan
+from tactiled.setup.plan import PlannedFile, SetupPlan
 
 Say = Callable[[str], None]
 
@@ -24,6 +24,9 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
     others = _written_for_others(root, plan.name)
     for file in plan.files:
         path = _under(root, file.path)
+        if (packaged := _packaged(root, file)) is not None and not path.exists():
+            say(f"unchanged  {packaged}, of the Debian package")
+            continue  # a copy in /etc would hide what the next version of the package brings
         if path.exists() and path.read_text() == file.text:
             say(f"unchanged  {file.path}")
             if file.path not in written and file.path not in others:
@@ -78,6 +81,13 @@ def run_commands(commands: Sequence[tuple[str, ...]], say: Say) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             words = f": not run: {error}"
         say(f"ran        {' '.join(command)}{words}")
+
+
+def _packaged(root: Path, file: PlannedFile) -> str | None:
+    """Return the path of the same file in /usr/lib, where packages have their units, users and rules."""
+    packaged = file.path.replace("/etc/", "/usr/lib/", 1)
+    path = _under(root, packaged)
+    return packaged if file.shared and path.exists() and path.read_text() == file.text else None
 
 
 def _under(root: Path, path: str) -> Path:

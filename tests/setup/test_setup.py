@@ -120,6 +120,20 @@ def test_an_equal_file_that_was_here_before_stays(tmp_path: Path) -> None:
     assert tree(tmp_path) == {before.path.lstrip("/"): before.text}
 
 
+def test_what_the_debian_package_installed_gets_no_copy(tmp_path: Path) -> None:
+    plan = make_plan(board(), "left")
+    for file in plan.files:
+        if file.shared:
+            packaged = tmp_path / file.path.replace("/etc/", "usr/lib/", 1)
+            packaged.parent.mkdir(parents=True)
+            packaged.write_text(file.text)
+    write(plan, tmp_path, lambda _: None)
+    written = {name for name in tree(tmp_path) if name.startswith("etc/")}
+    assert written == {"etc/tactiled/left.toml", "etc/tactiled/left.setup.json"}
+    remove("left", tmp_path, lambda _: None)
+    assert not [name for name in tree(tmp_path) if name.startswith("etc/")]
+
+
 def test_what_was_written_before_a_failure_can_be_removed(tmp_path: Path) -> None:
     plan = make_plan(board(), "left")
     blocked = tmp_path / plan.files[-1].path.lstrip("/")

@@ -9,27 +9,25 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nspawn import CHECKOUT, UNITS, Container, ContainerError, check_able, make_root, make_wheels, wait_until
+from nspawn import CHECKOUT, NEW, OLD, UNITS, Container, ContainerError, copy_root, wait_until
 
 from tactiled.client import Fresh, Item, Message, Restarted, Stale, Subscription
 
 pytestmark = pytest.mark.system
 LEFT, RIGHT = "TS0001", "TS0002"
 PORTS = {LEFT: 9872, RIGHT: 9874}
-OLD, NEW = "0.0.1", "0.0.2"
 PATIENCE_S = 30.0
 
 
 @pytest.fixture(scope="module")
-def container(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
+def container(
+    bare_debian: Path, wheels: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Container]:
     """A booted Debian with tactiled installed as README says; skipped, with the reason, where none can be."""
     folder = tmp_path_factory.mktemp("nspawn")
-    root, wheels = folder / "root", folder / "wheels"
+    root = folder / "root"
     try:
-        check_able()
-        for version in (OLD, NEW):
-            make_wheels(wheels, version)
-        make_root(root)
+        copy_root(bare_debian, root)
         with Container(root, wheels) as booted:
             install(booted)
             yield booted
