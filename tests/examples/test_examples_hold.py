@@ -64,6 +64,14 @@ def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
     assert controller.take(grip(0.5, shear=50.0) | fault, 6.0) == before_n
 
 
+def test_another_object_is_met_without_what_was_learnt() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])
+    command_n = controller.take(grip(3.0, state="none"), 6.0)
+    again = [grip(4.0 + k / 100) for k in range(300)]
+    assert played(controller, again) == played(HOLD.HoldController(start_n=command_n), again)
+
+
 def test_stale_data_tighten_once_and_ease_nothing() -> None:
     controller = HOLD.HoldController(start_n=6.0)
     before_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
