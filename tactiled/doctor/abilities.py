@@ -1,9 +1,11 @@
 """Findings of check-config on an array alone: contact, slip, direction and grooves that it can measure."""
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import Array
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.waves import check_waves
+
+_FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/evidence.py)
 
 
 def abilities(array: Array, rate_hz: float, speed_mm_s: float) -> list[Finding]:
@@ -38,17 +40,13 @@ def _slip(array: Array) -> Finding:
         return Finding(
             "slip", "warn", "not reported: shear without pressure gives no contact", "add a normal channel"
         )
-    if has_pressure and array.has_places and _has_two_places(array.x_mm, array.y_mm):
-        return Finding("slip", "warn", "from pressure that moves between taxels; no shear channels")
-    remedy = "give the places of the taxels" if array.n_taxels > 1 and not array.has_places else ""
-    return Finding("slip", "warn", "not reported: neither shear nor pressure at two known places", remedy)
+    if not has_pressure or array.n_channels < _FEW_CHANNELS:
+        words = f"not reported: no shear, and fewer than {_FEW_CHANNELS} pressure channels"
+        return Finding("slip", "warn", words)
+    return Finding("slip", "warn", "gross slip, from roughness and ripple of the pressure; no shear channels")
 
 
 def _direction(array: Array) -> Finding:
     if array.has_shear:
         return Finding("direction", "ok", "of slip, from shear")
     return Finding("direction", "warn", "not measured: no shear channels; --direction gives it for a log")
-
-
-def _has_two_places(x_mm: FloatArray, y_mm: FloatArray) -> bool:
-    return bool(x_mm.min() < x_mm.max() or y_mm.min() < y_mm.max())

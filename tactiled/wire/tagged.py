@@ -121,7 +121,7 @@ class TaggedFramer:
             place = self._place.get(tag)
             if place == 0:
                 self._parts = {}
-            if place is not None and (place == 0 or self._parts):
+            if place is not None:
                 self._parts[place] = packet[at + 1 : end]
                 if len(self._parts) == len(self._place):
                     yield b"".join(self._parts[k] for k in range(len(self._place)))

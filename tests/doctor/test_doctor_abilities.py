@@ -33,8 +33,13 @@ def call(*arguments: str) -> int:
     ("name", "slip", "direction", "grooves"),
     [
         ("wang2019-3x3", "from shear, beside the pressure", "of slip", "resolves 0.5 to 20 mm"),
-        ("normal-4x4", "from pressure that moves between taxels", "not measured", "normal-4x4, at unknown"),
-        ("load-cell", "not reported: neither shear nor", "not measured", "no angle (period-only): freq"),
+        ("normal-4x4", "gross slip, from roughness and ripple", "not measured", "normal-4x4, at unknown"),
+        (
+            "load-cell",
+            "not reported: no shear, and fewer",
+            "not measured",
+            "no angle (period-only): freq",
+        ),
         ("magnetometers-5", "from shear, beside the pressure", "of slip", "no angle (period-only): freq"),
     ],
 )

@@ -78,7 +78,7 @@ def test_a_damaged_packet_costs_itself_only() -> None:
     sound = scans_of(feed("tsf-85", b"".join(packets) + IMU, [])[0])
     assert len(sound) == 12
     for broken in range(2, 22):
-        for at, value in ((0, 0), (3, 250), (3, 0), (4, 0xF0)):
+        for at, value in ((0, 0), (3, 250), (3, 56), (3, 0), (4, 0xF0)):
             damaged = bytearray(packets[broken])
             damaged[at] = value
             stream = b"".join([*packets[:broken], bytes(damaged), *packets[broken + 1 :], IMU])
@@ -104,6 +104,23 @@ def test_a_finger_whose_partner_is_lost_is_not_paired_with_a_later_one() -> None
     assert all(scan[0] - 0x10 == scan[28] - 0x14 for scan in scans)
 
 
+def test_a_scan_into_which_damage_falls_is_dropped() -> None:
+    whole = [pair(k) for k in range(4)]
+    stream = whole[0] + whole[1][:61] + b"\x00" + whole[1][61:] + whole[2] + whole[3] + IMU
+    assert [scan[0] - 0x10 for scan in scans_of(feed("tsf-85", stream, [])[0])] == [0, 2, 3]
+
+
+@pytest.mark.parametrize("is_locked", [False, True])
+def test_readings_that_look_like_a_packet_are_not_taken_for_one(is_locked: bool) -> None:
+    words = bytes.fromhex("9a00 5806 2011 1124 2222")  # a packet with the dynamic channels 0x1111 and 0x2222
+    holds_one = bytearray(packet(b"\x10" + bytes(20) + words + bytes(26)))
+    holds_one[0] = 0  # its own beginning is damaged
+    before = IMU * 3 if is_locked else b""
+    items, decoder = feed("tsf-85-dynamic", before + bytes(holds_one) + IMU * 3, [])
+    assert scans_of(items) == [[-2, 7]] * (6 if is_locked else 3)
+    assert decoder.bytes_discarded == len(holds_one)
+
+
 @pytest.mark.parametrize("start", [1, 3, 4, 30, 60])
 def test_a_stream_that_begins_in_a_packet_locks_to_the_next(start: int) -> None:
     stream = b"".join(pair(0x9A9A) for _ in range(4)) + IMU  # readings that look like the start of a packet
@@ -111,7 +128,14 @@ def test_a_stream_that_begins_in_a_packet_locks_to_the_next(start: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "noise", [b"\x9a" * 3000, b"\x9a\x00\x58\xff" * 800, bytes(3000), b"\x9a\x00\x58\x3c\x10\x10" * 500]
+    "noise",
+    [
+        b"\x9a" * 3000,
+        b"\x9a\x00\x58\xff" * 800,
+        (b"\x9a\x00\x58\xff" + b"\x20\x00\x00" * 85) * 12,  # longer than a packet may be
+        bytes(3000),
+        b"\x9a\x00\x58\x3c\x10\x10" * 500,
+    ],
 )
 def test_endless_lengths_and_starts_neither_fill_memory_nor_hide_what_follows(noise: bytes) -> None:
     items, decoder = feed("tsf-85", noise + pair(5) * 3 + IMU, [])
