@@ -26,7 +26,7 @@ _WATCH_S = 0.1  # period of looking for silence: that of the status
 _REQUESTS_S = 0.01  # period of looking for service requests, and so their longest wait
 _COMMAND_S = 2.0  # longest wait for the reply of a daemon
 _SENSOR = frozenset(("scan", "force", "grip"))
-_LATCHED = frozenset(("info", "contact"))
+_KEPT: dict[str, Delivery] = {"contact": "latched", "info": "repeated"}  # for late subscribers
 _SERVICES = {
     "tare": "std_srvs/srv/Trigger",
     "inhibit": f"{PACKAGE}/srv/Inhibit",
@@ -268,7 +268,7 @@ def run_bridge(params: BridgeParams, make_node: Callable[[], Node], report: Repo
 
 
 def _delivery(topic: str) -> Delivery:
-    return "sensor" if topic in _SENSOR else "latched" if topic in _LATCHED else "event"
+    return "sensor" if topic in _SENSOR else _KEPT.get(topic, "event")
 
 
 def _write(writer: TopicWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:

@@ -19,6 +19,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from cyclonedds.util import duration
 
 from tactiled.errors import OperatorError
 from tactiled.ros2 import names
@@ -28,8 +29,9 @@ from tactiled.ros2.own_types import own_definitions
 from tactiled.ros2.standard_types import STANDARD, discovery_types
 from tactiled.ros2.typehash import rihs01
 
-Delivery = Literal["sensor", "event", "latched"]
-_DEPTH = {"sensor": 5, "event": 100, "latched": 1}  # sensor: that of ROS's sensor data profile
+Delivery = Literal["sensor", "event", "latched", "repeated"]
+_DEPTH = {"sensor": 5, "event": 100, "latched": 1, "repeated": 1}  # sensor: that of ROS's sensor data profile
+_REPEATED_NS = 3_000_000_000  # life of what is repeated each second: a late subscriber receives no older one
 _REQUEST_HEAD = (RosField("client", "uint64"), RosField("number", "int64"))  # of rmw_cyclonedds
 # Many hosts have no multicast on loopback: peers are looked for at the ports of the first 20 participants.
 _LOOPBACK = (
@@ -56,7 +58,7 @@ class TopicWriter:
 
     def __init__(self, writer: Any, kind: Any, encoder: CdrEncoder, delivery: Delivery) -> None:
         self._writer, self._kind, self._encoder = writer, kind, encoder
-        self._latched = delivery == "latched"
+        self._latched = delivery in ("latched", "repeated")
         self.refused = 0
         """Number of messages that DDS did not take, because a subscriber stopped reading."""
 
@@ -129,8 +131,9 @@ class Node:
             Absolute name, with leading slash.
         kind : str
             Full name of the type.
-        delivery : {"sensor", "event", "latched"}
-            Best effort; reliable; reliable, and the newest message for late subscribers.
+        delivery : {"sensor", "event", "latched", "repeated"}
+            Best effort; reliable; reliable, and the newest message for late subscribers; the same while that
+            message is younger than 3 s.
         """
         made = self._writer(names.dds_topic(topic), kind, delivery)
         self._announce()
@@ -188,7 +191,10 @@ class Node:
             Policy.Reliability.BestEffort
             if delivery == "sensor"
             else Policy.Reliability.Reliable(max_blocking_time=0),  # the loop never waits for a subscriber
-            Policy.Durability.TransientLocal if delivery == "latched" else Policy.Durability.Volatile,
+            Policy.Durability.TransientLocal
+            if delivery in ("latched", "repeated")
+            else Policy.Durability.Volatile,
+            Policy.Lifespan(_REPEATED_NS if delivery == "repeated" else duration(infinite=True)),
             Policy.History.KeepLast(_DEPTH[delivery]),
             Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
             Policy.Userdata(own),

@@ -203,9 +203,9 @@ def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
     discovery_names_node_and_types(robot, peer)
     loss_of_the_daemon_is_silence(robot, peer, daemon, program)
     robot.tactiled("run", "--config", str(robot.folder / "tactiled.toml"))
+    is_contact = is_message(f"{BOARD}/contact")
+    peer.until(lambda row: is_contact(row) and robot.decode(row).valid, "the contact of the next daemon")
     peer.until(is_message(f"{BOARD}/wrench"), "forces of the next daemon")
-    contacts = [robot.decode(row) for row in peer.rows if is_message(f"{BOARD}/contact")(row)]
-    assert (contacts[-1].valid, contacts[-1].seq) == (True, -1)  # made from the status
     bridge.child.terminate()
     assert bridge.child.wait(PATIENCE_S) == 0
 
@@ -322,10 +322,12 @@ def loss_of_the_daemon_is_silence(robot: Robot, peer: Lines, daemon: Lines, prog
         return any(status.level == 3 and "no status" in status.message for status in robot.decode(row).status)
 
     peer.until(is_stale, "diagnostics: stale")
-    peer.drain(1.0)
+    peer.drain(2.5)
     late = [row for row in peer.rows if row["what"] == "message" and row["at"] > killed_unix_s + 0.6]
     assert {row["topic"] for row in late} <= {"rt/diagnostics", f"rt{BOARD}/contact", INFO[0]}
-    second = robot.peer(program, f"{BOARD}/contact")
+    second = robot.peer(program, f"{BOARD}/info", f"{BOARD}/contact")
     contact = robot.decode(second.until(is_message(f"{BOARD}/contact"), "the latched contact"))
     assert (contact.state, contact.valid) == ("unknown", False)
     assert seconds(contact.header.stamp) > killed_unix_s
+    second.drain(1.0)
+    assert not [row for row in second.rows if is_message(f"{BOARD}/info")(row)]  # that of 3 s ago is gone
