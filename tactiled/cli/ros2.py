@@ -41,7 +41,7 @@ _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
 )  # fmt: skip
 @click.option(
     "--messages", type=click.Path(path_type=Path, file_okay=False), metavar="DIRECTORY",
-    help="Only write the packages tactiled_msgs and tactiled_examples for colcon into this folder.",
+    help="Only write the package tactiled_msgs for colcon into this folder.",
 )  # fmt: skip
 @KEYS
 def ros2(
@@ -63,7 +63,7 @@ def ros2(
     Example: tactiled ros2 --events tcp://127.0.0.1:9872 --namespace tactile
     """
     if messages is not None:
-        _write_packages(messages)
+        _write_package(messages)
         return
     need_extra("cyclonedds", "ros2", "the bridge to ROS 2")
     from tactiled.ros2.bridge import BridgeParams, run_bridge
@@ -93,13 +93,12 @@ def ros2(
     run_bridge(params, make_node, report)
 
 
-def _write_packages(folder: Path) -> None:
-    """Copy the packages for colcon; files that are there are replaced."""
-    for name in ("tactiled_msgs", "tactiled_examples"):
-        try:
-            shutil.copytree(resources.shipped("ros2", name), folder / name, dirs_exist_ok=True)
-        except OSError as error:
-            raise OperatorError(
-                f"--messages {folder}: cannot be written: {error.strerror or error}"
-            ) from None
-        click.echo(f"ros2: {folder / name}", err=True)
+def _write_package(folder: Path) -> None:
+    """Copy the message package for colcon; files that are there are replaced."""
+    name = "tactiled_msgs"
+    try:
+        shutil.copytree(resources.shipped("ros2", name), folder / name, dirs_exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OperatorError(f"--messages {folder}: cannot be written: {reason}") from None
+    click.echo(f"ros2: {folder / name}", err=True)

@@ -24,6 +24,7 @@ from tactiled.ros2.participant import Delivery, Node, ServiceRequest, TopicWrite
 _DIAGNOSTICS_S = 1.0
 _WATCH_S = 0.1  # period of looking for silence: that of the status
 _REQUESTS_S = 0.01  # period of looking for service requests, and so their longest wait
+_MOST_REQUESTS = 32  # that wait for a daemon: bounds what a caller can make the bridge keep
 _COMMAND_S = 2.0  # longest wait for the reply of a daemon
 _SENSOR = frozenset(("scan", "force", "grip"))
 _KEPT: dict[str, Delivery] = {"contact": "latched", "info": "repeated"}  # for late subscribers
@@ -226,6 +227,9 @@ class Bridge:
         while True:
             await asyncio.sleep(_REQUESTS_S)
             for request in self._node.requests():
+                if len(self._answers) >= _MOST_REQUESTS:
+                    self._node.reply(request, success=False, message="too many requests: ask again later")
+                    continue
                 task = asyncio.create_task(self._answer(request))
                 self._answers.add(task)
                 task.add_done_callback(self._answers.discard)
