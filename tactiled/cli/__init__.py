@@ -11,6 +11,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `analysis`: detect, tune
 - `viewers`: web, top, view
 - `ros2`: ros2
+- `fleet`: zenoh, fleet
 - `upkeep`: check-config, doctor, keys, fit-material, setup
 """
 

@@ -6,7 +6,9 @@ import sys
 import click
 
 from tactiled import __version__
-from tactiled.cli import analysis, archive, calibration, emulation, live, recordings, ros2, upkeep, viewers
+from tactiled.cli import (
+    analysis, archive, calibration, emulation, fleet, live, recordings, ros2, upkeep, viewers,
+)  # fmt: skip
 from tactiled.errors import TactiledError
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -27,6 +29,7 @@ for verb in (
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune, calibration.calibrate, archive.archive,
     viewers.web, viewers.top, viewers.view, ros2.ros2,
+    fleet.bridge, fleet.fleet,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)

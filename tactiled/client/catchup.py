@@ -11,6 +11,7 @@ count as lost, and the messages of the new run are expected from number 0.
 """
 
 import math
+import secrets
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,8 +19,8 @@ from typing import Any
 from tactiled.client.items import Item, Key, Lost, Message, Recovered, Restarted
 from tactiled.client.parse import message_of
 
-# Longest delay of a message behind a hole: more than a reconnection to the daemon takes (0.1 s), and little
-# enough for a controller.
+# Longest delay of a message behind a hole, over ZeroMQ: more than a reconnection to the daemon takes (0.1 s),
+# and little enough for a controller.
 HOLD_S = 0.5
 PROBE_S = 1.0  # period of asking a daemon that does not answer
 _MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than arrive within `HOLD_S`
@@ -50,9 +51,19 @@ class CatchUp:
     enabled : bool
         There is a daemon to send requests to.
     now_s : float
+
+    Attributes
+    ----------
+    hold_s : float
+        Longest delay of a message behind a hole, seconds.
+    is_patient : bool
+        Request again what was not answered in a time in which nothing was received, instead of counting it as
+        lost. During such a time data are stale anyway.
     """
 
     def __init__(self, enabled: bool, now_s: float) -> None:
+        self.hold_s = HOLD_S
+        self.is_patient = False
         self.lost = 0
         self.recovered = 0
         self._lines: dict[Key, _Line] = {}
@@ -60,6 +71,7 @@ class CatchUp:
         self._new_runs: set[str] = set()  # boards whose present run was observed from its beginning
         self._asking: dict[str, Key] = {}
         self._unsent: dict[str, dict[str, Any]] = {}
+        self._name = secrets.token_hex(4)  # a relay of several clients tells them apart by their ids
         self._number = 0
         self._answered = False
         self._probe_s = now_s if enabled else math.inf
@@ -78,15 +90,19 @@ class CatchUp:
         """Take note of a request that was sent."""
         self._unsent.pop(request["id"], None)
 
-    def tick(self, now_s: float) -> list[Item]:
-        """Return the items that follow from passed deadlines."""
+    def tick(self, now_s: float, silent_s: float = 0.0) -> list[Item]:
+        """Return the items that follow from passed deadlines, after so many seconds without a message."""
         if now_s >= self._probe_s:
             self._probe_s = now_s + PROBE_S
             self._unsent = {id_: asked for id_, asked in self._unsent.items() if asked["do"] != "state"}
             self._ask("state")
         items: list[Item] = []
         for key, line in self._lines.items():
-            if now_s >= line.until_s:
+            if now_s < line.until_s:
+                continue
+            if self.is_patient and silent_s >= self.hold_s:
+                self._ask_again(key, line, now_s)
+            else:
                 items += self._give_up(key, line)
                 self._answered, self._probe_s = False, now_s + PROBE_S
         return items
@@ -235,13 +251,19 @@ class CatchUp:
 
     def _ask_for(self, key: Key, line: _Line, end_seq: int, now_s: float) -> None:
         board, topic = key
-        line.hole_end, line.until_s = end_seq, now_s + HOLD_S
+        line.hole_end, line.until_s = end_seq, now_s + self.hold_s
         line.asked = self._ask("events", board=board, topic=topic, first_seq=line.next_seq, end_seq=end_seq)
         self._asking[line.asked] = key
 
+    def _ask_again(self, key: Key, line: _Line, now_s: float) -> None:
+        """Repeat the request for a hole, under another id: the answer to the first may still come."""
+        end_seq = line.hole_end
+        self._forget(line)
+        self._ask_for(key, line, end_seq, now_s)
+
     def _ask(self, do: str, **arguments: Any) -> str:
         self._number += 1
-        id_ = f"{do}-{self._number}"
+        id_ = f"{do}-{self._name}-{self._number}"
         self._unsent[id_] = {"v": 1, "id": id_, "do": do, **arguments}
         return id_
 

@@ -4,6 +4,7 @@ A command without a reply is sent again with the same session and id. The daemon
 often it arrives, so the loss of a reply never repeats a command.
 """
 
+import asyncio
 import itertools
 import json
 import secrets
@@ -11,7 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import msgpack
 import zmq
@@ -21,7 +22,10 @@ from tactiled.client import connect, nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
 from tactiled.errors import OperatorError
-from tactiled.events.endpoints import control_endpoint
+from tactiled.events.endpoints import ZENOH_SCHEME, control_endpoint
+
+if TYPE_CHECKING:
+    from tactiled.client.over_zenoh import Caller
 
 TIMEOUT_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
 _AGAIN_S = 0.5  # a reply takes a millisecond, that to a change of rate some 100 ms
@@ -98,6 +102,12 @@ class _Connected:
             self._endpoint = control_endpoint(endpoint)
         else:
             self._endpoint = nearby.control()
+        self._caller: Caller | None = None
+        if self._endpoint.startswith(ZENOH_SCHEME):
+            from tactiled.client import over_zenoh  # zenoh is an extra
+
+            self._caller = over_zenoh.Caller(self._endpoint, None if keys is None else Path(keys))
+            return
         self._context = zmq.Context()
         self._socket: zmq.Socket[bytes] = self._context.socket(zmq.DEALER)
         try:
@@ -110,8 +120,20 @@ class _Connected:
         rest = {"who": self._who, **arguments}
         return _Request(do, self._session, next(self._numbers), rest, timeout_s)
 
+    def _call(self, caller: "Caller", request: _Request) -> Reply:
+        """Send a request through zenoh until it is answered."""
+        while True:
+            if request.is_due():
+                caller.send(request.payload)
+            payload = caller.receive(1e-3 * request.wait_ms(self._endpoint))
+            if payload is not None and (reply := request.reply(payload)) is not None:
+                return reply
+
     def close(self) -> None:
         """Close the connection."""
+        if self._caller is not None:
+            self._caller.close()
+            return
         self._socket.close(linger=0)
         self._context.term()
 
@@ -122,7 +144,8 @@ class Commander(_Connected):
     Parameters
     ----------
     endpoint : str, optional
-        Endpoint for events of the daemon; left out: the one daemon of this host, over ipc (`nearby`).
+        Endpoint for events of the daemon, or ``zenoh://ROUTER:7447/HOST``; left out: the one daemon of this
+        host, over ipc (`nearby`).
     who : str
         Name of this client, for the recording.
     control : str, optional
@@ -154,6 +177,8 @@ class Commander(_Connected):
             No reply came in time. The command may have been carried out all the same.
         """
         request = self._request(do, arguments, timeout_s)
+        if self._caller is not None:
+            return self._call(self._caller, request)
         while True:
             if request.is_due() and self._socket.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):
                 self._socket.send(request.payload)
@@ -175,6 +200,8 @@ class AsyncCommander(_Connected):
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply, one at a time; errors as for `Commander.send`."""
         request = self._request(do, arguments, timeout_s)
+        if self._caller is not None:
+            return await asyncio.to_thread(self._call, self._caller, request)
         sock: zmq.asyncio.Socket = zmq.asyncio.Socket(shadow=self._socket)
         while True:
             wait_ms = request.wait_ms(self._endpoint) if request.is_due() else 0

@@ -11,6 +11,7 @@ keep them together.
 
 import math
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from typing import Any, Literal
 
 from tactiled.client.catchup import CatchUp
@@ -18,6 +19,8 @@ from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, St
 from tactiled.client.parse import message_of, parse_map
 
 _CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
+
+_MOST_BOARDS = 1024  # bounds the memory that invalid names of boards can occupy
 
 
 class Inbox:
@@ -51,6 +54,8 @@ class Inbox:
         self.malformed = 0
         self.catch_up = CatchUp(catch_up, now_s)
         self._status_s = now_s
+        self._received_s = now_s
+        self._sent_before: dict[str, tuple[int, dict[str, int]]] = {}
         self._state: Literal["unknown", "fresh", "stale"] = "unknown"
         self._lead: tuple[object, float, float] = (None, 0.0, now_s)  # run, least lead, when
 
@@ -68,8 +73,24 @@ class Inbox:
         """Time at which silence counts as stale; inf when that was reported already."""
         return math.inf if self._state == "stale" else self._status_s + self._stale_after_s
 
-    def receive(self, parts: Sequence[bytes], now_s: float, unix_s: float) -> list[Item]:
-        """Return the items from a received message; never raises, whatever it contains."""
+    def receive(
+        self,
+        parts: Sequence[bytes],
+        now_s: float,
+        unix_s: float,
+        thinned: AbstractSet[str] = frozenset(),
+    ) -> list[Item]:
+        """Return the items from a received message; never raises, whatever it contains.
+
+        Parameters
+        ----------
+        parts : sequence of bytes
+            Topic and payload.
+        now_s, unix_s : float
+            Both clocks.
+        thinned : set of str
+            Topics of which not every message is sent on this connection: their holes are no losses.
+        """
         items = self.tick(now_s)  # after a pause, stale comes before the messages that waited
         message = self._parse(parts, now_s, unix_s)
         if isinstance(message, Message) and not self.catch_up.has_room(message):
@@ -80,12 +101,15 @@ class Inbox:
         if message is None:
             return items
         items += self.catch_up.watch_run(message)
+        self._received_s = now_s
         if message.topic == "status":
             items += self._watch_age(message, now_s, unix_s)
-            for topic, count in _sent(message.data).items():
-                if self._is_wanted(topic):
+            for topic, count in self._surely_sent(message).items():
+                if self._is_wanted(topic) and topic not in thinned:
                     items += self.catch_up.expect((message.board, topic), count, now_s)
-        if self._is_wanted(message.topic):
+        if message.topic in thinned:
+            items.append(message)
+        elif self._is_wanted(message.topic):
             items += self.catch_up.place(message, now_s)
         return items
 
@@ -99,12 +123,26 @@ class Inbox:
 
     def tick(self, now_s: float) -> list[Item]:
         """Return the items that follow from silence and from passed deadlines."""
-        items = self.catch_up.tick(now_s)
+        items = self.catch_up.tick(now_s, now_s - self._received_s)
         if now_s >= self._silence_due_s:
             silent_s = now_s - self._status_s
             reason = f"no status read for {silent_s:.1f} s: is tactiled running, or is this client too slow?"
             items += self._stale(reason, silent_s)
         return items
+
+    def _surely_sent(self, status: Message) -> dict[str, int]:
+        """Numbers of messages by topic that have arrived by now, if they were not lost.
+
+        Where topics overtake each other, a status may come before a message that was sent earlier. The counts
+        of the status before it are taken then.
+        """
+        sent = _sent(status.data)
+        if not self.catch_up.is_patient:
+            return sent
+        before = self._sent_before.get(status.board, (0, {}))
+        if status.board in self._sent_before or len(self._sent_before) < _MOST_BOARDS:
+            self._sent_before[status.board] = (status.data["run"], sent)
+        return before[1] if before[0] == status.data["run"] else {}
 
     def _is_wanted(self, topic: str) -> bool:
         return not self._topics or topic in self._topics

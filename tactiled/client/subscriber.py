@@ -1,4 +1,4 @@
-"""Subscriptions: `Client` for asyncio, `Subscription` without; both are sockets around an `Inbox`."""
+"""Subscriptions: `Client` for asyncio, `Subscription` without; both are a `Transport` around an `Inbox`."""
 
 import math
 import time
@@ -11,9 +11,9 @@ import msgpack
 import zmq
 import zmq.asyncio
 
-from tactiled.client import connect
 from tactiled.client.inbox import Inbox
 from tactiled.client.items import Item
+from tactiled.client.transports import Transport, open_transport
 from tactiled.client.typed import Topic
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 
@@ -22,10 +22,9 @@ _RETRY_MS = 10  # interval of sending a request while the socket is not connecte
 
 
 class _SubscriptionBase:
-    """Common part of both kinds of subscription.
+    """Common part of both kinds of subscription; `_transport` is there while it is open."""
 
-    `_events` and `_control` are blocking sockets, or blocking shadows of asyncio sockets.
-    """
+    _transport: Transport
 
     def __init__(
         self,
@@ -39,13 +38,12 @@ class _SubscriptionBase:
         self._endpoint = endpoint
         self._topics = tuple(topics)
         self._board = board
+        self._control = control
         self._keys = None if keys is None else Path(keys)
-        self._control_endpoint = control_endpoint(endpoint) if control is None else control
+        can_ask = bool(control_endpoint(endpoint) if control is None else control)
         now_s = time.monotonic()
-        self._inbox = Inbox(topics, board, stale_after_s, now_s, catch_up=bool(self._control_endpoint))
+        self._inbox = Inbox(topics, board, stale_after_s, now_s, catch_up=can_ask)
         self._items: deque[Item] = deque()
-        self._events: zmq.Socket[bytes] | None = None
-        self._control: zmq.Socket[bytes] | None = None
 
     @property
     def fresh(self) -> bool:
@@ -67,31 +65,28 @@ class _SubscriptionBase:
         """Number of malformed messages so far."""
         return self._inbox.malformed
 
-    def _connect(self, events: zmq.Socket[Any], control: zmq.Socket[Any] | None) -> None:
-        connect.subscribe(events, self._endpoint, self._topics, self._board, self._keys)
-        self._events = zmq.Socket.shadow(events.underlying)
-        if control is not None:
-            connect.ask(control, self._control_endpoint, self._keys)
-            self._control = zmq.Socket.shadow(control.underlying)
+    def _open(self, make_context: type[zmq.Context[Any]]) -> None:
+        self._transport = open_transport(
+            make_context, self._endpoint, self._control, self._topics, self._board, self._keys
+        )
+        self._inbox.catch_up.hold_s = self._transport.hold_s
+        self._inbox.catch_up.is_patient = self._transport.is_patient
 
     def _read(self) -> None:
         """Read at most one message and one reply, and act on passed deadlines."""
-        if self._control is not None and (parts := _take(self._control)):
-            self._items += self._inbox.answer(parts[-1], time.monotonic(), time.time())
-        if self._events is not None and (parts := _take(self._events)):
-            self._items += self._inbox.receive(parts, time.monotonic(), time.time())
+        if (reply := self._transport.take_reply()) is not None:
+            self._items += self._inbox.answer(reply, time.monotonic(), time.time())
+        if parts := self._transport.receive():
+            self._items += self._inbox.receive(parts, time.monotonic(), time.time(), self._transport.thinned)
         self._items += self._inbox.tick(time.monotonic())
         self._ask()
 
     def _ask(self) -> None:
-        """Send pending requests while the socket accepts them."""
-        if self._control is not None:
-            for request in self._inbox.catch_up.unsent:
-                try:
-                    self._control.send(msgpack.packb(request), zmq.NOBLOCK)
-                except zmq.Again:
-                    return
-                self._inbox.catch_up.sent(request)
+        """Send pending requests while the transport accepts them."""
+        for request in self._inbox.catch_up.unsent:
+            if not self._transport.send(msgpack.packb(request)):
+                return
+            self._inbox.catch_up.sent(request)
 
     def _wait_ms(self, until_s: float | None = None) -> int:
         """Time to wait for a message before the next deadline, milliseconds; -1 without a deadline."""
@@ -108,7 +103,8 @@ class Client(_SubscriptionBase):
     Parameters
     ----------
     endpoint : str
-        Endpoint for events of the daemon.
+        Endpoint for events of the daemon; ``zenoh://ROUTER:7447/HOST`` reaches it through zenoh
+        (docs/fleet.md).
     topics : sequence of Topic
         ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...;
         empty for all.
@@ -120,7 +116,8 @@ class Client(_SubscriptionBase):
         Endpoint for requests, by which missed messages are recovered. Left out: derived from `endpoint`
         (`control_endpoint`). Empty: nothing is recovered, losses are only reported.
     keys : path, optional
-        File of this client from `tactiled keys make`, for endpoints that other hosts can reach.
+        File of this client, for endpoints that other hosts can reach: from `tactiled keys make`, or for zenoh
+        from `tactiled keys fleet`.
 
     Raises
     ------
@@ -129,24 +126,14 @@ class Client(_SubscriptionBase):
     """
 
     async def __aenter__(self) -> Self:
-        self._context = zmq.asyncio.Context()
+        self._open(zmq.asyncio.Context)
         self._poller = zmq.asyncio.Poller()
-        events = self._context.socket(zmq.SUB)
-        control = self._context.socket(zmq.DEALER) if self._control_endpoint else None
-        self._sockets = [sock for sock in (events, control) if sock is not None]
-        try:
-            self._connect(events, control)
-        except BaseException:
-            await self.__aexit__()
-            raise
-        for sock in self._sockets:
-            self._poller.register(sock, zmq.POLLIN)
+        for pollable in self._transport.pollables:
+            self._poller.register(pollable, zmq.POLLIN)
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for sock in self._sockets:
-            sock.close(linger=0)
-        self._context.term()
+        self._transport.close()
 
     def __aiter__(self) -> Self:
         return self
@@ -175,18 +162,10 @@ class Subscription(_SubscriptionBase):
         keys: Path | str | None = None,
     ) -> None:
         super().__init__(endpoint, topics, board, stale_after_s, control, keys)
-        self._context = zmq.Context()
+        self._open(zmq.Context)
         self._poller = zmq.Poller()
-        self._sockets = [self._context.socket(zmq.SUB)]
-        if self._control_endpoint:
-            self._sockets.append(self._context.socket(zmq.DEALER))
-        try:
-            self._connect(self._sockets[0], self._sockets[1] if self._control_endpoint else None)
-        except BaseException:
-            self.close()
-            raise
-        for sock in self._sockets:
-            self._poller.register(sock, zmq.POLLIN)
+        for pollable in self._transport.pollables:
+            self._poller.register(pollable, zmq.POLLIN)
 
     def next_item(self, until_s: float | None = None) -> Item | None:
         """Return the next item, or None when there is none before `until_s` (``time.monotonic()``)."""
@@ -198,10 +177,8 @@ class Subscription(_SubscriptionBase):
         return self._items.popleft()
 
     def close(self) -> None:
-        """Close the sockets."""
-        for sock in self._sockets:
-            sock.close(linger=0)
-        self._context.term()
+        """Close the connection."""
+        self._transport.close()
 
     def __enter__(self) -> Self:
         return self
@@ -225,11 +202,3 @@ def subscribe(
     with Subscription(endpoint, topics, board, stale_after_s, control, keys) as subscription:
         while (item := subscription.next_item()) is not None:
             yield item
-
-
-def _take(sock: zmq.Socket[bytes]) -> list[bytes]:
-    """Read a message that has arrived; empty for none."""
-    try:
-        return sock.recv_multipart(zmq.NOBLOCK)
-    except zmq.Again:
-        return []

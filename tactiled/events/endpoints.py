@@ -3,6 +3,9 @@
 DEFAULT_ENDPOINT = "tcp://127.0.0.1:9872"
 """Default endpoint of PlotJuggler's ZeroMQ plugin."""
 
+ZENOH_SCHEME = "zenoh://"
+"""Beginning of endpoints that name a host on a zenoh network instead of a daemon's socket."""
+
 DEAD_PEER_OPTIONS = {
     "TCP_KEEPALIVE": 1,
     "TCP_KEEPALIVE_IDLE": 1,  # seconds
@@ -23,11 +26,13 @@ def control_endpoint(endpoint: str) -> str:
     """Return the endpoint for requests that belongs to an endpoint of events.
 
     TCP: the next port. ipc: the same folder, where ``events`` in the name becomes ``control``, or
-    ``.control`` is added. Other transports: an empty string.
+    ``.control`` is added. zenoh: the same endpoint. Other transports: an empty string.
 
     >>> control_endpoint("tcp://127.0.0.1:9872"), control_endpoint("ipc:///run/tactiled/left/events.ipc")
     ('tcp://127.0.0.1:9873', 'ipc:///run/tactiled/left/control.ipc')
     """
+    if endpoint.startswith(ZENOH_SCHEME):
+        return endpoint
     transport, _, address = endpoint.partition("://")
     if transport == "tcp":
         host, _, port = address.rpartition(":")

@@ -382,10 +382,11 @@ def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
             while not any(isinstance(item, Message) for item in items):
                 server.send()
                 await asyncio.sleep(0.01)
-            client._events.setsockopt(zmq.UNSUBSCRIBE, b"tactile/")  # type: ignore[union-attr]  # noqa: SLF001  messages are lost on purpose
+            events = client._transport.pollables[0]  # noqa: SLF001  messages are lost on purpose
+            events.setsockopt(zmq.UNSUBSCRIBE, b"tactile/")
             await asyncio.sleep(0.1)
             server.send(500)
-            client._events.setsockopt(zmq.SUBSCRIBE, b"tactile/")  # type: ignore[union-attr]  # noqa: SLF001  messages are lost on purpose
+            events.setsockopt(zmq.SUBSCRIBE, b"tactile/")
             await asyncio.sleep(0.1)
             server.send()
             total = server.network.publisher.sent("b").contact

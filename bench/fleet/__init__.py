@@ -1,0 +1,1 @@
+"""Many boards through two routers of zenoh: losses over cut links, delays, bytes of each board."""

@@ -1,0 +1,117 @@
+"""Commands for many robots: the bridge to zenoh, and the list of the boards of a network."""
+
+import json
+import logging
+import signal
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from tactiled.cli.options import FILE, KEYS, need_extra
+
+_ENDPOINT = "tcp://127.0.0.1:9872"
+
+
+@click.command("zenoh")
+@click.option(
+    "-e", "--events", "endpoint", default=_ENDPOINT, show_default=True, metavar="ENDPOINT",
+    help="Endpoint of the daemon's events.",
+)  # fmt: skip
+@click.option("-c", "--config", type=FILE, help="Configuration of zenoh (JSON5), with its certificates.")
+@click.option(
+    "--connect", multiple=True, metavar="LOCATOR",
+    help="Router of zenoh, such as tls/router:7447; may be repeated. [default: tcp/127.0.0.1:7447]",
+)  # fmt: skip
+@click.option("--host", help="Name in the keys tactile/NAME/...; default: that of this host.")
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0, 1000),
+    help="Highest rate of scan, grip and force messages; 0: none of them. [default: all of them]",
+)  # fmt: skip
+@click.option("--allow-commands", is_flag=True, help="Hand commands to the daemon; needs ipc, or --keys.")
+@click.option("--insecure", is_flag=True, help="Accept connections to other hosts without certificates.")
+@KEYS
+def bridge(
+    endpoint: str,
+    config: Path | None,
+    connect: tuple[str, ...],
+    host: str | None,
+    rate_hz: float | None,
+    allow_commands: bool,
+    insecure: bool,
+    keys: Path | None,
+) -> None:
+    """Forward a daemon's messages to a zenoh network, and requests from there to the daemon.
+
+    Keys are tactile/HOST/BOARD/TOPIC. Subscribers use zenoh://ROUTER:7447/HOST wherever an endpoint is asked
+    for. One line of JSON on stdout says that the bridge runs.
+
+    Example: tactiled zenoh --events ipc:///run/tactiled/left/events.ipc --config /etc/tactiled/zenoh.json5
+    """
+    need_extra("zenoh", "zenoh", "the bridge")
+    if allow_commands and keys is None and not endpoint.startswith("ipc://"):
+        raise click.UsageError(
+            f"--allow-commands: the daemon takes commands over ipc, or with --keys; not {endpoint}"
+        )
+    from tactiled.client.over_zenoh import is_chunk
+    from tactiled.zenoh.bridge import Bridge, BridgeParams, host_name, wait_for_session
+    from tactiled.zenoh.safety import bridge_config
+
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stderr)
+    name = host_name() if host is None else host
+    if not is_chunk(name):
+        raise click.UsageError(f"--host {name!r}: a name without blanks, '/', '*', '$', '?', '#' and '@'")
+    checked = bridge_config(config, connect, is_insecure=insecure)
+    ended: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.append(1))
+    session = wait_for_session(checked, lambda: bool(ended))
+    if session is None:
+        return
+    with session:
+        running = Bridge(BridgeParams(endpoint, name, rate_hz, allow_commands, keys), session)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: running.stop())
+        if ended:
+            running.stop()
+        click.echo(json.dumps({"what": "bridge", "keys": f"tactile/{name}/**", "events": endpoint}))
+        sys.stdout.flush()
+        try:
+            running.run()
+        finally:
+            running.close()
+
+
+@click.command()
+@click.argument("endpoint", default="zenoh://127.0.0.1:7447/*")
+@click.option("--once", is_flag=True, help="Print the list once; exit code 1 where there is no board.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each time.")
+@click.option(
+    "--every", "period_s", default=2.0, show_default=True, type=click.FloatRange(0.5), help="Seconds."
+)
+@KEYS
+def fleet(endpoint: str, once: bool, as_json: bool, period_s: float, keys: Path | None) -> None:
+    """List the boards of a zenoh network: state, age, utilisation, loss, firmware, disk.
+
+    ENDPOINT is zenoh://ROUTER:7447/* for all hosts. Each host is asked for its newest messages; nothing is
+    subscribed, so that a list of many robots costs the network little.
+
+    Example: tactiled fleet zenoh://router:7447/* --once
+    """
+    need_extra("zenoh", "zenoh", "the list")
+    from tactiled.zenoh.fleet import FleetList, draw_table
+
+    boards = FleetList(endpoint, keys)
+    with suppress(KeyboardInterrupt):
+        while True:
+            rows = boards.ask()
+            if as_json:
+                for row in rows:
+                    click.echo(json.dumps(row.as_map()))
+            else:
+                draw_table(rows, clear=not once and sys.stdout.isatty())
+            if once:
+                sys.exit(0 if rows else 1)
+            time.sleep(period_s)

@@ -1,0 +1,386 @@
+"""Subscription and requests through a zenoh network, for endpoints such as ``zenoh://router:7447/robot7``.
+
+`tactiled zenoh` on the host of a daemon publishes its messages under ``tactile/HOST/BOARD/TOPIC`` and answers
+requests at ``tactile/HOST/control``. Payloads are those of ZeroMQ (protocols/events.md, control.md).
+
+zenoh calls back from its own threads. They fill bounded queues, and a socket pair wakes the reader.
+"""
+
+import json
+import queue
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import msgpack
+
+from tactiled.errors import ConfigError, OperatorError, UnavailableError
+from tactiled.events.codec import topic_of
+from tactiled.events.endpoints import ZENOH_SCHEME
+
+try:
+    import zenoh
+except ModuleNotFoundError:
+    raise OperatorError("zenoh:// endpoints need zenoh: pip install 'tactiled-client[zenoh]'") from None
+
+DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+# Behind a hole, a message may wait for this: after a link was cut, routers may need a second until requests
+# find their way again, while messages flow already.
+HOLD_S = 2.0
+_RECEIVE_HIGH_WATER = 2000  # messages, as over ZeroMQ; further ones are dropped, and recovered later
+_QUERY_TIMEOUT_S = 5.0
+_AGAIN_S = 0.1  # interval of repeating a request that reached no host: right after a cut, routes are missing
+_LONGEST_CHUNK = 128
+
+
+@dataclass(frozen=True)
+class ZenohAddress:
+    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST?config=FILE``.
+
+    Attributes
+    ----------
+    router : str
+        Locator of the router, such as ``tcp/router:7447``; empty: the file of the configuration has it.
+    host : str
+        Name under which `tactiled zenoh` publishes; ``*`` for all hosts.
+    config : Path, optional
+        Configuration of zenoh (JSON5).
+    """
+
+    router: str
+    host: str
+    config: Path | None
+
+    @property
+    def control(self) -> str:
+        """Key of the requests."""
+        return f"tactile/{self.host}/control"
+
+
+def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
+    """Parse an endpoint.
+
+    Parameters
+    ----------
+    endpoint : str
+    keys : Path, optional
+        Configuration of zenoh with the certificates of this client; the endpoint may name it instead. With
+        it, the router is reached over TLS.
+
+    Raises
+    ------
+    ConfigError
+        It names no host, or has other faults.
+    """
+    form = f"it should look like {ZENOH_SCHEME}ROUTER:7447/HOST"
+    try:
+        url = urlsplit(endpoint)
+        port = url.port
+    except ValueError as error:
+        raise ConfigError("endpoint", [f"{endpoint!r}: {error}; {form}"]) from None
+    host = url.path.strip("/")
+    if not is_chunk(host) and host != "*":
+        raise ConfigError("endpoint", [f"{endpoint!r} names no host; {form}"])
+    named = parse_qs(url.query).get("config", [])
+    config = keys or (Path(named[0]) if named else None)
+    router = ""
+    if url.hostname:
+        name = f"[{url.hostname}]" if ":" in url.hostname else url.hostname
+        router = f"{'tcp' if config is None else 'tls'}/{name}:{port or 7447}"
+    elif config is None:
+        router = DEFAULT_ROUTER
+    return ZenohAddress(router, host, config)
+
+
+def is_chunk(name: str) -> bool:
+    """Return True for a name that can stand between two slashes of a key of zenoh."""
+    return 0 < len(name) <= _LONGEST_CHUNK and name.isprintable() and not set(name) & set("/*$?# @")
+
+
+def open_session(address: ZenohAddress) -> "zenoh.Session":
+    """Open a session in the mode `client`, which listens nowhere and looks for nobody.
+
+    Raises
+    ------
+    ConfigError
+        The configuration cannot be read.
+    UnavailableError
+        The router does not answer.
+    """
+    try:
+        config = zenoh.Config() if address.config is None else zenoh.Config.from_file(address.config)
+        config.insert_json5("mode", '"client"')
+        if config.get_json("scouting/multicast/enabled") == "null":
+            config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
+        if address.router:
+            config.insert_json5("connect/endpoints", json.dumps([address.router]))
+    except zenoh.ZError as error:
+        raise ConfigError(str(address.config or "endpoint"), [str(error)]) from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = address.router or str(address.config)
+        raise UnavailableError(f"{where}: no session with a router of zenoh there ({error})") from None
+
+
+class ZenohTransport:
+    """Subscriber of one host, and requests to it; a `Transport`.
+
+    Parameters
+    ----------
+    endpoint, topics, board, keys
+        As for `Client`.
+    can_ask : bool
+        Requests are sent.
+
+    Raises
+    ------
+    ConfigError, UnavailableError
+        As for `parse_address` and `open_session`.
+    """
+
+    is_patient = True
+    hold_s = HOLD_S
+
+    def __init__(
+        self, endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None, *, can_ask: bool
+    ) -> None:
+        address = parse_address(endpoint, keys)
+        if address.host == "*":
+            raise ConfigError("endpoint", [f"{endpoint!r}: a subscription is for one host: name it"])
+        self.thinned: frozenset[str] = frozenset()
+        self._can_ask = can_ask
+        self._arrived: deque[tuple[str, bytes, bytes]] = deque()
+        self._replies: deque[bytes] = deque()
+        self._wakeup = WakeUp()
+        self.pollables = [self._wakeup.fileno()]
+        self._session = open_session(address)
+        self._queries = Queries(self._session, address.control, self._answered)
+        # Called in zenoh's thread of the connection: threads of their own would change the order of topics.
+        came = zenoh.handlers.Callback(self._came, indirect=False)
+        for key in _keys(address.host, topics, board):
+            self._session.declare_subscriber(key, came)
+
+    def receive(self) -> list[bytes]:
+        """Return topic and payload of a message that has arrived; empty for none."""
+        if not self._arrived:
+            self._wakeup.clear()
+            if self._replies:
+                self._wakeup.set()
+            if not self._arrived:
+                return []
+        key, payload, thinned = self._arrived.popleft()
+        self.thinned = frozenset(thinned.decode(errors="replace").split(",")) if thinned else frozenset()
+        root, _, board, topic = key.split("/", 3)
+        return [f"{root}/{board}/{topic}".encode(), payload]
+
+    def take_reply(self) -> bytes | None:
+        """Return a reply that has arrived; None for none."""
+        return self._replies.popleft() if self._replies else None
+
+    def send(self, payload: bytes) -> bool:
+        """Send a request, again and again while it reaches no host; False where none are sent."""
+        if self._can_ask:
+            self._queries.ask(payload)
+        return self._can_ask
+
+    def close(self) -> None:
+        """Close the session."""
+        self._queries.close()
+        self._session.close()
+        self._wakeup.close()
+
+    def _came(self, sample: "zenoh.Sample") -> None:
+        if len(self._arrived) < _RECEIVE_HIGH_WATER:
+            attachment = sample.attachment
+            thinned = b"" if attachment is None else attachment.to_bytes()
+            self._arrived.append((str(sample.key_expr), sample.payload.to_bytes(), thinned))
+        self._wakeup.set()
+
+    def _answered(self, payload: bytes) -> None:
+        self._replies.append(payload)
+        self._wakeup.set()
+
+
+class Queries:
+    """Requests to one key, each repeated until it reaches a host or its time is over.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+    key : str
+    answered : callable
+        Takes each reply, in a thread of zenoh.
+    """
+
+    def __init__(self, session: "zenoh.Session", key: str, answered: Callable[[bytes], None]) -> None:
+        self._session = session
+        self._key = key
+        self._answered = answered
+        self._closed = threading.Event()
+        self._again: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._repeat, name="tactiled-zenoh-requests", daemon=True)
+        self._thread.start()
+
+    def ask(self, payload: bytes, tries: int = round(HOLD_S / _AGAIN_S)) -> None:
+        """Send a request; without a host that takes it, send it again `tries` times."""
+        replies: list[bytes] = []
+
+        def take(reply: "zenoh.Reply") -> None:
+            if (sample := reply.ok) is not None:
+                replies.append(b"")
+                self._answered(sample.payload.to_bytes())
+
+        def end() -> None:
+            if not replies and tries > 0:
+                self._again.put(bytes([tries - 1]) + payload)
+
+        with suppress(zenoh.ZError):  # the session has closed
+            self._session.get(
+                self._key,
+                zenoh.handlers.Callback(take, end),
+                payload=payload,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                timeout=_QUERY_TIMEOUT_S,
+            )
+
+    def close(self) -> None:
+        """Stop repeating."""
+        self._closed.set()
+        self._again.put(None)
+        self._thread.join()
+
+    def _repeat(self) -> None:
+        while (entry := self._again.get()) is not None and not self._closed.wait(_AGAIN_S):
+            self.ask(entry[1:], entry[0])
+
+
+class WakeUp:
+    """Descriptor that is readable from `set` to `clear`, for pollers of another thread."""
+
+    def __init__(self) -> None:
+        self._reader, self._writer = socket.socketpair()
+        self._reader.setblocking(False)
+        self._writer.setblocking(False)
+        self._lock = threading.Lock()
+        self._is_set = False
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._reader.fileno()
+
+    def set(self) -> None:
+        """Make it readable; from any thread."""
+        with self._lock:
+            if not self._is_set:
+                self._is_set = True
+                with suppress(OSError):  # closed meanwhile
+                    self._writer.send(b"\0")
+
+    def clear(self) -> None:
+        """Make it not readable, before looking at what was set."""
+        with self._lock:
+            if self._is_set:
+                self._is_set = False
+                self._reader.recv(16)
+
+    def close(self) -> None:
+        """Close it."""
+        with self._lock:
+            self._is_set = True
+            self._reader.close()
+            self._writer.close()
+
+
+class Caller:
+    """Requests with one reply each, for commands.
+
+    Parameters
+    ----------
+    endpoint : str
+    keys : Path, optional
+    """
+
+    def __init__(self, endpoint: str, keys: Path | None) -> None:
+        address = parse_address(endpoint, keys)
+        self._replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._session = open_session(address)
+        self._queries = Queries(self._session, address.control, self._replies.put)
+
+    def send(self, payload: bytes) -> None:
+        """Send a request."""
+        self._queries.ask(payload, tries=0)  # the commander repeats it
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """Wait for a reply; None after `timeout_s`."""
+        try:
+            return self._replies.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Close the session."""
+        self._queries.close()
+        self._session.close()
+
+
+def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict[str, Any] | None]:
+    """Return the newest messages of each host, by one request to all of them; None for one that is silent.
+
+    Parameters
+    ----------
+    endpoint : str
+        ``zenoh://ROUTER:7447/*``, or with one host.
+    keys : Path, optional
+    timeout_s : float
+        Time to wait for the slowest host.
+
+    Returns
+    -------
+    dict
+        Replies to ``state`` (protocols/control.md) by host. A host is known by the tokens of its boards.
+    """
+    address = parse_address(endpoint, keys)
+    session = open_session(address)
+    try:
+        found: dict[str, dict[str, Any] | None] = {}
+        for reply in session.liveliness().get(f"tactile/{address.host}/*", timeout=timeout_s):
+            if (sample := reply.ok) is not None:
+                found.setdefault(str(sample.key_expr).split("/")[1], None)
+        request = msgpack.packb({"v": 1, "id": f"state-{session.zid()}", "do": "state"})
+        for reply in session.get(
+            address.control,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            payload=request,
+            timeout=timeout_s,
+        ):
+            if (sample := reply.ok) is not None:
+                with suppress(ValueError, msgpack.exceptions.UnpackException):
+                    found[str(sample.key_expr).split("/")[1]] = msgpack.unpackb(sample.payload.to_bytes())
+        return found
+    finally:
+        session.close()
+
+
+def _keys(host: str, topics: Sequence[str], board: str | None) -> list[str]:
+    """Keys to subscribe to: only what is wanted crosses the network, and always the status."""
+    boards = ["*"] if board is None else [zenoh_chunk(topic_of(board, "").split("/")[1]), "-"]
+    if not topics:
+        return [f"tactile/{host}/{one}/{'*' if one != '-' else 'status'}" for one in boards]
+    wanted = sorted({*topics, "status"})
+    keys = [f"tactile/{host}/{boards[0]}/{topic}" for topic in wanted]
+    return keys if board is None else [*keys, f"tactile/{host}/-/status"]
+
+
+def zenoh_chunk(name: str) -> str:
+    """Return a name with ``-`` for the characters that have a meaning in keys of zenoh."""
+    return "".join("-" if c in "*$?#@" else c for c in name)

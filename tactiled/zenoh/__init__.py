@@ -1,0 +1,5 @@
+"""Bridge from a daemon to a zenoh network, for many robots; a client of the daemon like any other.
+
+`bridge` forwards, `relay` hands requests to the daemon, `safety` refuses configurations that other hosts
+could reach without certificates, `fleet` lists the boards of a network.
+"""

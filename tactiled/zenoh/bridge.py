@@ -1,0 +1,293 @@
+"""Bridge of one daemon: its messages to zenoh, and requests from zenoh to it.
+
+One thread reads ZeroMQ and publishes. zenoh's threads hand requests over through a queue. Messages that a
+slow network drops, or that come while a link is cut, are not kept here: subscribers fetch them from the
+daemon's store by their sequence numbers, as over ZeroMQ.
+"""
+
+import logging
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+import zmq
+
+from tactiled.client import connect
+from tactiled.client.over_zenoh import WakeUp, zenoh_chunk
+from tactiled.errors import UnavailableError
+from tactiled.events.endpoints import control_endpoint
+from tactiled.zenoh.relay import Relay
+
+logger = logging.getLogger(__name__)
+
+PER_SCAN = ("scan", "grip", "force")
+"""Topics with a message for each scan: nearly all of the bytes."""
+_RARE = ("slip", "contact", "texture", "command", "recording", "info")
+_CACHED = 256  # messages of each rare topic that zenoh's own advanced subscribers can fetch
+_HEARTBEAT_S = 0.5
+_MOST_WAITING = 1000  # requests that zenoh handed over and that were not looked at yet
+_MOST_AT_ONCE = 500  # messages until requests are looked at again
+_ALIVE_S = 1.0  # ten periods of the status
+_TURN_MS = 200
+_RETRY_S = 1.0  # period of looking for a router
+_FIRST = zenoh.Priority.INTERACTIVE_HIGH  # overtakes scans that wait for a slow link
+_LAST = zenoh.Priority.DATA_LOW
+
+Put = Callable[[bytes, bytes | None], None]
+"""Publishes a payload with an attachment."""
+
+
+@dataclass(frozen=True)
+class BridgeParams:
+    """What to forward, and under which name.
+
+    Attributes
+    ----------
+    endpoint : str
+        Endpoint of the daemon's events.
+    host : str
+        Name of this host in the keys.
+    scan_rate_hz : float, optional
+        Highest rate of the topics of each scan; 0: none of them; left out: every message.
+    allow_commands : bool
+    keys : Path, optional
+        Key file for the daemon, where its endpoint needs one.
+    """
+
+    endpoint: str
+    host: str
+    scan_rate_hz: float | None = None
+    allow_commands: bool = False
+    keys: Path | None = None
+
+
+def wait_for_session(config: "zenoh.Config", is_ended: Callable[[], bool]) -> "zenoh.Session | None":
+    """Open a session as soon as a router answers; None when the program is to end before that."""
+    fault = ""
+    while not is_ended():
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            if fault != (fault := str(error)):
+                logger.warning("no router of zenoh answers, tried again every %g s: %s", _RETRY_S, fault)
+        until_s = time.monotonic() + _RETRY_S
+        while time.monotonic() < until_s and not is_ended():
+            time.sleep(0.05)
+    return None
+
+
+class Bridge:
+    """Forward messages and requests until stopped.
+
+    Parameters
+    ----------
+    params : BridgeParams
+    session : zenoh.Session
+        Closed by its owner.
+
+    Raises
+    ------
+    ConfigError
+        The endpoint or the keys are invalid.
+    UnavailableError
+        Another bridge has this name.
+    """
+
+    def __init__(self, params: BridgeParams, session: "zenoh.Session") -> None:
+        _refuse_second(session, params.host)
+        self.forwarded = 0
+        self._params = params
+        self._session = session
+        self._thinned = () if params.scan_rate_hz is None else PER_SCAN
+        self._attachment = ",".join(self._thinned).encode() or None
+        self._puts: dict[bytes, Put | None] = {}
+        self._due_s: dict[bytes, float] = {}
+        self._boards = _LivelyBoards(session, params.host)
+        self._queries: deque[zenoh.Query] = deque()
+        self._ended = False
+        self._wakeup = WakeUp()
+        self._control_key = f"tactile/{params.host}/control"
+        self._context = zmq.Context()
+        self._events = self._context.socket(zmq.SUB)
+        self._control = self._context.socket(zmq.DEALER)
+        connect.subscribe(self._events, params.endpoint, (), None, params.keys)
+        connect.ask(self._control, control_endpoint(params.endpoint), params.keys)
+        self._relay = Relay(self._ask, allow_commands=params.allow_commands)
+        self._queryable = session.declare_queryable(self._control_key, self._asked)
+
+    def run(self) -> None:
+        """Forward until `stop`."""
+        poller = zmq.Poller()
+        for pollable in (self._events, self._control, self._wakeup.fileno()):
+            poller.register(pollable, zmq.POLLIN)
+        while not self._ended:
+            poller.poll(_TURN_MS)
+            self._wakeup.clear()
+            now_s = time.monotonic()
+            while self._queries:
+                self._take(self._queries.popleft(), now_s)
+            while parts := _receive(self._control):
+                self._relay.reply(parts[-1])
+            for _ in range(_MOST_AT_ONCE):
+                if len(parts := _receive(self._events)) != 2:
+                    break
+                self._forward(parts[0], parts[1], now_s)
+            self._boards.drop_silent(now_s)
+
+    def stop(self) -> None:
+        """End `run`; from any thread or a signal handler."""
+        self._ended = True
+        self._wakeup.set()
+
+    def close(self) -> None:
+        """Close all that was opened here."""
+        self._queryable.undeclare()
+        self._boards.close()
+        for sock in (self._events, self._control):
+            sock.close(linger=0)
+        self._context.term()
+        self._wakeup.close()
+
+    def _forward(self, topic: bytes, payload: bytes, now_s: float) -> None:
+        put = self._puts.get(topic)
+        if put is None and (topic in self._puts or (put := self._new(topic)) is None):
+            return
+        name = topic.rsplit(b"/", 1)[-1].decode(errors="replace")
+        if name == "status":
+            self._boards.heard(topic, now_s)
+            put(payload, self._attachment)
+        elif name in self._thinned:
+            if now_s < self._due_s.get(topic, 0.0):
+                return
+            rate_hz = self._params.scan_rate_hz or 1.0
+            # Counted from the last due time, so that the mean rate is what was asked for.
+            self._due_s[topic] = max(self._due_s.get(topic, now_s), now_s - 1 / rate_hz) + 1 / rate_hz
+            put(payload, self._attachment)
+        else:
+            put(payload, None)
+        self.forwarded += 1
+
+    def _new(self, topic: bytes) -> Put | None:
+        """Declare the publisher of a topic; None for one that is not forwarded."""
+        parts = topic.decode(errors="replace").split("/")
+        if len(parts) != 3 or not all(parts):
+            self._puts[topic] = None
+            return None
+        _, board, name = parts
+        key = f"tactile/{self._params.host}/{zenoh_chunk(board)}/{zenoh_chunk(name)}"
+        if name in self._thinned and not self._params.scan_rate_hz:
+            put: Put | None = None
+        elif name in _RARE:
+            put = _advanced(self._session, key)
+        else:
+            put = _plain(self._session, key, _LAST if name in PER_SCAN else _FIRST)
+        self._puts[topic] = put
+        return put
+
+    def _asked(self, query: "zenoh.Query") -> None:
+        """Take a request, in a thread of zenoh."""
+        if len(self._queries) >= _MOST_WAITING:
+            query.drop()
+            return
+        self._queries.append(query)
+        self._wakeup.set()
+
+    def _take(self, query: "zenoh.Query", now_s: float) -> None:
+        def respond(payload: bytes) -> None:
+            with suppress(zenoh.ZError):  # the client has gone
+                if payload:
+                    query.reply(self._control_key, payload)
+            query.drop()
+
+        payload = query.payload
+        self._relay.request(b"" if payload is None else payload.to_bytes(), respond, now_s)
+
+    def _ask(self, payload: bytes) -> bool:
+        try:
+            self._control.send(payload, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True
+
+
+class _LivelyBoards:
+    """Tokens of the boards whose status arrives."""
+
+    def __init__(self, session: "zenoh.Session", host: str) -> None:
+        self._session = session
+        self._host = host
+        self._tokens: dict[bytes, zenoh.LivelinessToken] = {}
+        self._heard_s: dict[bytes, float] = {}
+
+    def heard(self, topic: bytes, now_s: float) -> None:
+        """Take note of a status."""
+        if topic not in self._tokens:
+            board = zenoh_chunk(topic.decode(errors="replace").split("/")[1])
+            self._tokens[topic] = self._session.liveliness().declare_token(f"tactile/{self._host}/{board}")
+            logger.info("tactile/%s/%s is on the network", self._host, board)
+        self._heard_s[topic] = now_s
+
+    def drop_silent(self, now_s: float) -> None:
+        """Take back the tokens of boards without a status."""
+        for topic in [topic for topic, at_s in self._heard_s.items() if now_s > at_s + _ALIVE_S]:
+            self._tokens.pop(topic).undeclare()
+            del self._heard_s[topic]
+            logger.warning("%s: silent, taken from the network", topic.decode(errors="replace"))
+
+    def close(self) -> None:
+        """Take back all tokens."""
+        self.drop_silent(float("inf"))
+
+
+def _refuse_second(session: "zenoh.Session", host: str) -> None:
+    """Refuse a name that another bridge has: subscribers would see two daemons as one."""
+    for reply in session.liveliness().get(f"tactile/{host}/*"):
+        if reply.ok is not None:
+            raise UnavailableError(
+                f"{host}: another bridge has this name on the network: give --host another"
+            )
+
+
+def host_name() -> str:
+    """Return the name of this host without its domain, as a part of keys."""
+    return zenoh_chunk(os.uname().nodename.split(".")[0]) or "host"
+
+
+def _plain(session: "zenoh.Session", key: str, priority: "zenoh.Priority") -> Put:
+    publisher = session.declare_publisher(
+        key,
+        encoding="application/msgpack",
+        priority=priority,
+        congestion_control=zenoh.CongestionControl.DROP,
+        express=priority is _FIRST,
+    )
+    return lambda payload, attachment: publisher.put(payload, attachment=attachment)
+
+
+def _advanced(session: "zenoh.Session", key: str) -> Put:
+    """Publisher that zenoh's advanced subscribers ask for what they missed; for others it is a plain one."""
+    publisher = zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding="application/msgpack",
+        priority=_FIRST,
+        congestion_control=zenoh.CongestionControl.DROP,
+        express=True,
+        cache=zenoh.ext.CacheConfig(_CACHED),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S),
+        publisher_detection=True,
+    )
+    return lambda payload, attachment: publisher.put(payload, attachment=attachment)
+
+
+def _receive(sock: "zmq.Socket[Any]") -> list[bytes]:
+    try:
+        return sock.recv_multipart(zmq.NOBLOCK)
+    except zmq.Again:
+        return []

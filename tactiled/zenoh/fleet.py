@@ -1,0 +1,188 @@
+"""List of the boards of a zenoh network, from one request to all hosts."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from tactiled.client.over_zenoh import states
+
+_TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
+_SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
+_ANSWER_S = 1.0  # beyond a status of this age, the daemon itself is silent
+_UNKNOWN = "-"
+
+
+@dataclass(frozen=True)
+class FleetRow:
+    """One board of the list.
+
+    Attributes
+    ----------
+    host, board : str
+    state : str
+        As in its status; ``silent``: the host has a bridge but its daemon does not answer; ``gone``: it was
+        on the network before.
+    valid : bool
+        Fresh scans arrive.
+    age_s : float
+        Age of the newest scan when it was asked for, seconds; -1 where unknown.
+    utilisation : float
+        Part of the friction limit that is in use; -1 without contact or without `grip` messages.
+    loss_ppm : float
+        Scans missing per million; -1 where they are not counted.
+    firmware : str
+    recording : str
+        State of the recording.
+    free_mb : float
+        Free disk space for recordings; -1 where none is made.
+    reason : str
+        Why it is not valid, or the warning.
+    """
+
+    host: str
+    board: str
+    state: str
+    valid: bool = False
+    age_s: float = -1.0
+    utilisation: float = -1.0
+    loss_ppm: float = -1.0
+    firmware: str = ""
+    recording: str = ""
+    free_mb: float = -1.0
+    reason: str = ""
+
+    def as_map(self) -> dict[str, Any]:
+        """Return a plain map for JSON."""
+        return asdict(self)
+
+
+class FleetList:
+    """Boards of a network, those that have gone included.
+
+    Parameters
+    ----------
+    endpoint : str
+        ``zenoh://ROUTER:7447/*``
+    keys : Path, optional
+        Configuration of zenoh with our certificate.
+    """
+
+    def __init__(self, endpoint: str, keys: Path | None = None) -> None:
+        self._endpoint = endpoint
+        self._keys = keys
+        self._known: dict[tuple[str, str], FleetRow] = {}
+
+    def ask(self) -> list[FleetRow]:
+        """Ask all hosts, and return the boards by host and name.
+
+        Raises
+        ------
+        ConfigError, UnavailableError
+            The endpoint is invalid, or its router does not answer.
+        """
+        return self.update(states(self._endpoint, self._keys, _TIMEOUT_S), time.time())
+
+    def update(self, replies: Mapping[str, Mapping[str, Any] | None], unix_s: float) -> list[FleetRow]:
+        """Take the replies of hosts, received at `unix_s`; return all boards that were ever there."""
+        now = {
+            (row.host, row.board): row
+            for host, reply in replies.items()
+            for row in rows_of(host, reply, unix_s)
+        }
+        answered = {host for host, _ in now}
+        for key, row in self._known.items():
+            if key not in now and (key[1] or key[0] not in answered):
+                words = "no longer on the network"
+                now[key] = FleetRow(row.host, row.board, "gone", firmware=row.firmware, reason=words)
+        self._known = {key: row for key, row in now.items() if key[1] or key[0] in replies}
+        return [now[key] for key in sorted(now)]
+
+
+def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[FleetRow]:
+    """Return the boards of one host from its reply to ``state``; never raises, whatever it contains."""
+    messages = None if reply is None else reply.get("messages")
+    if not isinstance(messages, Mapping):
+        return [FleetRow(host, "", "silent", reason="its bridge is there, its daemon does not answer")]
+    boards: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for path, message in messages.items():
+        parts = str(path).split("/")
+        if len(parts) == 3 and isinstance(message, Mapping):
+            boards.setdefault(parts[1], {})[parts[2]] = message
+    rows = []
+    for board, newest in boards.items():
+        try:
+            rows.append(_row(host, board, newest, unix_s))
+        except (TypeError, ValueError, KeyError) as error:
+            rows.append(
+                FleetRow(host, board, "silent", reason=f"its messages cannot be read ({error!r:.60})")
+            )
+    return rows
+
+
+def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s: float) -> FleetRow:
+    status, info = newest["status"], newest.get("info", {})
+    recording, grip = newest.get("recording", {}), newest.get("grip", {})
+    silent_s = unix_s - float(status["timestamp"])
+    in_contact = grip.get("state", "none") != "none" and abs(unix_s - grip.get("timestamp", 0.0)) < _ANSWER_S
+    total = status["scans"] + status["scans_missing"]
+    is_silent = silent_s > _ANSWER_S
+    valid = status["valid"] is True and silent_s < _SILENT_S + _TIMEOUT_S
+    return FleetRow(
+        host=host,
+        board=board,
+        state="silent" if is_silent else str(status["state"]),
+        valid=valid and not is_silent,
+        age_s=max(0.0, silent_s + status["age_s"]) if status["age_s"] < 1e8 else -1.0,
+        utilisation=float(grip["utilisation"]) if in_contact else -1.0,
+        loss_ppm=1e6 * status["scans_missing"] / total if status["loss_known"] and total else -1.0,
+        firmware=str(info.get("firmware_version", "")),
+        recording=str(recording.get("state", "")),
+        free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
+        reason=str(status["reason"] or status["warning"]),
+    )
+
+
+def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
+    """Print the list on stdout."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("host", "board", "state"):
+        table.add_column(name, no_wrap=True)
+    for name in ("age (ms)", "utilisation", "loss (ppm)"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("firmware", "disk (GB)", "words"):
+        table.add_column(name, justify="right" if name.startswith("disk") else "left", overflow="ellipsis")
+    for row in rows:
+        style = "" if row.valid else "dim" if row.state == "gone" else "bold"
+        table.add_row(*(_printable(cell) for cell in _cells(row)), style=style)
+    console = Console()
+    if clear:
+        console.clear()
+    console.print(table)
+    fresh = sum(row.valid for row in rows)
+    console.print(f"{fresh} of {len(rows)} boards fresh")
+
+
+def _cells(row: FleetRow) -> list[str]:
+    return [
+        row.host,
+        row.board,
+        row.state,
+        _UNKNOWN if row.age_s < 0 else f"{1e3 * row.age_s:.0f}",
+        _UNKNOWN if row.utilisation < 0 else f"{row.utilisation:.2f}",
+        _UNKNOWN if row.loss_ppm < 0 else f"{row.loss_ppm:.1f}",
+        row.firmware or _UNKNOWN,
+        _UNKNOWN
+        if row.free_mb < 0
+        else f"{row.free_mb / 1e3:.1f}" + ("" if row.recording == "recording" else " !"),
+        row.reason,
+    ]
+
+
+def _printable(text: str) -> str:
+    """Return text without control characters and without rich's markup, which a board could carry."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text).replace("[", r"\[")

@@ -1,0 +1,121 @@
+"""Requests of zenoh to the daemon, and their replies back. No sockets: `bridge` has these.
+
+Payloads pass unchanged, so that the daemon checks and records them as over ZeroMQ. A reply is matched to its
+request by ``id``, which clients draw at random. Commands need a ``session``: all requests of a bridge share
+one connection to the daemon, which would otherwise be their session.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgpack
+
+from tactiled.client.items import Malformed
+from tactiled.client.parse import parse_map
+
+_QUESTIONS = ("state", "events")
+_MOST_WAITING = 256  # requests at once; the daemon takes 500 in a second
+_PATIENCE_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
+_LONGEST_WHO = 64
+_NO_COMMANDS = "this bridge takes no commands: its owner may start it with --allow-commands"
+
+Respond = Callable[[bytes], None]
+"""Takes the reply; an empty one ends the request without any."""
+
+
+class Ask(Protocol):
+    """Sending of a request to the daemon."""
+
+    def __call__(self, payload: bytes, /) -> bool:
+        """Send it; False where the daemon is not connected."""
+
+
+@dataclass
+class _Waiting:
+    respond: list[Respond]
+    until_s: float
+    request: dict[str, Any]
+
+
+class Relay:
+    """Match requests and replies.
+
+    Parameters
+    ----------
+    ask : callable
+        Sends a request to the daemon.
+    allow_commands : bool
+        Pass commands on; else they are refused here.
+    """
+
+    def __init__(self, ask: Ask, *, allow_commands: bool) -> None:
+        self.refused = 0
+        self._ask = ask
+        self._allow_commands = allow_commands
+        self._waiting: dict[str, _Waiting] = {}
+
+    def request(self, payload: bytes, respond: Respond, now_s: float) -> None:
+        """Take a request; never raises, whatever it contains."""
+        self._expire(now_s)
+        request = parse_map(payload, "request")
+        if isinstance(request, Malformed):
+            self._refuse({}, request.reason, respond)
+            return
+        id_, do = request.get("id"), request.get("do")
+        if not isinstance(id_, str) or not isinstance(do, str) or not 0 < len(id_) <= 64:
+            self._refuse({}, "id or do is missing, or no text", respond)
+            return
+        if do not in _QUESTIONS:
+            if not self._allow_commands:
+                self._refuse(request, _NO_COMMANDS, respond)
+                return
+            if not request.get("session"):
+                self._refuse(
+                    request, "session: commands through zenoh need one (protocols/control.md)", respond
+                )
+                return
+            request["who"] = f"{str(request.get('who', ''))[: _LONGEST_WHO - 6]} zenoh".strip()
+            payload = msgpack.packb(request)
+        waiting = self._waiting.get(id_)
+        if waiting is not None and waiting.request != request:
+            self._refuse(request, "id: another request with it waits for its reply", respond)
+        elif waiting is None and len(self._waiting) >= _MOST_WAITING:
+            self._refuse(request, f"{_MOST_WAITING} requests wait already: ask again", respond)
+        elif self._ask(payload):
+            waiting = waiting or self._waiting.setdefault(id_, _Waiting([], 0.0, request))
+            waiting.respond.append(respond)
+            waiting.until_s = now_s + _PATIENCE_S
+        else:
+            respond(b"")  # the client repeats it
+
+    def reply(self, payload: bytes) -> None:
+        """Take a reply of the daemon."""
+        waiting = self._waiting.pop(_id_of(payload), None)
+        if waiting is not None:
+            for respond in waiting.respond:
+                respond(payload)
+
+    def _expire(self, now_s: float) -> None:
+        for id_ in [id_ for id_, waiting in self._waiting.items() if now_s >= waiting.until_s]:
+            for respond in self._waiting.pop(id_).respond:
+                respond(b"")
+
+    def _refuse(self, request: dict[str, Any], reason: str, respond: Respond) -> None:
+        self.refused += 1
+        head = {"v": 1, "id": request.get("id", ""), "do": request.get("do", "")}
+        respond(msgpack.packb(head | {"ok": False, "reason": reason, "run": 0}))
+
+
+def _id_of(payload: bytes) -> str:
+    """Id of a reply, which stands among its first fields: a reply may have 128 kB of messages behind it."""
+    unpacker = msgpack.Unpacker()
+    unpacker.feed(payload)
+    try:
+        for _ in range(unpacker.read_map_header()):
+            name, value = unpacker.unpack(), unpacker.unpack()
+            if name == "id":
+                return str(value)
+    except (ValueError, msgpack.exceptions.UnpackException):
+        pass  # no reply of a daemon
+    return ""

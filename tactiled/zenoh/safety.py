@@ -1,0 +1,104 @@
+"""Check of zenoh's configuration: no plaintext that other hosts can reach.
+
+zenoh's defaults listen on all interfaces without encryption and connect to whoever answers a multicast. Here,
+what is not said in the file is off; what is said must be loopback, or TLS with certificates of both sides.
+"""
+
+import ipaddress
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from tactiled.errors import ConfigError
+
+DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+_ENCRYPTED = ("tls", "quic")
+_OF_THIS_HOST = ("unixsock-stream", "unixpipe", "vsock")
+
+
+def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: bool) -> "zenoh.Config":
+    """Make the configuration of a bridge.
+
+    Parameters
+    ----------
+    file : Path, optional
+        Configuration of zenoh (JSON5).
+    connect : tuple of str
+        Locators of routers; they replace those of the file.
+    is_insecure : bool
+        Accept what other hosts can reach without certificates.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, or lists every place where plaintext would leave this host.
+    """
+    source = str(file or "zenoh")
+    try:
+        config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
+        if _value(config, "mode") is None:
+            config.insert_json5("mode", '"client"')
+        if _value(config, "scouting/multicast/enabled") is None:
+            config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
+        if connect:
+            config.insert_json5("connect/endpoints", json.dumps(connect))
+        elif file is None:
+            config.insert_json5("connect/endpoints", json.dumps([DEFAULT_ROUTER]))
+    except zenoh.ZError as error:
+        raise ConfigError(source, [str(error)]) from None
+    if not is_insecure and (faults := faults_of(config)):
+        raise ConfigError(
+            source, [*faults, "docs/fleet.md says how to make certificates; or give --insecure"]
+        )
+    return config
+
+
+def faults_of(config: "zenoh.Config") -> list[str]:
+    """Return what other hosts could reach or forge without a certificate, one line each."""
+    mode = _value(config, "mode") or "peer"
+    faults = []
+    tls = _value(config, "transport/link/tls") or {}
+    for way in ("listen", "connect"):
+        if way == "listen" and mode == "client":
+            continue  # a client listens nowhere
+        for locator in _locators(_value(config, f"{way}/endpoints"), mode):
+            if not is_wide(locator):
+                continue
+            if locator.split("/", 1)[0] not in _ENCRYPTED:
+                faults.append(f"{way}/endpoints: {locator} is not encrypted and leaves this host: use tls/")
+            elif way == "listen" and tls.get("enable_mtls") is not True:
+                faults.append(
+                    f"listen/endpoints: {locator} takes anyone: set transport/link/tls/enable_mtls to true"
+                )
+            elif way == "connect" and tls.get("verify_name_on_connect") is False:
+                faults.append(f"connect/endpoints: {locator}: verify_name_on_connect must not be false")
+    if _value(config, "scouting/multicast/enabled") is True:
+        faults.append("scouting/multicast/enabled: any host of the network may answer: set it to false")
+    return faults
+
+
+def is_wide(locator: str) -> bool:
+    """Return True when a locator such as ``tcp/127.0.0.1:7447`` leads to other hosts, or from them."""
+    protocol, _, address = locator.partition("/")
+    if protocol in _OF_THIS_HOST:
+        return False
+    host = address.split("?")[0].split("#")[0].rsplit(":", 1)[0].strip("[]")
+    if host == "localhost":
+        return False
+    with suppress(ValueError):
+        return not ipaddress.ip_address(host).is_loopback
+    return True
+
+
+def _value(config: "zenoh.Config", key: str) -> Any:
+    return json.loads(config.get_json(key))
+
+
+def _locators(value: Any, mode: str) -> list[str]:
+    """Locators of one mode: zenoh takes a list, or a map from mode to list; each entry is a text or a map."""
+    entries = value.get(mode, []) if isinstance(value, dict) else value or []
+    return [entry["endpoint"] if isinstance(entry, dict) else str(entry) for entry in entries]

@@ -1,0 +1,243 @@
+"""Bridge and client through two real routers on loopback, with a line between them that is cut."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgpack
+import pytest
+import zenoh
+
+from bench.fleet.routers import TwoRouters, two_routers
+from bench.fleet.simulated import Rates, SimulatedDaemon
+from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
+from tactiled.client.over_zenoh import Caller, open_session, parse_address
+from tactiled.errors import UnavailableError
+from tactiled.zenoh.bridge import Bridge, BridgeParams
+from tactiled.zenoh.fleet import FleetList
+from tactiled.zenoh.safety import bridge_config
+
+BOARDS = ("TS0001", "TS0002")
+THINNED_HZ = 10.0
+
+
+@contextmanager
+def bridged(params: BridgeParams, port: int) -> Iterator[Bridge]:
+    config = bridge_config(None, (f"tcp/127.0.0.1:{port}",), is_insecure=False)
+    with zenoh.open(config) as session:
+        bridge = Bridge(params, session)
+        thread = threading.Thread(target=bridge.run)
+        thread.start()
+        try:
+            yield bridge
+        finally:
+            bridge.stop()
+            thread.join()
+            bridge.close()
+
+
+@dataclass
+class Fleet:
+    routers: TwoRouters
+    daemon: SimulatedDaemon
+
+    @property
+    def endpoint(self) -> str:
+        return f"zenoh://127.0.0.1:{self.routers.readers_port}/robot7"
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[Fleet]:
+    with (
+        two_routers() as routers,
+        SimulatedDaemon(f"ipc://{folder}/events.ipc", BOARDS, Rates(20.0, 50.0)) as daemon,
+        bridged(BridgeParams(daemon.endpoint, "robot7", THINNED_HZ, True), routers.robots_port),
+    ):
+        yield Fleet(routers, daemon)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    with running(tmp_path_factory.mktemp("fleet")) as fleet:
+        yield fleet
+
+
+def until(subscription: Subscription, is_last: Callable[[Item], bool], within_s: float = 10.0) -> list[Item]:
+    """Items up to the first of a kind."""
+    items: list[Item] = []
+    end_s = time.monotonic() + within_s
+    while (item := subscription.next_item(end_s)) is not None:
+        items.append(item)
+        if is_last(item):
+            return items
+    raise AssertionError(f"not within {within_s} s, but {[type(item).__name__ for item in items][-9:]}")
+
+
+def during(subscription: Subscription, duration_s: float) -> list[Item]:
+    end_s = time.monotonic() + duration_s
+    return list(iter(lambda: subscription.next_item(end_s), None))
+
+
+def is_fresh(item: Item) -> bool:
+    return isinstance(item, Fresh)
+
+
+def numbers(items: list[Item], topic: str) -> list[int]:
+    """Sequence numbers of a topic, recovered ones included."""
+    messages = [item.message if isinstance(item, Recovered) else item for item in items]
+    return [one.seq for one in messages if isinstance(one, Message) and one.topic == topic]
+
+
+def test_a_subscriber_gets_every_slip_once_and_in_order(fleet: Fleet) -> None:
+    with Subscription(fleet.endpoint, ("slip",), "TS0001") as subscription:
+        items = until(subscription, is_fresh) + during(subscription, 1.0)
+        assert subscription.fresh
+    slips = numbers(items, "slip")
+    assert slips == list(range(slips[0], slips[0] + len(slips)))
+    assert len(slips) > 10
+    assert all(item.board == "TS0001" for item in items if isinstance(item, Message))
+
+
+def test_what_the_bridge_thins_is_no_loss(fleet: Fleet) -> None:
+    with Subscription(fleet.endpoint, ("scan", "contact"), "TS0002") as subscription:
+        until(subscription, is_fresh)
+        items = during(subscription, 1.5)
+        assert subscription.lost == 0
+    scans = [item for item in items if isinstance(item, Message) and item.topic == "scan"]
+    assert 5 <= len(scans) <= 1.5 * THINNED_HZ + 2
+    assert not [item for item in items if isinstance(item, Lost)]
+    assert not [item for item in items if isinstance(item, Recovered) and item.message.topic == "scan"]
+
+
+def test_the_asyncio_client_gets_the_same_items(fleet: Fleet) -> None:
+    async def first_slip() -> Message:
+        async with asyncio.timeout(10), Client(fleet.endpoint, ("slip",), "TS0001") as client:
+            async for item in client:
+                if isinstance(item, Message) and client.fresh:
+                    return item
+        raise AssertionError
+
+    assert asyncio.run(first_slip()).topic == "slip"
+
+
+def test_a_command_reaches_the_daemon_once_with_its_origin(fleet: Fleet) -> None:
+    done = len(fleet.daemon.commands)
+    request = msgpack.packb(
+        {
+            "v": 1,
+            "id": "1",
+            "session": "s",
+            "do": "mark",
+            "text": "repeated",
+            "who": "gripper",
+            "board": "TS0001",
+        }
+    )
+    with closing(Caller(fleet.endpoint, None)) as caller:
+        for _ in range(2):
+            caller.send(request)
+            reply = msgpack.unpackb(caller.receive(5.0) or b"\x80")
+            assert reply["ok"] is True
+    [command] = fleet.daemon.commands[done:]
+    assert command.who == "gripper zenoh"
+    assert command.arguments == {"text": "repeated"}
+
+
+def test_the_checks_of_the_daemon_hold_through_the_network(fleet: Fleet) -> None:
+    with Commander(fleet.endpoint, "gripper") as commander:
+        assert commander.send("inhibit", board="TS0001", duration_s=0.2).ok
+        refused = commander.send("inhibit", board="TS0001", duration_s=1e9)
+    assert not refused.ok
+    assert "duration_s" in refused.reason
+
+
+def test_a_bridge_without_permission_refuses_commands(fleet: Fleet) -> None:
+    with (
+        bridged(BridgeParams(fleet.daemon.endpoint, "closed"), fleet.routers.robots_port),
+        Commander(fleet.endpoint.replace("robot7", "closed")) as commander,
+    ):
+        refused = commander.send("mark", board="TS0001", text="no")
+        assert commander.send("state").ok
+    assert not refused.ok
+    assert "--allow-commands" in refused.reason
+    assert not [command for command in fleet.daemon.commands if command.arguments.get("text") == "no"]
+
+
+def test_an_advanced_subscriber_of_zenoh_that_comes_late_gets_the_slips_before(fleet: Fleet) -> None:
+    heard: list[int] = []
+    with open_session(parse_address(fleet.endpoint)) as session:
+        subscriber = zenoh.ext.declare_advanced_subscriber(
+            session,
+            "tactile/robot7/TS0001/slip",
+            lambda sample: heard.append(msgpack.unpackb(sample.payload.to_bytes())["seq"]),
+            history=zenoh.ext.HistoryConfig(max_samples=5),
+            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+        sent = fleet.daemon.slips["TS0001"]
+        end_s = time.monotonic() + 5
+        while len(heard) < 10 and time.monotonic() < end_s:
+            time.sleep(0.02)
+        subscriber.undeclare()
+    assert min(heard) < sent
+    assert heard == list(range(heard[0], heard[0] + len(heard)))
+
+
+def test_the_list_of_boards(fleet: Fleet) -> None:
+    boards = FleetList(fleet.endpoint.replace("robot7", "*"))
+    rows = [row for row in boards.ask() if row.host == "robot7"]
+    assert [(row.board, row.state, row.valid) for row in rows] == [(name, "running", True) for name in BOARDS]
+    assert rows[0].utilisation == pytest.approx(0.31)
+    assert rows[0].firmware == "1.4.2"
+    assert rows[0].free_mb == pytest.approx(45678.0)
+    assert rows[0].loss_ppm == pytest.approx(1e6 * 2 / 123458)
+    assert 0 <= rows[0].age_s < 3
+
+
+def test_a_name_that_another_bridge_has_is_refused(fleet: Fleet) -> None:
+    config = bridge_config(None, (f"tcp/127.0.0.1:{fleet.routers.readers_port}",), is_insecure=False)
+    with zenoh.open(config) as session, pytest.raises(UnavailableError, match="robot7"):
+        Bridge(BridgeParams(fleet.daemon.endpoint, "robot7"), session)
+
+
+def test_a_board_whose_daemon_ended_has_no_token(tmp_path: Path, fleet: Fleet) -> None:
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    with (
+        open_session(parse_address(fleet.endpoint)) as session,
+        bridged(BridgeParams(endpoint, "robot8"), fleet.routers.robots_port),
+    ):
+
+        def tokens() -> list[str]:
+            found = session.liveliness().get("tactile/robot8/*")
+            return [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
+
+        def wait_for(expected: list[str]) -> None:
+            end_s = time.monotonic() + 8
+            while tokens() != expected and time.monotonic() < end_s:
+                time.sleep(0.05)
+            assert tokens() == expected
+
+        with SimulatedDaemon(endpoint, ("TS0008",), Rates()):
+            wait_for(["tactile/robot8/TS0008"])
+        wait_for([])
+
+
+@pytest.mark.parametrize("how", ["close", "silence"])
+def test_nothing_is_lost_while_the_line_between_routers_is_cut(tmp_path: Path, how: str) -> None:
+    with running(tmp_path) as fleet, Subscription(fleet.endpoint, ("slip",), "TS0001") as subscription:
+        items = until(subscription, is_fresh)
+        getattr(fleet.routers.line, how)()
+        items += until(subscription, lambda item: isinstance(item, Stale))
+        assert not subscription.fresh
+        items += during(subscription, 1.0)
+        fleet.routers.line.mend()
+        items += until(subscription, is_fresh) + during(subscription, 1.0)
+        fleet.daemon.stop_slips()
+        items += during(subscription, 0.7)
+        sent = fleet.daemon.slips["TS0001"]
+        assert subscription.lost == 0
+    slips = numbers(items, "slip")
+    assert slips == list(range(slips[0], sent))
