@@ -28,6 +28,7 @@ BENCHES = {
     "sensors": "bench.sensors.bench",
     "web": "bench.web.bench",
     "ros2": "bench.ros2",
+    "fleet": "bench.fleet.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
@@ -60,7 +61,8 @@ def bench(
     regression and the bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows
     that break the model. sensors: slides of six kinds of sensor in their own units, beside the strongest
     line of a spectrum. web: delays of the live page in a browser, and what server and page cost. ros2:
-    delay and cost of the bridge to ROS 2.
+    delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and bytes of many boards
+    through two routers of zenoh.
 
     Example: ./run bench slip --plot slip.png --json slip.json
     """

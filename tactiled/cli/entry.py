@@ -7,7 +7,16 @@ import click
 
 from tactiled import __version__
 from tactiled.cli import (
-    analysis, archive, calibration, emulation, fleet, live, recordings, ros2, upkeep, viewers,
+    analysis,
+    archive,
+    calibration,
+    emulation,
+    fleet,
+    live,
+    recordings,
+    ros2,
+    upkeep,
+    viewers,
 )  # fmt: skip
 from tactiled.errors import TactiledError
 

@@ -7,10 +7,14 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tactiled.cli.options import FILE, KEYS, need_extra
+
+if TYPE_CHECKING:
+    import zenoh
 
 _ENDPOINT = "tcp://127.0.0.1:9872"
 
@@ -31,6 +35,12 @@ _ENDPOINT = "tcp://127.0.0.1:9872"
     help="Highest rate of scan, grip and force messages; 0: none of them. [default: all of them]",
 )  # fmt: skip
 @click.option("--allow-commands", is_flag=True, help="Hand commands to the daemon; needs ipc, or --keys.")
+@click.option("--ros2", is_flag=True, help="Publish what rmw_zenoh reads, instead: a node of ROS 2 with CDR.")
+@click.option(
+    "--domain", default=0, show_default=True, envvar="ROS_DOMAIN_ID", type=click.IntRange(0, 232),
+    help="With --ros2: domain, as ROS_DOMAIN_ID.",
+)  # fmt: skip
+@click.option("--namespace", default="tactile", show_default=True, help="With --ros2: namespace of topics.")
 @click.option("--insecure", is_flag=True, help="Accept connections to other hosts without certificates.")
 @KEYS
 def bridge(
@@ -40,6 +50,9 @@ def bridge(
     host: str | None,
     rate_hz: float | None,
     allow_commands: bool,
+    ros2: bool,
+    domain: int,
+    namespace: str,
     insecure: bool,
     keys: Path | None,
 ) -> None:
@@ -51,12 +64,16 @@ def bridge(
     Example: tactiled zenoh --events ipc:///run/tactiled/left/events.ipc --config /etc/tactiled/zenoh.json5
     """
     need_extra("zenoh", "zenoh", "the bridge")
+    if ros2 and (allow_commands or rate_hz is not None):
+        raise click.UsageError(
+            "--ros2 publishes what ROS subscribes to: leave out --rate and --allow-commands"
+        )
     if allow_commands and keys is None and not endpoint.startswith("ipc://"):
         raise click.UsageError(
             f"--allow-commands: the daemon takes commands over ipc, or with --keys; not {endpoint}"
         )
     from tactiled.client.over_zenoh import is_chunk
-    from tactiled.zenoh.bridge import Bridge, BridgeParams, host_name, wait_for_session
+    from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams, host_name, wait_for_session
     from tactiled.zenoh.safety import bridge_config
 
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stderr)
@@ -71,7 +88,10 @@ def bridge(
     if session is None:
         return
     with session:
-        running = Bridge(BridgeParams(endpoint, name, rate_hz, allow_commands, keys), session)
+        if ros2:
+            _publish_to_ros2(session, endpoint, domain, namespace.strip("/"), keys)
+            return
+        running = ZenohBridge(ZenohBridgeParams(endpoint, name, rate_hz, allow_commands, keys), session)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: running.stop())
         if ended:
@@ -84,6 +104,24 @@ def bridge(
             running.close()
 
 
+def _publish_to_ros2(
+    session: "zenoh.Session", endpoint: str, domain: int, namespace: str, keys: Path | None
+) -> None:
+    """Run the bridge to ROS 2 on a zenoh session, until SIGINT or SIGTERM."""
+    from tactiled.ros2.bridge import BridgeParams, run_bridge
+    from tactiled.ros2.names import is_namespace
+    from tactiled.ros2.zenoh_node import ZenohNode
+
+    if not is_namespace(namespace):
+        raise click.UsageError(f"--namespace {namespace}: use letters, digits and single underscores")
+    params = BridgeParams((endpoint,), namespace, keys=keys)
+    run_bridge(
+        params,
+        lambda: ZenohNode(session, domain, "tactiled", namespace),
+        lambda what: click.echo(json.dumps(what)),
+    )
+
+
 @click.command()
 @click.argument("endpoint", default="zenoh://127.0.0.1:7447/*")
 @click.option("--once", is_flag=True, help="Print the list once; exit code 1 where there is no board.")
@@ -92,7 +130,20 @@ def bridge(
     "--every", "period_s", default=2.0, show_default=True, type=click.FloatRange(0.5), help="Seconds."
 )
 @KEYS
-def fleet(endpoint: str, once: bool, as_json: bool, period_s: float, keys: Path | None) -> None:
+@click.option("--targets", type=FILE, help="Also write the hosts for Prometheus (file_sd_configs).")
+@click.option(
+    "--metrics-port", "ports", multiple=True, default=(9874,), show_default=True,
+    type=click.IntRange(1, 65535), help="Port of their metrics pages; once for each daemon of a host.",
+)  # fmt: skip
+def fleet(
+    endpoint: str,
+    once: bool,
+    as_json: bool,
+    period_s: float,
+    keys: Path | None,
+    targets: Path | None,
+    ports: tuple[int, ...],
+) -> None:
     """List the boards of a zenoh network: state, age, utilisation, loss, firmware, disk.
 
     ENDPOINT is zenoh://ROUTER:7447/* for all hosts. Each host is asked for its newest messages; nothing is
@@ -101,7 +152,7 @@ def fleet(endpoint: str, once: bool, as_json: bool, period_s: float, keys: Path 
     Example: tactiled fleet zenoh://router:7447/* --once
     """
     need_extra("zenoh", "zenoh", "the list")
-    from tactiled.zenoh.fleet import FleetList, draw_table
+    from tactiled.zenoh.fleet import FleetList, draw_table, write_targets
 
     boards = FleetList(endpoint, keys)
     with suppress(KeyboardInterrupt):
@@ -112,6 +163,8 @@ def fleet(endpoint: str, once: bool, as_json: bool, period_s: float, keys: Path 
                     click.echo(json.dumps(row.as_map()))
             else:
                 draw_table(rows, clear=not once and sys.stdout.isatty())
+            if targets is not None and write_targets(targets, rows, ports):
+                click.echo(f"{targets}: written", err=True)
             if once:
                 sys.exit(0 if rows else 1)
             time.sleep(period_s)

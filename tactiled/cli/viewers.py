@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
+from tactiled.events.endpoints import ZENOH_SCHEME
 
 _TOKEN_ENV = "TACTILED_WEB_TOKEN"
 
@@ -16,7 +17,8 @@ _TOKEN_ENV = "TACTILED_WEB_TOKEN"
 @click.command()
 @click.option(
     "-e", "--events", "endpoints", multiple=True, metavar="ENDPOINT",
-    help="Endpoint of a daemon's events; several times for several daemons. [default: tcp://127.0.0.1:9872]",
+    help="Endpoint of a daemon's events, or zenoh://ROUTER:7447/HOST (* for all hosts that are there now); "
+    "several times for several daemons. [default: tcp://127.0.0.1:9872]",
 )  # fmt: skip
 @click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="0: a free one.")
 @click.option(
@@ -64,7 +66,11 @@ def web(
         raise click.UsageError("--file shows a recording: leave out --events and --allow-commands")
     endpoints = endpoints or (() if files else ("tcp://127.0.0.1:9872",))
     token = _token(token_file) if allow_commands else ""
-    if allow_commands and keys is None and (plain := [e for e in endpoints if not e.startswith("ipc://")]):
+    if (
+        allow_commands
+        and keys is None
+        and (plain := [e for e in endpoints if not e.startswith(("ipc://", ZENOH_SCHEME))])
+    ):
         raise click.UsageError(
             f"--allow-commands: the daemon accepts commands over ipc, or with --keys; {plain[0]} is neither"
         )
@@ -74,6 +80,11 @@ def web(
     from tactiled.web.replay import ReplayFile
     from tactiled.web.server import Listening, run_web
 
+    if any(endpoint.startswith(ZENOH_SCHEME) for endpoint in endpoints):
+        need_extra("zenoh", "zenoh", "zenoh:// endpoints")
+        from tactiled.zenoh.fleet import spread
+
+        endpoints = spread(endpoints, keys)
     loaded = [load_array(name) for name in arrays]
     replay = None
     if files:

@@ -57,8 +57,8 @@ class CatchUp:
     hold_s : float
         Longest delay of a message behind a hole, seconds.
     is_patient : bool
-        Request again what was not answered in a time in which nothing was received, instead of counting it as
-        lost. During such a time data are stale anyway.
+        Request holes also before the daemon has answered anything, and request again what was not answered in
+        a time in which nothing was received, instead of counting it as lost: data are stale then anyway.
     """
 
     def __init__(self, enabled: bool, now_s: float) -> None:
@@ -208,7 +208,7 @@ class CatchUp:
             hole_end = line.held[0].seq if line.held else line.end_seq
             if hole_end <= line.next_seq:
                 return items
-            if self._answered and len(line.held) <= _MOST_HELD:
+            if (self._answered or self.is_patient) and len(line.held) <= _MOST_HELD:
                 self._ask_for(key, line, hole_end, now_s)
                 return items
             items += self._lose(key, line, hole_end)

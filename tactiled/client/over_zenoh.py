@@ -1,7 +1,8 @@
 """Subscription and requests through a zenoh network, for endpoints such as ``zenoh://router:7447/robot7``.
 
-`tactiled zenoh` on the host of a daemon publishes its messages under ``tactile/HOST/BOARD/TOPIC`` and answers
-requests at ``tactile/HOST/control``. Payloads are those of ZeroMQ (protocols/events.md, control.md).
+`tactiled zenoh` on the host of a daemon publishes its messages under ``tactile/HOST/BOARD/TOPIC``, answers
+questions at ``tactile/HOST/control`` and takes commands at ``tactile/HOST/command``. Payloads are those of
+ZeroMQ (protocols/events.md, control.md).
 
 zenoh calls back from its own threads. They fill bounded queues, and a socket pair wakes the reader.
 """
@@ -59,8 +60,13 @@ class ZenohAddress:
 
     @property
     def control(self) -> str:
-        """Key of the requests."""
+        """Key of the questions."""
         return f"tactile/{self.host}/control"
+
+    @property
+    def command(self) -> str:
+        """Key of the commands: one of its own, so that routers can tell who may use it."""
+        return f"tactile/{self.host}/command"
 
 
 def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
@@ -313,7 +319,7 @@ class Caller:
         address = parse_address(endpoint, keys)
         self._replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._session = open_session(address)
-        self._queries = Queries(self._session, address.control, self._replies.put)
+        self._queries = Queries(self._session, address.command, self._replies.put)
 
     def send(self, payload: bytes) -> None:
         """Send a request."""

@@ -8,5 +8,6 @@
 - `freshness`: decision which messages may be published
 - `convert`: values of ROS messages from messages of the daemon
 - `participant`: topics, services and discovery over Cyclone DDS
+- `zenoh_node`: topics and discovery over zenoh, as rmw_zenoh has them
 - `bridge`: the process behind ``tactiled ros2``
 """

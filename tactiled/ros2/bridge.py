@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tactiled.client import AsyncCommander, Client, Message
 from tactiled.errors import ContractError, OperatorError, TactiledError
@@ -20,6 +20,12 @@ from tactiled.ros2.freshness import BoardFreshness
 from tactiled.ros2.names import name_of_board
 from tactiled.ros2.own_types import PACKAGE, type_name
 from tactiled.ros2.participant import Delivery, Node, ServiceRequest, TopicWriter
+
+if TYPE_CHECKING:
+    from tactiled.ros2.zenoh_node import ZenohNode, ZenohTopicWriter
+
+AnyNode: TypeAlias = "Node | ZenohNode"
+AnyWriter: TypeAlias = "TopicWriter | ZenohTopicWriter"
 
 _DIAGNOSTICS_S = 1.0
 _WATCH_S = 0.1  # period of looking for silence: that of the status
@@ -65,7 +71,7 @@ class BridgeParams:
 class BoardTopics:
     """Topics of one board on ROS 2, with what decides about their freshness."""
 
-    def __init__(self, node: Node, board: str, params: BridgeParams) -> None:
+    def __init__(self, node: AnyNode, board: str, params: BridgeParams) -> None:
         self.freshness = BoardFreshness()
         self.name = f"/{params.namespace}/{name_of_board(board)}"
         self._frame = params.frames.get(board) or frame_id(board)
@@ -121,13 +127,13 @@ class Bridge:
 
     Parameters
     ----------
-    node : Node
+    node : Node or ZenohNode
     params : BridgeParams
     report : callable
         Called with what becomes known, as maps: the node, each board.
     """
 
-    def __init__(self, node: Node, params: BridgeParams, report: Report) -> None:
+    def __init__(self, node: AnyNode, params: BridgeParams, report: Report) -> None:
         self._node, self._params, self._report = node, params, report
         self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
         self._boards: dict[tuple[str, str], BoardTopics] = {}
@@ -250,7 +256,7 @@ class Bridge:
             self._node.reply(request, success=reply.ok, message=reply.reason)
 
 
-def run_bridge(params: BridgeParams, make_node: Callable[[], Node], report: Report) -> None:
+def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: Report) -> None:
     """Run a bridge until SIGINT or SIGTERM."""
 
     async def main() -> None:
@@ -275,7 +281,7 @@ def _delivery(topic: str) -> Delivery:
     return "sensor" if topic in _SENSOR else _KEPT.get(topic, "event")
 
 
-def _write(writer: TopicWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:
+def _write(writer: AnyWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:
     """Convert and publish a message if anyone receives it."""
     if writer.is_wanted and (values := make()) is not None:
         writer.write(values)

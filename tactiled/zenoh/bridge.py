@@ -44,7 +44,7 @@ Put = Callable[[bytes, bytes | None], None]
 
 
 @dataclass(frozen=True)
-class BridgeParams:
+class ZenohBridgeParams:
     """What to forward, and under which name.
 
     Attributes
@@ -82,12 +82,12 @@ def wait_for_session(config: "zenoh.Config", is_ended: Callable[[], bool]) -> "z
     return None
 
 
-class Bridge:
+class ZenohBridge:
     """Forward messages and requests until stopped.
 
     Parameters
     ----------
-    params : BridgeParams
+    params : ZenohBridgeParams
     session : zenoh.Session
         Closed by its owner.
 
@@ -99,7 +99,7 @@ class Bridge:
         Another bridge has this name.
     """
 
-    def __init__(self, params: BridgeParams, session: "zenoh.Session") -> None:
+    def __init__(self, params: ZenohBridgeParams, session: "zenoh.Session") -> None:
         _refuse_second(session, params.host)
         self.forwarded = 0
         self._params = params
@@ -112,14 +112,17 @@ class Bridge:
         self._queries: deque[zenoh.Query] = deque()
         self._ended = False
         self._wakeup = WakeUp()
-        self._control_key = f"tactile/{params.host}/control"
         self._context = zmq.Context()
         self._events = self._context.socket(zmq.SUB)
         self._control = self._context.socket(zmq.DEALER)
         connect.subscribe(self._events, params.endpoint, (), None, params.keys)
         connect.ask(self._control, control_endpoint(params.endpoint), params.keys)
         self._relay = Relay(self._ask, allow_commands=params.allow_commands)
-        self._queryable = session.declare_queryable(self._control_key, self._asked)
+        self._command_key = f"tactile/{params.host}/command"
+        self._queryables = [
+            session.declare_queryable(key, self._asked)
+            for key in (f"tactile/{params.host}/control", self._command_key)
+        ]
 
     def run(self) -> None:
         """Forward until `stop`."""
@@ -147,7 +150,8 @@ class Bridge:
 
     def close(self) -> None:
         """Close all that was opened here."""
-        self._queryable.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         self._boards.close()
         for sock in (self._events, self._control):
             sock.close(linger=0)
@@ -199,14 +203,18 @@ class Bridge:
         self._wakeup.set()
 
     def _take(self, query: "zenoh.Query", now_s: float) -> None:
+        # A query for all hosts has a wildcard, and its reply the key of this one.
+        may_command = str(query.key_expr) == self._command_key
+        key = self._command_key if may_command else f"tactile/{self._params.host}/control"
+
         def respond(payload: bytes) -> None:
             with suppress(zenoh.ZError):  # the client has gone
                 if payload:
-                    query.reply(self._control_key, payload)
+                    query.reply(key, payload)
             query.drop()
 
-        payload = query.payload
-        self._relay.request(b"" if payload is None else payload.to_bytes(), respond, now_s)
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        self._relay.request(payload, respond, now_s, may_command=may_command)
 
     def _ask(self, payload: bytes) -> bool:
         try:

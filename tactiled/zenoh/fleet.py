@@ -1,7 +1,8 @@
 """List of the boards of a zenoh network, from one request to all hosts."""
 
+import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from tactiled.client.over_zenoh import states
+from tactiled.errors import OperatorError, UnavailableError
+from tactiled.events.endpoints import ZENOH_SCHEME
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
@@ -145,6 +148,47 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
         free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
         reason=str(status["reason"] or status["warning"]),
     )
+
+
+def spread(endpoints: Sequence[str], keys: Path | None) -> tuple[str, ...]:
+    """Replace endpoints of all hosts (``zenoh://ROUTER:7447/*``) by one for each host that is there now.
+
+    Raises
+    ------
+    UnavailableError
+        There is none, or the router does not answer.
+    """
+    found: list[str] = []
+    for endpoint in endpoints:
+        path, query, options = endpoint.partition("?")
+        if not (endpoint.startswith(ZENOH_SCHEME) and path.endswith("/*")):
+            found.append(endpoint)
+            continue
+        hosts = sorted(states(endpoint, keys, _TIMEOUT_S))
+        if not hosts:
+            raise UnavailableError(f"{endpoint}: no host of tactiled is on this network")
+        found += [f"{path[:-1]}{host}{query}{options}" for host in hosts]
+    return tuple(found)
+
+
+def write_targets(file: Path, rows: Sequence[FleetRow], ports: Sequence[int]) -> bool:
+    """Write the metrics pages of all hosts for Prometheus' discovery by files; return whether it changed.
+
+    Hosts that have gone stay in the file, so that Prometheus reports them as down. The format is that of
+    ``file_sd_configs``. The file is replaced at once, because Prometheus may read it at any time.
+    """
+    hosts = sorted({row.host for row in rows})
+    entries = [{"targets": [f"{host}:{port}" for port in ports], "labels": {"host": host}} for host in hosts]
+    text = json.dumps(entries, indent=2) + "\n"
+    if file.exists() and file.read_text() == text:
+        return False
+    part = file.with_name(f".{file.name}.part")
+    try:
+        part.write_text(text)
+        part.replace(file)
+    except OSError as error:
+        raise OperatorError(f"{file}: cannot be written: {error.strerror}") from None
+    return True
 
 
 def draw_table(rows: list[FleetRow], *, clear: bool) -> None:

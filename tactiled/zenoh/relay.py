@@ -55,8 +55,18 @@ class Relay:
         self._allow_commands = allow_commands
         self._waiting: dict[str, _Waiting] = {}
 
-    def request(self, payload: bytes, respond: Respond, now_s: float) -> None:
-        """Take a request; never raises, whatever it contains."""
+    def request(self, payload: bytes, respond: Respond, now_s: float, *, may_command: bool) -> None:
+        """Take a request; never raises, whatever it contains.
+
+        Parameters
+        ----------
+        payload : bytes
+            Any bytes.
+        respond : callable
+        now_s : float
+        may_command : bool
+            It came over the key of commands.
+        """
         self._expire(now_s)
         request = parse_map(payload, "request")
         if isinstance(request, Malformed):
@@ -69,6 +79,9 @@ class Relay:
         if do not in _QUESTIONS:
             if not self._allow_commands:
                 self._refuse(request, _NO_COMMANDS, respond)
+                return
+            if not may_command:
+                self._refuse(request, "commands go to the key tactile/HOST/command", respond)
                 return
             if not request.get("session"):
                 self._refuse(

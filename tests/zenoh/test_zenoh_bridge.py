@@ -1,4 +1,4 @@
-"""Bridge and client through two real routers on loopback, with a line between them that is cut."""
+"""ZenohBridge and client through two real routers on loopback, with a line between them that is cut."""
 
 import asyncio
 import threading
@@ -17,8 +17,8 @@ from bench.fleet.simulated import Rates, SimulatedDaemon
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
 from tactiled.client.over_zenoh import Caller, open_session, parse_address
 from tactiled.errors import UnavailableError
-from tactiled.zenoh.bridge import Bridge, BridgeParams
-from tactiled.zenoh.fleet import FleetList
+from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams
+from tactiled.zenoh.fleet import FleetList, spread
 from tactiled.zenoh.safety import bridge_config
 
 BOARDS = ("TS0001", "TS0002")
@@ -26,10 +26,10 @@ THINNED_HZ = 10.0
 
 
 @contextmanager
-def bridged(params: BridgeParams, port: int) -> Iterator[Bridge]:
+def bridged(params: ZenohBridgeParams, port: int) -> Iterator[ZenohBridge]:
     config = bridge_config(None, (f"tcp/127.0.0.1:{port}",), is_insecure=False)
     with zenoh.open(config) as session:
-        bridge = Bridge(params, session)
+        bridge = ZenohBridge(params, session)
         thread = threading.Thread(target=bridge.run)
         thread.start()
         try:
@@ -55,7 +55,7 @@ def running(folder: Path) -> Iterator[Fleet]:
     with (
         two_routers() as routers,
         SimulatedDaemon(f"ipc://{folder}/events.ipc", BOARDS, Rates(20.0, 50.0)) as daemon,
-        bridged(BridgeParams(daemon.endpoint, "robot7", THINNED_HZ, True), routers.robots_port),
+        bridged(ZenohBridgeParams(daemon.endpoint, "robot7", THINNED_HZ, True), routers.robots_port),
     ):
         yield Fleet(routers, daemon)
 
@@ -157,7 +157,7 @@ def test_the_checks_of_the_daemon_hold_through_the_network(fleet: Fleet) -> None
 
 def test_a_bridge_without_permission_refuses_commands(fleet: Fleet) -> None:
     with (
-        bridged(BridgeParams(fleet.daemon.endpoint, "closed"), fleet.routers.robots_port),
+        bridged(ZenohBridgeParams(fleet.daemon.endpoint, "closed"), fleet.routers.robots_port),
         Commander(fleet.endpoint.replace("robot7", "closed")) as commander,
     ):
         refused = commander.send("mark", board="TS0001", text="no")
@@ -197,17 +197,23 @@ def test_the_list_of_boards(fleet: Fleet) -> None:
     assert 0 <= rows[0].age_s < 3
 
 
+def test_all_hosts_become_an_endpoint_each(fleet: Fleet) -> None:
+    others = ("tcp://127.0.0.1:9872", fleet.endpoint)
+    everyone = fleet.endpoint.replace("robot7", "*")
+    assert spread((*others, everyone), None) == (*others, fleet.endpoint)
+
+
 def test_a_name_that_another_bridge_has_is_refused(fleet: Fleet) -> None:
     config = bridge_config(None, (f"tcp/127.0.0.1:{fleet.routers.readers_port}",), is_insecure=False)
     with zenoh.open(config) as session, pytest.raises(UnavailableError, match="robot7"):
-        Bridge(BridgeParams(fleet.daemon.endpoint, "robot7"), session)
+        ZenohBridge(ZenohBridgeParams(fleet.daemon.endpoint, "robot7"), session)
 
 
 def test_a_board_whose_daemon_ended_has_no_token(tmp_path: Path, fleet: Fleet) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     with (
         open_session(parse_address(fleet.endpoint)) as session,
-        bridged(BridgeParams(endpoint, "robot8"), fleet.routers.robots_port),
+        bridged(ZenohBridgeParams(endpoint, "robot8"), fleet.routers.robots_port),
     ):
 
         def tokens() -> list[str]:

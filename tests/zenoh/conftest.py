@@ -1,0 +1,15 @@
+"""Start of zenoh's threads, which the process keeps from its first sessions on."""
+
+from contextlib import closing
+
+import pytest
+
+from bench.fleet.routers import free_port, router
+from tactiled.client.over_zenoh import open_session, parse_address
+
+
+@pytest.fixture(scope="session", autouse=True)
+def zenoh_threads() -> None:
+    port = free_port()
+    with closing(router(port)), open_session(parse_address(f"zenoh://127.0.0.1:{port}/x")) as session:
+        assert list(session.liveliness().get("x/*")) == []

@@ -1,0 +1,74 @@
+"""The list of boards from replies of hosts."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of, write_targets
+
+NOW = 1000.0
+STATUS: dict[str, Any] = {
+    "timestamp": NOW - 0.05, "state": "running", "valid": True, "reason": "", "warning": "noisy line",
+    "age_s": 0.01, "scans": 999, "scans_missing": 1, "loss_known": True,
+}  # fmt: skip
+
+
+def reply(**messages: dict[str, Any]) -> dict[str, Any]:
+    return {"messages": {f"tactile/B1/{topic}": message for topic, message in messages.items()}}
+
+
+def test_a_row_has_what_the_messages_say() -> None:
+    grip = {"state": "partial", "utilisation": 0.7, "timestamp": NOW - 0.02}
+    disk = {"state": "recording", "free_mb": 120.0}
+    [row] = rows_of("h", reply(status=STATUS, grip=grip, recording=disk, info={"firmware_version": "9"}), NOW)
+    assert (row.host, row.board, row.state, row.valid) == ("h", "B1", "running", True)
+    assert row.age_s == pytest.approx(0.06)
+    assert (row.utilisation, row.loss_ppm, row.firmware, row.free_mb) == (0.7, 1000.0, "9", 120.0)
+    assert row.reason == "noisy line"
+
+
+def test_old_messages_are_not_shown_as_fresh() -> None:
+    grip = {"state": "partial", "utilisation": 0.7, "timestamp": NOW - 5}
+    [row] = rows_of("h", reply(status=STATUS | {"timestamp": NOW - 5}, grip=grip), NOW)
+    assert (row.state, row.valid, row.utilisation) == ("silent", False, -1.0)
+    assert row.age_s == pytest.approx(5.01)
+
+
+@pytest.mark.parametrize("answer", [None, {}, {"messages": 3}])
+def test_a_host_without_an_answer_is_silent(answer: dict[str, Any] | None) -> None:
+    [row] = rows_of("h", answer, NOW)
+    assert (row.board, row.state, row.valid) == ("", "silent", False)
+
+
+def test_messages_that_cannot_be_read_are_a_row_of_their_own() -> None:
+    [row] = rows_of("h", reply(status={"timestamp": "x"}), NOW)
+    assert row.state == "silent"
+    assert "cannot be read" in row.reason
+
+
+def test_a_board_that_went_stays_in_the_list() -> None:
+    boards = FleetList("zenoh://127.0.0.1:7447/*")
+    assert [row.state for row in boards.update({"h": reply(status=STATUS)}, NOW)] == ["running"]
+    assert [row.state for row in boards.update({}, NOW)] == ["gone"]
+    assert [row.state for row in boards.update({"h": reply(status=STATUS)}, NOW)] == ["running"]
+
+
+def test_the_table_shows_no_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
+    draw_table(rows_of("h", reply(status=STATUS | {"warning": "\x1b[31m[red]x"}), NOW), clear=False)
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown
+    assert "1 of 1 boards fresh" in shown
+    assert "B1" in shown
+
+
+def test_prometheus_gets_each_host_once_and_keeps_those_that_went(tmp_path: Path) -> None:
+    file = tmp_path / "targets.json"
+    rows = [FleetRow("b", "1", "running"), FleetRow("a", "1", "gone"), FleetRow("b", "2", "running")]
+    assert write_targets(file, rows, (9874, 9884))
+    assert json.loads(file.read_text()) == [
+        {"targets": [f"{host}:9874", f"{host}:9884"], "labels": {"host": host}} for host in ("a", "b")
+    ]
+    assert not write_targets(file, rows, (9874, 9884))
+    assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]

@@ -1,0 +1,97 @@
+"""Requests and replies are matched, and what is no request is refused."""
+
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.zenoh.relay import Relay
+
+
+class Daemon:
+    def __init__(self, *, allow_commands: bool = True, is_there: bool = True) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.is_there = is_there
+        self.relay = Relay(self.ask, allow_commands=allow_commands)
+
+    def ask(self, payload: bytes) -> bool:
+        if self.is_there:
+            self.asked.append(msgpack.unpackb(payload))
+        return self.is_there
+
+    def request(self, now_s: float = 0.0, *, may_command: bool = True, **fields: Any) -> list[bytes]:
+        heard: list[bytes] = []
+        self.relay.request(msgpack.packb({"v": 1} | fields), heard.append, now_s, may_command=may_command)
+        return heard
+
+    def reply(self, id_: str, **fields: Any) -> bytes:
+        payload: bytes = msgpack.packb({"v": 1, "id": id_, "ok": True} | fields)
+        self.relay.reply(payload)
+        return payload
+
+
+def test_each_reply_goes_to_its_request() -> None:
+    daemon = Daemon()
+    first, second = daemon.request(id="a", do="state"), daemon.request(id="b", do="events", board="B")
+    to_second, to_first = daemon.reply("b"), daemon.reply("a")
+    assert (first, second) == ([to_first], [to_second])
+    daemon.reply("a")
+    assert first == [to_first]
+
+
+def test_a_request_that_is_repeated_gets_every_reply() -> None:
+    daemon = Daemon()
+    heard = [daemon.request(id="a", do="mark", text="x", session="s") for _ in range(2)]
+    payload = daemon.reply("a")
+    assert heard == [[payload], [payload]]
+
+
+def test_another_request_with_the_same_id_is_refused() -> None:
+    daemon = Daemon()
+    daemon.request(id="a", do="state")
+    [refusal] = daemon.request(id="a", do="state", board="B")
+    assert "another request" in msgpack.unpackb(refusal)["reason"]
+
+
+@pytest.mark.parametrize(
+    ("allow", "may_command", "session", "reason"),
+    [
+        (False, True, "s", "--allow-commands"),
+        (True, False, "s", "tactile/HOST/command"),
+        (True, True, "", "session"),
+    ],
+)
+def test_commands_are_refused(allow: bool, may_command: bool, session: str, reason: str) -> None:
+    daemon = Daemon(allow_commands=allow)
+    [refusal] = daemon.request(may_command=may_command, id="a", do="tare", session=session)
+    assert reason in msgpack.unpackb(refusal)["reason"]
+    assert daemon.asked == []
+
+
+def test_a_command_says_that_it_came_through_zenoh() -> None:
+    daemon = Daemon()
+    daemon.request(id="a", do="tare", session="s", who="w" * 64)
+    assert daemon.asked[0]["who"] == "w" * 58 + " zenoh"
+
+
+def test_without_a_daemon_the_client_is_to_repeat() -> None:
+    assert Daemon(is_there=False).request(id="a", do="state") == [b""]
+
+
+def test_what_is_never_answered_is_forgotten() -> None:
+    daemon = Daemon()
+    lost = [daemon.request(now_s=0.0, id=str(number), do="state") for number in range(256)]
+    assert "256" in msgpack.unpackb(daemon.request(now_s=1.0, id="x", do="state")[0])["reason"]
+    later = daemon.request(now_s=10.0, id="y", do="state")
+    assert all(heard == [b""] for heard in lost)
+    assert later == []
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_are_answered_or_ignored(payload: bytes) -> None:
+    daemon, heard = Daemon(), list[bytes]()
+    daemon.relay.request(payload, heard.append, 0.0, may_command=True)
+    daemon.relay.reply(payload)
+    assert len(heard) + len(daemon.asked) >= 1
