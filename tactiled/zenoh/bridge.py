@@ -250,7 +250,8 @@ class _LivelyBoards:
 
     def close(self) -> None:
         """Take back all tokens."""
-        self.drop_silent(float("inf"))
+        for token in self._tokens.values():
+            token.undeclare()
 
 
 def _refuse_second(session: "zenoh.Session", host: str) -> None:

@@ -199,7 +199,9 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
     for name in ("age (ms)", "utilisation", "loss (ppm)"):
         table.add_column(name, justify="right", no_wrap=True)
     for name in ("firmware", "disk (GB)", "words"):
-        table.add_column(name, justify="right" if name.startswith("disk") else "left", overflow="ellipsis")
+        table.add_column(
+            name, justify="right" if name.startswith("disk") else "left", no_wrap=name != "words"
+        )
     for row in rows:
         style = "" if row.valid else "dim" if row.state == "gone" else "bold"
         table.add_row(*(_printable(cell) for cell in _cells(row)), style=style)
