@@ -8,6 +8,7 @@ zenoh calls back from its own threads. They fill bounded queues, and a socket pa
 """
 
 import json
+import logging
 import queue
 import socket
 import threading
@@ -25,6 +26,8 @@ from tactiled.errors import ConfigError, OperatorError, UnavailableError
 from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import ZENOH_SCHEME
 
+logger = logging.getLogger(__name__)
+
 try:
     import zenoh
 except ModuleNotFoundError:
@@ -37,6 +40,8 @@ HOLD_S = 2.0
 _RECEIVE_HIGH_WATER = 2000  # messages, as over ZeroMQ; further ones are dropped, and recovered later
 _QUERY_TIMEOUT_S = 5.0
 _AGAIN_S = 0.1  # interval of repeating a request that reached no host: right after a cut, routes are missing
+_RETRY_S = 0.5  # period of looking for a router
+_CLOSE_S = 2.0  # a host that drops packets keeps a connection attempt waiting for longer; it ends by itself
 _LONGEST_CHUNK = 128
 
 
@@ -109,15 +114,13 @@ def is_chunk(name: str) -> bool:
     return 0 < len(name) <= _LONGEST_CHUNK and name.isprintable() and not set(name) & set("/*$?# @")
 
 
-def open_session(address: ZenohAddress) -> "zenoh.Session":
-    """Open a session in the mode `client`, which listens nowhere and looks for nobody.
+def session_config(address: ZenohAddress) -> "zenoh.Config":
+    """Make the configuration of a session in the mode `client`, which listens nowhere and looks for nobody.
 
     Raises
     ------
     ConfigError
-        The configuration cannot be read.
-    UnavailableError
-        The router does not answer.
+        The file cannot be read.
     """
     try:
         config = zenoh.Config() if address.config is None else zenoh.Config.from_file(address.config)
@@ -129,8 +132,21 @@ def open_session(address: ZenohAddress) -> "zenoh.Session":
             config.insert_json5("connect/endpoints", json.dumps([address.router]))
     except zenoh.ZError as error:
         raise ConfigError(str(address.config or "endpoint"), [str(error)]) from None
+    return config
+
+
+def open_session(address: ZenohAddress) -> "zenoh.Session":
+    """Open a session.
+
+    Raises
+    ------
+    ConfigError
+        The configuration cannot be read.
+    UnavailableError
+        The router does not answer.
+    """
     try:
-        return zenoh.open(config)
+        return zenoh.open(session_config(address))
     except zenoh.ZError as error:
         where = address.router or str(address.config)
         raise UnavailableError(f"{where}: no session with a router of zenoh there ({error})") from None
@@ -138,6 +154,8 @@ def open_session(address: ZenohAddress) -> "zenoh.Session":
 
 class ZenohTransport:
     """Subscriber of one host, and requests to it; a `Transport`.
+
+    A router that does not answer yet is tried again in a thread, as ZeroMQ does with a daemon.
 
     Parameters
     ----------
@@ -148,8 +166,8 @@ class ZenohTransport:
 
     Raises
     ------
-    ConfigError, UnavailableError
-        As for `parse_address` and `open_session`.
+    ConfigError
+        As for `parse_address` and `session_config`.
     """
 
     is_patient = True
@@ -167,12 +185,37 @@ class ZenohTransport:
         self._replies: deque[bytes] = deque()
         self._wakeup = WakeUp()
         self.pollables = [self._wakeup.fileno()]
-        self._session = open_session(address)
-        self._queries = Queries(self._session, address.control, self._answered)
+        self._address = address
+        self._keys = _keys(address.host, topics, board)
+        self._queries: Queries | None = None
+        self._closed = threading.Event()
+        session_config(address)  # faults of the file are the caller's
+        self._thread = threading.Thread(target=self._connect, name="tactiled-zenoh-session", daemon=True)
+        self._thread.start()
+
+    def _connect(self) -> None:
+        """Open the session as soon as a router answers, and subscribe; closed in this thread, too."""
+        fault = ""
+        while not self._closed.is_set():
+            try:
+                session = open_session(self._address)
+            except OperatorError as error:
+                if fault != (fault := str(error)):
+                    logger.warning("%s; tried again every %g s", fault, _RETRY_S)
+                self._closed.wait(_RETRY_S)
+                continue
+            self._serve(session)
+
+    def _serve(self, session: "zenoh.Session") -> None:
+        """Subscribe and take requests until closed."""
         # Called in zenoh's thread of the connection: threads of their own would change the order of topics.
         came = zenoh.handlers.Callback(self._came, indirect=False)
-        for key in _keys(address.host, topics, board):
-            self._session.declare_subscriber(key, came)
+        with session:
+            for key in self._keys:
+                session.declare_subscriber(key, came)
+            self._queries = Queries(session, self._address.control, self._answered)
+            self._closed.wait()
+            self._queries.close()
 
     def receive(self) -> list[bytes]:
         """Return topic and payload of a message that has arrived; empty for none."""
@@ -192,15 +235,16 @@ class ZenohTransport:
         return self._replies.popleft() if self._replies else None
 
     def send(self, payload: bytes) -> bool:
-        """Send a request, again and again while it reaches no host; False where none are sent."""
-        if self._can_ask:
-            self._queries.ask(payload)
-        return self._can_ask
+        """Send a request, again and again while it reaches no host; False while no router answers."""
+        if self._queries is None or not self._can_ask:
+            return False
+        self._queries.ask(payload)
+        return True
 
     def close(self) -> None:
         """Close the session."""
-        self._queries.close()
-        self._session.close()
+        self._closed.set()
+        self._thread.join(_CLOSE_S)
         self._wakeup.close()
 
     def _came(self, sample: "zenoh.Sample") -> None:

@@ -12,7 +12,7 @@ import msgpack
 import pytest
 import zenoh
 
-from bench.fleet.routers import TwoRouters, two_routers
+from bench.fleet.routers import TwoRouters, free_port, router, two_routers
 from bench.fleet.simulated import Rates, SimulatedDaemon
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
 from tactiled.client.over_zenoh import Caller, open_session, parse_address
@@ -247,3 +247,22 @@ def test_nothing_is_lost_while_the_line_between_routers_is_cut(tmp_path: Path, h
         assert subscription.lost == 0
     slips = numbers(items, "slip")
     assert slips == list(range(slips[0], sent))
+
+
+def test_a_subscriber_waits_for_its_router_and_outlives_it(tmp_path: Path) -> None:
+    port = free_port()
+    with (
+        Subscription(f"zenoh://127.0.0.1:{port}/robot7", ("slip",)) as subscription,
+        SimulatedDaemon(f"ipc://{tmp_path}/events.ipc", ("TS0001",), Rates(20.0)) as daemon,
+    ):
+        items = until(subscription, lambda item: isinstance(item, Stale))
+        first = router(port)
+        with bridged(ZenohBridgeParams(daemon.endpoint, "robot7"), port):
+            items = until(subscription, is_fresh)
+            first.close()
+            items += until(subscription, lambda item: isinstance(item, Stale))
+            with closing(router(port)):
+                items += until(subscription, is_fresh) + during(subscription, 1.0)
+        assert subscription.lost == 0
+    slips = numbers(items, "slip")
+    assert slips == list(range(slips[0], slips[0] + len(slips)))
