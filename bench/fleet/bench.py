@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.boards.writer import serial_of
 from bench.fleet.routers import TwoRouters, two_routers
 from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, at_most, judge, table
 from tactiled.array import FloatArray
@@ -37,6 +38,7 @@ _SCANNING = 4  # boards of which every scan crosses the line; more would measure
 _SETTLE_S = 3.0
 _RECOVERY_S = 6.0  # from the mending of the line to the next cut
 _HOST = "bench"
+_REAL = 2  # boards whose frames a daemon of its own decodes; more would measure the processor
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class FleetFigures:
         Processor time of the bridge over time.
     cuts : sequence of Cut
     lost_in_all : int
+    real : (int, int)
+        Messages of info and recording that came from the real boards over all cuts, and those that did not.
     profiles : sequence of Profile
     """
 
@@ -93,6 +97,7 @@ class FleetFigures:
     bridge_part: float
     cuts: Sequence[Cut]
     lost_in_all: int
+    real: tuple[int, int]
     profiles: Sequence[Profile]
 
 
@@ -127,7 +132,8 @@ def bench_fleet(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     machine_load, _, _ = os.getloadavg()
     text = (
         f"{n_boards} simulated boards of one daemon, {_SLIPS_HZ:g} slip messages a second each, through one "
-        f"bridge and two routers on loopback; {os.cpu_count()} processors, load average {machine_load:.1f}."
+        f"bridge, {_REAL} real ones through another, and two routers on loopback; {os.cpu_count()} "
+        f"processors, load average {machine_load:.1f}."
     )
     return BenchReport(
         [text, _cut_table(figures.cuts), _profile_table(profiles), aims_table(AIMS, {"measured": figures})]
@@ -141,15 +147,23 @@ def _cut(
     cuts_s: Sequence[float],
     delay_window_s: float,
     progress: ProgressBar,
-) -> tuple[FloatArray, float, list[Cut], int]:
-    """Measure the delay, then cut the line; return delays, cost of the bridge, cuts, and losses in all."""
+) -> tuple[FloatArray, float, list[Cut], int, tuple[int, int]]:
+    """Measure the delay, then cut the line.
+
+    Returns
+    -------
+    delays, cost of the bridge, cuts, losses in all, and of the real boards messages received and lost.
+    """
     endpoint = f"ipc://{folder}/events.ipc"
     total_s = delay_window_s + 2 * sum(cut_s + _RECOVERY_S for cut_s in cuts_s)
     logs = {"zenoh": folder / "zenoh.json", "direct": folder / "direct.json"}
     through = f"zenoh://127.0.0.1:{routers.readers_port}/{_HOST}"
+    real_log = folder / "real.json"
     spans: list[tuple[str, float, float, float]] = []
     with _process("bench.fleet.simulated", endpoint, n_boards, _SLIPS_HZ, 0.0) as daemon:
         with (
+            _real_boards(folder, routers) as real,
+            _process("bench.fleet.listen", real, "info,recording", real_log) as real_reader,
             _bridge(routers, endpoint) as bridge,
             _process("bench.fleet.listen", endpoint, "slip", logs["direct"]) as direct,
             _process("bench.fleet.listen", through, "slip", logs["zenoh"]) as reader,
@@ -173,14 +187,14 @@ def _cut(
                     progress.reach(0.9 * done_s / total_s)
             daemon.send_signal(signal.SIGUSR1)
             time.sleep(2.0)
-            for process in (direct, reader):
+            for process in (direct, reader, real_reader):
                 process.terminate()
                 process.wait(30)
         daemon.terminate()
         assert daemon.stdout is not None  # asked for
         sent: dict[str, int] = json.loads(daemon.stdout.readline())
     heard = {name: json.loads(log.read_text()) for name, log in logs.items()}
-    at_s = {name: {(b, seq): t for b, seq, t, old in rows["slips"]} for name, rows in heard.items()}
+    at_s = {name: {(b, seq): t for b, seq, t, old in rows["messages"]} for name, rows in heard.items()}
     delays = [
         at_s["zenoh"][key] - t
         for key, t in at_s["direct"].items()
@@ -189,9 +203,11 @@ def _cut(
     first: dict[str, int] = {}
     for board, seq in at_s["zenoh"]:
         first[board] = min(seq, first.get(board, seq))
-    due = {(board, seq) for board, n in sent.items() for seq in range(first.get(board, 0), n)}
+    names = {f"slip/{board}": n for board, n in sent.items()}
+    due = {(name, seq) for name, n in names.items() for seq in range(first.get(name, 0), n)}
     lost = due - at_s["zenoh"].keys()
-    return np.array(delays), bridge_part, _judged(spans, heard["zenoh"], at_s, lost), len(lost)
+    cuts = _judged(spans, heard["zenoh"], at_s, lost)
+    return np.array(delays), bridge_part, cuts, len(lost), _completeness(json.loads(real_log.read_text()))
 
 
 def _judged(
@@ -205,7 +221,7 @@ def _judged(
     for number, (how, cut_s, cut_at_s, mended_s) in enumerate(spans):
         until_s = spans[number + 1][2] - 1.0 if number + 1 < len(spans) else np.inf
         inside = {key for key, t in at_s["direct"].items() if cut_at_s - 1.0 <= t < until_s}
-        recovered = [t for b, seq, t, old in reader["slips"] if old and (b, seq) in inside]
+        recovered = [t for b, seq, t, old in reader["messages"] if old and (b, seq) in inside]
         fresh = [float(t) for t in reader["fresh"] if mended_s <= t < until_s]
         cuts.append(
             Cut(
@@ -259,10 +275,44 @@ def _list_bytes(folder: Path, routers: TwoRouters, n_boards: int) -> Profile:
 
 
 @contextmanager
-def _bridge(routers: TwoRouters, endpoint: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
+def _real_boards(folder: Path, routers: TwoRouters) -> Iterator[str]:
+    """Emulated boards on ptys, read by `tactiled run`, with a bridge; yields the endpoint for a reader."""
+    endpoint = f"ipc://{folder}/real.ipc"
+    words: list[str] = []
+    for number in range(_REAL):
+        file = folder / f"{serial_of(number)}.toml"
+        file.write_text(
+            f'[port]\nurl = "{folder}/{serial_of(number)}"\n[session]\nboard_serial = "{serial_of(number)}"\n'
+            f'[samples]\ntransfer = "none"\n[publish]\nendpoints = ["{endpoint}"]\n'
+        )
+        words += ["--config", str(file)]
+    with (
+        _process("bench.boards.writer", folder, _REAL, 100.0, folder / "written.npz") as writer,
+        _process("tactiled", "run", *words, ready=""),
+        _bridge(routers, endpoint, "--rate", "0", host="real"),
+    ):
+        assert writer.stdout is not None  # asked for
+        if "all started" not in writer.stdout.readline():
+            raise OperatorError("the emulated boards were not started")
+        yield f"zenoh://127.0.0.1:{routers.readers_port}/real"
+
+
+def _completeness(log: Mapping[str, Any]) -> tuple[int, int]:
+    """Number of messages that came, and of holes in the numbers of their topics."""
+    numbers: dict[str, set[int]] = {}
+    for name, seq, _, _ in log["messages"]:
+        numbers.setdefault(name, set()).add(seq)
+    holes = sum(max(seqs) - min(seqs) + 1 - len(seqs) for seqs in numbers.values())
+    return sum(map(len, numbers.values())), holes
+
+
+@contextmanager
+def _bridge(
+    routers: TwoRouters, endpoint: str, *options: str, host: str = _HOST
+) -> Iterator["subprocess.Popen[str]"]:
     """The bridge, connected to the router of the robots."""
     locator = f"tcp/127.0.0.1:{routers.robots_port}"
-    words = ("zenoh", "--events", endpoint, "--connect", locator, "--host", _HOST, *options)
+    words = ("zenoh", "--events", endpoint, "--connect", locator, "--host", host, *options)
     with _process("tactiled", *words, ready="bridge") as process:
         yield process
 
@@ -276,7 +326,7 @@ def _process(module: str, *words: object, ready: str = "ready") -> Iterator["sub
     )  # fmt: skip
     assert process.stdout is not None  # asked for above
     try:
-        if ready not in (line := process.stdout.readline()):
+        if ready and ready not in (line := process.stdout.readline()):
             raise OperatorError(f"{module} did not start: {line!r}")
         yield process
     finally:
@@ -321,6 +371,11 @@ def _profile_table(profiles: Sequence[Profile]) -> str:
     )
 
 
+def _real_lossless(figures: FleetFigures) -> Reading:
+    came, lost = figures.real
+    return judge(f"{lost} lost of {came + lost}", lost == 0 and came > 0)
+
+
 def _lossless(figures: FleetFigures) -> Reading:
     total = sum(cut.sent for cut in figures.cuts)
     return judge(f"{figures.lost_in_all} lost of {total}", figures.lost_in_all == 0)
@@ -339,6 +394,7 @@ def _bridge_percent(figures: FleetFigures) -> float:
 _MOST_DELAY_MS = 5.0  # half a scan of 100 Hz
 AIMS = (
     Aim[FleetFigures]("slip messages lost over all cuts", "none", _lossless),
+    Aim[FleetFigures](f"messages lost of {_REAL} real boards (info, recording)", "none", _real_lossless),
     Aim[FleetFigures](
         "delay over the direct path", f"median at most {_MOST_DELAY_MS:g} ms (half a scan)", _delay
     ),
