@@ -54,8 +54,8 @@ def summary(
             )
         elif slip_s == 0 and "slip" in topics and not sliding_is_given:
             yield (
-                "no slip: a slide that is under way when the log begins has no onset (--sliding says that "
-                "the log slides), and --setting fast needs less shear"
+                "no slip: --sliding says that the log slides"
+                + (", as from its beginning, and --setting fast needs less shear" if array.has_shear else "")
             )
     if "texture" in topics:
         yield from _texture(array, events, rate_hz, speed_mm_s, slip_s > 0 or sliding_is_given)

@@ -22,13 +22,15 @@ def strongest_line_hz(time_s: FloatArray, readings: FloatArray) -> float:
     return float(frequency_hz[peak] + (0.5 * (left - right) / bend if bend < 0 else 0.0) * frequency_hz[1])
 
 
-def rate_of_change_slides(time_s: FloatArray, readings: FloatArray) -> FloatArray:
+def rate_of_change_slides(time_s: FloatArray, readings: FloatArray, over_s: float) -> FloatArray:
     """Return the instants at which readings begin to change `TIMES` as fast as when they are quietest."""
-    n = max(2, round(HALF_S / np.median(np.diff(time_s))))
-    change = np.abs(np.diff(readings, axis=0)).mean(axis=1)
-    smooth = np.convolve(change, np.ones(n) / n)[: len(change)]
+    spacing_s = np.median(np.diff(time_s))
+    lag, n = max(1, round(over_s / spacing_s)), max(2, round(HALF_S / spacing_s))
+    change = np.sqrt(((readings[lag:] - readings[:-lag]) ** 2).mean(axis=1))
+    smooth = np.convolve(change, np.ones(n) / n)[: len(change)] if lag == 1 else change
     quiet = smooth[2 * n :].min(initial=np.inf) if len(smooth) > 2 * n else np.inf
     fast = smooth > TIMES * max(float(quiet), 1e-12)
     fast[:n] = False
     begins = np.flatnonzero(fast[1:] & ~fast[:-1]) + 1
-    return np.asarray(time_s[1:][begins])
+    begins = begins[np.diff(begins, prepend=-n) >= n]  # one for each half second
+    return np.asarray(time_s[lag:][begins])

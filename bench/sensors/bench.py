@@ -23,6 +23,7 @@ from bench.report import (
 )
 from bench.sensors.baseline import strongest_line_hz
 from bench.sensors.recordings import DURATION_S, FLAT, SENSORS, Recording, Sensor, Surface, make
+from bench.sensors.slips import CASES, FIRST_SEED, SlipTrial, run_slips
 from tactiled import tomlfile
 from tactiled.array import ArrayFile, build
 from tactiled.detect.signal.known_sliding import KnownSliding
@@ -31,7 +32,7 @@ from tactiled.events.types import TextureEvent
 from tactiled.progress import ProgressBar
 from tactiled.recording.table import to_blocks
 
-SNRS_DB = (10.0, 0.0, -6.0, -10.0)
+SNRS_DB = (10.0, 0.0, -6.0, -10.0, -15.0)
 _RIGHT = 0.03  # of the period: right or wrong line, whatever its sigma
 _MOST_RMS = 1.5
 _MOST_TILT_DEG = 35.0  # what the user says of the ridges
@@ -117,7 +118,9 @@ def _judge(
 def bench_sensors(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Measure every sensor over ridges at each signal-to-noise ratio, and over surfaces without a period."""
     n_ridges, n_flat = (3, 2) if options.quick else (10, 10)
-    progress.begin(len(SENSORS) * (len(SNRS_DB) * n_ridges + len(FLAT) * n_flat))
+    n_slips = 2 if options.quick else 10
+    n_worlds = sum(len(slides) + len(quiet) for _, slides, quiet in CASES)
+    progress.begin(len(SENSORS) * (len(SNRS_DB) * n_ridges + len(FLAT) * n_flat) + n_worlds * n_slips)
     trials: list[Trial] = []
     for sensor in SENSORS:
         cases: list[tuple[Surface, float, int]]
@@ -126,6 +129,12 @@ def bench_sensors(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         for surface, snr_db, seed in cases:
             trials.append(run(sensor, surface, snr_db, seed))
             progress.advance(sensor.name)
+    slips: list[SlipTrial] = []
+    for skin, slides, quiet in CASES:
+        for world in (*slides, *quiet):
+            for seed in range(FIRST_SEED, FIRST_SEED + n_slips):
+                slips.append(run_slips(skin, world, seed))
+                progress.advance(f"{skin.name}, {world}")
     return BenchReport(
         [
             f"Slides of {DURATION_S:g} s over ridges, stamps that jitter by a tenth: recordings whose last "
@@ -135,9 +144,34 @@ def bench_sensors(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             f"Answers over surfaces without a period, {n_flat} seeds; processor time of a second.",
             table(_flat_row(sensor, trials) for sensor in SENSORS),
             aims_table(AIMS, {"measured": trials}),
+            "Slips that are found without being told, in emulated worlds (`bench/sensors/worlds.py`, seeds "
+            f"from {FIRST_SEED}); beside them a threshold on the rate of change. A tug or a jerk "
+            "counts from the beginning of its load, whether it slips or not.",
+            table(_slip_row(skin.name, world, slips) for skin, a, b in CASES for world in (*a, *b)),
+            aims_table(SLIP_AIMS, {"measured": slips}),
         ],
-        numbers=trials,
+        numbers=[*trials, *slips],
     )
+
+
+def _slip_row(skin: str, world: str, trials: list[SlipTrial]) -> dict[str, str]:
+    mine = [t for t in trials if (t.skin, t.world) == (skin, world)]
+    slid = [t for t in mine if t.has_slide]
+    row = {"sensor": skin, "world": world, "minutes": f"{sum(t.duration_s for t in mine) / 60:.1f}"}
+    for name, found, n_false, delays_s in (
+        ("", [t.found for t in slid], sum(t.n_false for t in mine), [t.delay_s for t in slid]),
+        (
+            "baseline: ",
+            [t.baseline_found for t in slid],
+            sum(t.baseline_false for t in mine),
+            [t.baseline_delay_s for t in slid],
+        ),
+    ):
+        known = [delay for delay in delays_s if np.isfinite(delay)]
+        row[f"{name}found"] = ratio(found) if found else "-"
+        row[f"{name}false onsets"] = str(n_false)
+        row[f"{name}delay"] = f"{np.median(known):.2f} s" if known else "-"
+    return row
 
 
 def _ridge_row(sensor: Sensor, trials: list[Trial]) -> dict[str, str]:
@@ -187,4 +221,18 @@ AIMS: tuple[Aim[list[Trial]], ...] = (
     never("answers over surfaces without a period", _false),
     never("right answers whose interval does not hold the period", _outside),
     Aim("error of the period over its standard deviation, rms", f"at most {_MOST_RMS:g}", _errors),
+)
+
+
+def _slips_lost(trials: list[SlipTrial]) -> list[bool]:
+    return [t.baseline_found and not t.found for t in trials if t.has_slide]
+
+
+def _slips_false(trials: list[SlipTrial]) -> list[bool]:
+    return [t.n_false > 0 for t in trials]
+
+
+SLIP_AIMS: tuple[Aim[list[SlipTrial]], ...] = (
+    never("slips that the baseline finds, and tactiled does not", _slips_lost),
+    never("recordings with onsets where nothing slides", _slips_false),
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.sensors.baseline import rate_of_change_slides
-from bench.sensors.worlds import FINGERTIP, Played, Skin, World, play
+from bench.sensors.worlds import FINGERTIP, MAGNETS, SHEAR, Played, Skin, World, play
 from tactiled import tomlfile
 from tactiled.array import ArrayFile, build
 from tactiled.detect.suite import DetectParams, build_suite
@@ -17,7 +17,16 @@ FIRST_SEED = 100  # constants were set on the worlds of seeds 0 to 7
 _LATE_S = 1.0  # an onset that is detected so long after a slide is still its own
 _SLIDING: tuple[World, ...] = ("ridges", "ridges from the first scan on", "rough", "smooth")
 _QUIET: tuple[World, ...] = ("hold", "taps", "grip changes", "motor hum", "cable tug", "load and back")
-CASES: tuple[tuple[Skin, tuple[World, ...], tuple[World, ...]], ...] = ((FINGERTIP, _SLIDING, _QUIET),)
+_STILL: tuple[World, ...] = ("hold", "taps", "grip changes", "motor hum")
+CASES: tuple[tuple[Skin, tuple[World, ...], tuple[World, ...]], ...] = (
+    (FINGERTIP, _SLIDING, _QUIET),
+    (MAGNETS, ("tug", "jerk"), _STILL),
+    (SHEAR, ("tug", "jerk"), _STILL),
+)
+
+
+# Changes that the baseline looks for: from scan to scan over a surface, in a quarter of a second in a tug.
+_OVER_S = {FINGERTIP.name: 0.0, MAGNETS.name: 0.25, SHEAR.name: 0.25}
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ def run_slips(skin: Skin, world: World, seed: int) -> SlipTrial:
     events = [event for item in blocks for event in suite.process(item)]
     onsets = [e.detected_s for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
     found, n_false, delay_s = _score(played, np.array(onsets))
-    plain = _score(played, rate_of_change_slides(played.time_s, played.readings))
+    plain = _score(played, rate_of_change_slides(played.time_s, played.readings, _OVER_S[skin.name]))
     duration_s = float(played.time_s[-1] - played.time_s[0])
     has_slide = bool(played.spans())
     return SlipTrial(skin.name, world, duration_s, has_slide, found, n_false, delay_s, *plain)

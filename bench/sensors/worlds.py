@@ -149,8 +149,8 @@ def play(skin: Skin, world: World, seed: int) -> Played:
     shear = shear * (1 + 0.5 * relief[..., np.newaxis])
     load = {"normal": normal, "shear_x": -shear[..., 0], "shear_y": -shear[..., 1]}
     per_taxel = np.stack([load[str(c["kind"])] for c in skin.array["taxel_channels"]], axis=-1)
-    if skin is MAGNETS:  # each axis of the field answers to each axis of the load, with any sign
-        mixing = np.eye(3) * rng.choice([-1.0, 1.0], (array.n_taxels, 3, 1)) + 0.3 * rng.standard_normal(
+    if skin is MAGNETS:  # each axis of the field answers to each axis of the load; signs are of the print
+        mixing = np.eye(3) * rng.choice([-1.0, 1.0], (1, 3, 1)) + 0.3 * rng.standard_normal(
             (array.n_taxels, 3, 3)
         )
         per_taxel = np.einsum("ntk,tjk->ntj", per_taxel, mixing)

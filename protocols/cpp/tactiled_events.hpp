@@ -348,12 +348,24 @@ struct Candidate {
     double angle_deg = 0.0;
     // Relative weight of this candidate.
     double weight = 0.0;
+    // Standard deviation of the period of this candidate where status is ok or period-only, millimetres;
+    // else 0.0.
+    double period_sd_mm = 0.0;
+    // Shortest period of this candidate for the permitted tilts where status is period-only, millimetres;
+    // else 0.0.
+    double period_min_mm = 0.0;
+    // Longest period of this candidate where status is period-only, that of motion across the grooves,
+    // millimetres; else 0.0.
+    double period_max_mm = 0.0;
 };
 
 template <class Json> void from_json(const Json& map, Candidate& out) {
     map.at("period_mm").get_to(out.period_mm);
     map.at("angle_deg").get_to(out.angle_deg);
     map.at("weight").get_to(out.weight);
+    map.at("period_sd_mm").get_to(out.period_sd_mm);
+    map.at("period_min_mm").get_to(out.period_min_mm);
+    map.at("period_max_mm").get_to(out.period_max_mm);
 }
 
 // Estimate of a grooved surface, or the reason why there is none.

@@ -306,6 +306,18 @@ class CandidateData(TypedDict):
     """Direction of the groove normal of this candidate, degrees."""
     weight: float
     """Relative weight of this candidate."""
+    period_sd_mm: float
+    """Standard deviation of the period of this candidate where status is ok or period-only, millimetres; else
+    0.0.
+    """
+    period_min_mm: float
+    """Shortest period of this candidate for the permitted tilts where status is period-only, millimetres;
+    else 0.0.
+    """
+    period_max_mm: float
+    """Longest period of this candidate where status is period-only, that of motion across the grooves,
+    millimetres; else 0.0.
+    """
 
 
 class TextureData(TypedDict):

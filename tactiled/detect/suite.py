@@ -206,7 +206,8 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
     """Make the slip detector; where shear over pressure is not measured, with what sliding itself shows."""
     coherent = CoherentSlip(array, params.slip)
-    return coherent if array.has_shear else SlidingSlip(array, coherent)
+    has_load = bool(array.normal_weights().any()) and array.unit != "uT"  # a field is no load
+    return coherent if array.has_shear and has_load else SlidingSlip(array, coherent)
 
 
 _COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)

@@ -88,6 +88,11 @@ def _read(
     stamps_ns: list[int] = []
     rows: list[FloatArray] = []
     for connection, recorded_ns, data in bag.messages(connections):
+        if connection.msgtype not in bag.typestore.fielddefs:
+            raise DataError(
+                f"{path}: {name} has messages of {connection.msgtype}, which the bag does not define; record "
+                "it as MCAP (`ros2 bag record -s mcap`), which does, or export it as CSV"
+            )
         message = bag.deserialize(data, connection.msgtype)
         if not rows and not field:
             field = _only_field(path, name, message)
@@ -143,11 +148,12 @@ def _only_topic(path: Path, bag: "AnyReader") -> str:
 
 
 def _first_messages(bag: "AnyReader") -> Iterator[tuple[str, object]]:
-    """Yield each topic that has messages, with its first message."""
+    """Yield each topic that has messages, with its first message; None for a type that is not defined."""
     for topic in sorted({connection.topic for connection in bag.connections}):
         of_topic = [c for c in bag.connections if c.topic == topic]
         for connection, _, data in bag.messages(of_topic):
-            yield topic, bag.deserialize(data, connection.msgtype)
+            is_known = connection.msgtype in bag.typestore.fielddefs
+            yield topic, bag.deserialize(data, connection.msgtype) if is_known else None
             break
 
 
@@ -155,7 +161,8 @@ def _topics_in_words(bag: "AnyReader") -> str:
     described = []
     for topic, message in _first_messages(bag):
         arrays = [f"{field} ({size})" for field, size in _arrays(message)]
-        described.append(f"{topic} with {', '.join(arrays) or 'no array of numbers'}")
+        none = "a type that it does not define" if message is None else "no array of numbers"
+        described.append(f"{topic} with {', '.join(arrays) or none}")
     return f"it has {'; '.join(described)}" if described else "it has no messages"
 
 

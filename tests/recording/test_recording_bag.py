@@ -1,16 +1,20 @@
 """Bags of others are read, or refused with the names that they have; written by rosbags and mcap."""
 
+import contextlib
+import sqlite3
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.writer import Writer as McapWriter
 from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tactiled.errors import DataError
+from tactiled.errors import DataError, OperatorError
 from tactiled.recording.bag import read_bag
 
 Floats = NDArray[np.float64]
@@ -79,9 +83,9 @@ def test_topics_of_a_rosbag2_are_read(tmp_path: Path, storage: StoragePlugin) ->
     assert time_s == pytest.approx(stamps_ns() * 1e-9 - 0.007, abs=1e-6)  # the header's
     _, got = read_bag(path, "/pad.taxels")
     assert np.array_equal(got, np.insert(rows, [2, 4], [7.0, 8.0], axis=1))
-    if storage is StoragePlugin.MCAP:  # the file alone; a lone .db3 of this version has no definitions
-        _, alone = read_bag(path / "bag.mcap", "/pad.temperature")
-        assert np.array_equal(alone, np.full((20, 3), 25.0))
+    (alone,) = path.glob("bag.*")  # without its metadata.yaml
+    _, got = read_bag(alone, "/pad.temperature")
+    assert np.array_equal(got, np.full((20, 3), 25.0))
 
 
 def test_what_a_bag_has_is_named(tmp_path: Path) -> None:
@@ -108,6 +112,54 @@ def test_times_that_do_not_grow_need_a_rate(tmp_path: Path) -> None:
     assert time_s - time_s[0] == pytest.approx(np.arange(20) / 50, abs=1e-6)
     time_s, _ = read_bag(path, "/joints.position")  # headers grow
     assert np.diff(time_s) == pytest.approx(np.full(19, 0.02), abs=1e-6)
+
+
+def test_types_without_a_definition_are_named_and_others_are_read(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", readings(), StoragePlugin.SQLITE3, stamps_ns())
+    with contextlib.closing(sqlite3.connect(path / "bag.db3")) as file:
+        file.execute("DELETE FROM message_definitions")  # as ROS 2 before Iron writes it
+        file.commit()
+    with pytest.raises(DataError, match=r"/pad has messages of demo_msgs/msg/Pad, which the bag does not"):
+        read_bag(path, "/pad.temperature")
+    with pytest.raises(DataError, match=r"/pad with a type that it does not define"):
+        read_bag(path, "/nothing")
+    _, got = read_bag(path, "/array")
+    assert np.array_equal(got, 64 * readings())
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "sensor_msgs/msg/JointState"
+    rows = readings()
+    with Writer1(tmp_path / "x.bag") as bag:
+        at = bag.add_connection("/joints", kind, typestore=store)
+        for k, (row, ns) in enumerate(zip(rows, stamps_ns().tolist(), strict=True)):
+            seconds, rest = divmod(ns, 1_000_000_000)
+            stamp = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
+            header = store.types["std_msgs/msg/Header"](seq=k, stamp=stamp, frame_id="")
+            nothing = np.zeros(0)
+            message = store.types[kind](
+                header=header, name=NAMES, position=row, velocity=nothing, effort=nothing
+            )
+            bag.write(at, ns, store.serialize_ros1(message, kind))
+    time_s, got = read_bag(tmp_path / "x.bag", None)
+    assert np.array_equal(got, rows)
+    assert time_s == pytest.approx(stamps_ns() * 1e-9, abs=1e-6)
+
+
+def test_without_rosbags_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(OperatorError, match=r"pip install 'tactiled\[rosbags\]'"):
+        read_bag(tmp_path / "x.bag", None)
+
+
+def test_an_mcap_of_another_profile_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    with (tmp_path / "x.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("ros1", "test")
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(DataError, match=r"[Pp]rofile.*exported as CSV"):
+        read_bag(tmp_path / "x.mcap", None)
 
 
 def write_mcap(path: Path, messages: list[bytes], schema: str, encoding: str = "cdr") -> Path:

@@ -256,7 +256,12 @@ class WaveFit:
         both = [self] if self.second is None else [self, self.second]
         powers = np.array([10 ** (grating.snr_db / 10) for grating in both])
         return tuple(
-            Candidate(period_mm=grating.period_mm, angle_deg=grating.angle_deg, weight=float(weight))
+            Candidate(
+                period_mm=grating.period_mm,
+                angle_deg=grating.angle_deg,
+                weight=float(weight),
+                period_sd_mm=grating.period_sd_mm,
+            )
             for grating, weight in zip(both, powers / powers.sum(), strict=True)
         )
 

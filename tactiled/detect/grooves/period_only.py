@@ -78,8 +78,8 @@ def fit_line(
     if not lines:
         return WaveFit("low-snr")
     gratings = _fundamentals(lines, _SAME_LINE_PERIODS / duration_s)
-    answer = _of_line(gratings[0], motion, params.max_tilt_deg)
-    return replace(answer, candidates=_candidates(gratings, motion))
+    answers = [_of_line(line, motion, params.max_tilt_deg) for line in gratings]
+    return replace(answers[0], candidates=_candidates(gratings, answers))
 
 
 def period_range(frequency_hz: float, speed_mm_s: float, max_tilt_deg: float) -> tuple[float, float]:
@@ -146,14 +146,21 @@ def _of_line(line: SpectralLine, motion: WaveMotion, max_tilt_deg: float) -> Wav
     )
 
 
-def _candidates(gratings: list[SpectralLine], motion: WaveMotion) -> tuple[Candidate, ...]:
+def _candidates(gratings: list[SpectralLine], answers: list[WaveFit]) -> tuple[Candidate, ...]:
     """All gratings in view, where there are several, weighted by their shares of the power."""
-    if len(gratings) < 2 or motion.speed_mm_s == 0:
+    if len(gratings) < 2 or answers[0].status != "period-only":
         return ()
     total = sum(line.power for line in gratings)
     return tuple(
-        Candidate(period_mm=motion.speed_mm_s / line.frequency_hz, angle_deg=0.0, weight=line.power / total)
-        for line in gratings
+        Candidate(
+            period_mm=answer.period_mm,
+            angle_deg=0.0,
+            weight=line.power / total,
+            period_sd_mm=answer.period_sd_mm,
+            period_min_mm=answer.period_range_mm[0],
+            period_max_mm=answer.period_range_mm[1],
+        )
+        for line, answer in zip(gratings, answers, strict=True)
     )
 
 

@@ -1,9 +1,10 @@
-"""Slip detector for arrays whose shear or pressure is not measured: the events of two detectors as one.
+"""Slip detector for arrays that do not measure shear over pressure: the events of two detectors as one.
 
-A first detector reports contact, and slip as far as the array shows shear. Beside it `SlidingTracker` finds
-sliding by its roughness and ripple. A slip goes on while either of the two sees it: ridges that move the
-centre of load end a slip for the first detector, and not for the second. What the second finds is published
-as gross slip without a direction.
+A first detector reports contact, and slip as far as the array shows shear over pressure. On arrays without
+shear channels, `SlidingTracker` beside it finds sliding by its roughness and ripple. A slip goes on while
+either of the two sees it: ridges that move the centre of load end a slip for the first detector, and not for
+the second. On arrays without pressure, and on magnetic skins, whose field is no load, `GrowthTracker` finds
+slips, and those of the first detector are left out. Nothing here knows a direction.
 """
 
 import dataclasses
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.sliding.tracker import BEGINS, Change, SlidingTracker
+from tactiled.detect.sliding.change import Change
+from tactiled.detect.sliding.growth import GROWS, GrowthTracker
+from tactiled.detect.sliding.tracker import BEGINS, SlidingTracker
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -52,6 +55,7 @@ class SlidingSlip:
     def __init__(self, array: Array, first: ContactAndSlip) -> None:
         self._array = array
         self._first = first
+        self._grows = array.has_shear
         self.reset()
 
     def reset(self) -> None:
@@ -84,7 +88,8 @@ class SlidingSlip:
                 events += self._cut_off()
             self._rate_hz = item.rate_hz
             self._quantiser = Quantiser(self._array)
-            self._tracker = SlidingTracker(self._array, item.rate_hz)
+            tracker = GrowthTracker if self._grows else SlidingTracker
+            self._tracker: GrowthTracker | SlidingTracker = tracker(self._array, item.rate_hz)
         self._last_time_s = float(item.time_s[-1])
         at = [(_row(item, event), event) for event in before]
         changes = self._tracker.process(self._quantiser.process(item), self._touches(item, at))
@@ -95,7 +100,9 @@ class SlidingSlip:
             elif isinstance(found, SlipEvent):
                 events += self._first_slips(found)
             elif isinstance(found, ContactEvent):
-                self._state, self._touching = found.state, found.taxels
+                is_only_first = self._grows and found.state == "sliding"
+                self._state = "holding" if is_only_first else found.state
+                self._touching = found.taxels
             events += self._contact(item, row)
         return events
 
@@ -119,8 +126,8 @@ class SlidingSlip:
         return [] if self._of_first is not None else self._ended(time_s, time_s, valid=valid)
 
     def _first_slips(self, event: SlipEvent) -> list[Event]:
-        self._of_first = event if event.state == "onset" else None
-        if self._own is not None:
+        self._of_first = event if event.state == "onset" and not self._grows else None
+        if self._own is not None or self._grows:
             return []
         self._newest = event if event.state == "onset" else None
         return [event]
@@ -136,23 +143,25 @@ class SlidingSlip:
         return SlipEvent(
             time_s=time_s - before_s,
             state="onset",
-            kind="gross",
+            kind="gross" if change.is_gross else "incipient",
             onset_s=time_s - before_s,
             onset_sd_s=before_s / 2,
             direction_deg=0.0,
             direction_sd_deg=UNKNOWN_SD_DEG,
-            confidence=float(1 / (1 + np.exp(-change.log_odds))),
+            confidence=float(1 / (1 + np.exp(-change.statistic)))
+            if change.is_gross
+            else 1 - 1 / change.statistic,
             taxels=self._touching or tuple(range(self._array.n_taxels)),
             detector=DETECTOR,
-            statistic=change.log_odds,
-            threshold=BEGINS,
+            statistic=change.statistic,
+            threshold=GROWS if self._grows else BEGINS,
             valid=valid,
             detected_s=time_s,
         )
 
     def _contact(self, block: ScanBlock, row: int) -> list[Event]:
         """Return the change of the published contact, which slides while sliding is seen."""
-        slides = self._own is not None and self._state in _STATES_THAT_SLIDE
+        slides = self._own is not None and self._own.kind == "gross" and self._state in _STATES_THAT_SLIDE
         state: ContactState = "sliding" if slides else self._state
         if state == self._published:
             return []

@@ -116,6 +116,9 @@ def test_several_gratings_are_all_reported_and_harmonics_are_none() -> None:
     lines = {3.0: 1.2, 6.0: 0.6, 4.6: 0.8}  # the second one is a harmonic of the first
     last = answers(unknown_places(16), [ridges(4, lines)], speed_mm_s=6.0)[-1]
     assert [c.period_mm for c in last.candidates] == pytest.approx([2.0, 6.0 / 4.6], rel=0.01)
+    for grating, true_mm in zip(last.candidates, (2.0, 6.0 / 4.6), strict=True):
+        assert abs(grating.period_mm - true_mm) < 4 * grating.period_sd_mm
+        assert grating.period_min_mm < true_mm < grating.period_max_mm
     assert last.candidates[0].weight > last.candidates[1].weight
     harmonic = answers(unknown_places(16), [ridges(5, {3.0: 0.7, 6.0: 1.0})], speed_mm_s=6.0)[-1]
     assert harmonic.frequency_hz == pytest.approx(3.0, rel=0.01)

@@ -1,0 +1,97 @@
+"""Slip without a load to compare with: growth of shear or field beyond what the hold before had."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from touches import pieces, run, splits
+
+from tactiled.array import Array, ArrayFile, FloatArray, build
+from tactiled.detect.base import Detector
+from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.events.types import Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.tomlfile import parse
+
+RATE_HZ = 100.0
+N = 1200
+T = np.arange(N) / RATE_HZ
+SHEAR, FIELD = ("shear_x", "shear_y"), ("shear_x", "shear_y", "normal")
+UNITS = {SHEAR: ("N", -20, 20), FIELD: ("uT", -5000, 5000)}
+kinds_of = pytest.mark.parametrize("kinds", [SHEAR, FIELD], ids=["shear alone", "magnetic"])
+
+
+@functools.cache
+def skin(kinds: tuple[str, ...]) -> Array:
+    unit, low, high = UNITS[kinds]
+    channels = [{"name": kind, "kind": kind} for kind in kinds]
+    document = {"name": "skin", "unit": unit, "range": [low, high], "taxel_count": 5}
+    return build(parse({**document, "taxel_channels": channels}, ArrayFile, "test"))
+
+
+def held(kinds: tuple[str, ...], seed: int, shear: FloatArray, normal: FloatArray | float = 0.0) -> ScanBlock:
+    """Return a hold with creep, tremor and noise, and what is added to shear_x and to the normal channels."""
+    rng = np.random.default_rng(seed)
+    unit = 1.0 if kinds == FIELD else 0.005  # of the noise
+    tremor = np.convolve(rng.standard_normal(N + 40), np.hanning(40), "valid")[:N]
+    n_channels = 5 * len(kinds)
+    still = 5 * rng.standard_normal(n_channels) * np.log1p(T)[:, np.newaxis]
+    still = still + 0.5 * tremor[:, np.newaxis] * rng.standard_normal(n_channels)
+    added = {"shear_x": shear, "shear_y": 0.3 * shear, "normal": normal + 0.2 * shear}
+    gains = rng.uniform(0.5, 1.5, 5)
+    moved = np.stack([added[kind] for kind in kinds], axis=-1)[:, np.newaxis] * gains[:, np.newaxis]
+    noise = rng.standard_normal((N, n_channels))
+    return regular_block(unit * (300 + still + moved.reshape(N, -1) + noise), RATE_HZ)
+
+
+def detector(kinds: tuple[str, ...]) -> Detector:
+    return build_methods(skin(kinds), DetectParams(), topics=("slip", "contact"))
+
+
+def slips(events: list[Event]) -> list[SlipEvent]:
+    return [event for event in events if isinstance(event, SlipEvent)]
+
+
+def tug(sign: float = 1.0) -> FloatArray:
+    return np.asarray(sign * 100 * np.clip((T - 6) / 0.5, 0, 1))
+
+
+@kinds_of
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_tug_is_one_slip_of_either_sign(kinds: tuple[str, ...], sign: float) -> None:
+    onset, end = slips(detector(kinds).process(held(kinds, 1, tug(sign))))
+    assert (onset.state, onset.kind, end.state) == ("onset", "incipient", "end")
+    assert 6 < onset.detected_s < 6.4
+    assert abs(onset.onset_s - 6) < 4 * onset.onset_sd_s
+    assert 6.5 < end.detected_s < 7.5
+
+
+@kinds_of
+@pytest.mark.parametrize("seed", range(4))
+def test_creep_tremor_and_taps_are_no_slip(kinds: tuple[str, ...], seed: int) -> None:
+    taps = 60.0 * (np.abs(T[:, np.newaxis] - np.array([4.0, 7.0, 9.5])) < 0.03).any(axis=1)
+    assert slips(detector(kinds).process(held(kinds, seed, taps))) == []
+
+
+def test_a_press_is_no_slip_where_normal_channels_show_it() -> None:
+    press = 150 * np.clip((T - 6) / 0.5, 0, 1)
+    assert slips(detector(FIELD).process(held(FIELD, 2, 0.3 * press, press))) == []
+    assert slips(detector(FIELD).process(held(FIELD, 2, press))) != []
+
+
+@kinds_of
+def test_any_chunking_and_a_gap_give_the_same_slips(kinds: tuple[str, ...]) -> None:
+    block = held(kinds, 1, tug())
+    whole = detector(kinds).process(block)
+    seen = detector(kinds)
+    seen.process(block[:640])
+    assert [event.valid for event in slips(seen.process(Gap(5, "missing", 5000)))] == [False]
+    assert seen.process(block) == whole
+
+    @given(splits(len(block)))
+    @settings(max_examples=5, deadline=None)
+    def check(cuts: list[int]) -> None:
+        assert run(detector(kinds), pieces(block, cuts)) == whole
+
+    check()
