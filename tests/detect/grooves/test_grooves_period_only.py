@@ -185,3 +185,17 @@ def test_detectors_that_are_not_asked_for_do_not_run() -> None:
     suite = build_suite(unknown_places(16), params, sliding=KnownSliding(), topics=("texture",))
     assert {event.topic for event in suite.process(block)} == {"texture"}
     assert build_suite(unknown_places(16), params, topics=("slip", "contact")).texture is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_uneven_ridges_on_a_rough_surface_are_a_line_and_the_surface_alone_is_none(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(200) / RATE_HZ
+    shared = coloured(rng, 200, 3, 1.5) @ rng.standard_normal((3, 16))
+    rough = 20 * shared + rng.standard_normal((200, 16))
+    heights = 1 + 0.25 * rng.standard_normal((40, 16))
+    way = 3.0 * time_s[:, np.newaxis] + rng.uniform(0, 1, 16)
+    ridge = heights[np.floor(way).astype(int), np.arange(16)] * np.cos(2 * np.pi * way)
+    assert spectral_lines(rough, time_s, 1e-4, (0.0, 16.0)) == []
+    (line, *_) = spectral_lines(rough + 60 * ridge, time_s, 1e-4, (0.0, 16.0))
+    assert abs(line.frequency_hz - 3.0) < 3 * line.frequency_sd_hz
