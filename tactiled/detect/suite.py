@@ -17,7 +17,7 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
-from tactiled.detect.sliding.detector import SlidingSlip
+from tactiled.detect.sliding.detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
@@ -195,7 +195,8 @@ def _joint_texture(array: Array, params: DetectParams, worker: Worker, is_given:
     texture = params.texture
     if is_given:  # from a file: no onset to stay clear of, and no worker to wait for
         texture = texture.model_copy(update={"settle_s": 0.0, "answer_after_s": 0.0})
-    return JointTexture(array, texture, worker, fit)
+    looks_back_s = 0.0 if is_given or array.has_shear else LOOKS_BACK_S
+    return JointTexture(array, texture, worker, fit, looks_back_s)
 
 
 def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given: bool) -> PaperTexture:

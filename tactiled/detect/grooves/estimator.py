@@ -184,6 +184,8 @@ class JointTexture:
         Computes the fits; by default they are computed in place.
     fit : callable
         Fits one window: `fit_wave`, or another with its parameters and result.
+    looks_back_s : float
+        See `SlipGate`.
 
     Examples
     --------
@@ -217,8 +219,10 @@ class JointTexture:
         params: JointParams | None = None,
         worker: Worker | None = None,
         fit: WindowFit = fit_wave,
+        looks_back_s: float = 0.0,
     ) -> None:
         self._fit = fit
+        self._looks_back_s = looks_back_s
         self._layout = channel_layout(array)
         self._full_scale_volts = Quantiser(array).full_scale_volts
         self._params = params or JointParams()
@@ -227,7 +231,7 @@ class JointTexture:
 
     def reset(self) -> None:
         """Discard all scans and the speeds set since construction; keep the parameters."""
-        self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s)
+        self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s, self._looks_back_s)
         self._pending: deque[_PendingFit] = deque()
         self._strays: FloatArray | None = None
         self._told_late: set[int] = set()
@@ -274,7 +278,10 @@ class JointTexture:
         events: list[Event] = []
         for piece in self._gate.pass_through(item, slip):
             if isinstance(piece, SlidingScans):
-                events += self._gather(piece.block, piece.speeds_mm_s)
+                if piece.are_past:
+                    self._fill(piece.block, piece.speeds_mm_s)
+                else:
+                    events += self._gather(piece.block, piece.speeds_mm_s)
                 continue
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
@@ -294,9 +301,7 @@ class JointTexture:
             sign = np.sign(speeds[done])
             window = self._window
             if window is None or sign != window.scans.sign:
-                layout = self._layout if self._strays is None else replace(self._layout, strays=self._strays)
-                window = self._window = _Window(n_window, layout)
-                self._slip_speed_sign = self._slip_speed_sign or float(sign)
+                window = self._begin_window(n_window, float(sign))
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
@@ -312,6 +317,20 @@ class JointTexture:
                 if window.is_over:
                     self._window = None
         return events
+
+    def _begin_window(self, n_scans: int, sign: float) -> _Window:
+        layout = self._layout if self._strays is None else replace(self._layout, strays=self._strays)
+        self._window = _Window(n_scans, layout)
+        self._slip_speed_sign = self._slip_speed_sign or sign
+        return self._window
+
+    def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
+        """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
+        n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
+        window = self._window or self._begin_window(n_window, float(np.sign(speeds[0])))
+        good = block.valid & (np.abs(block.volts) <= self._full_scale_volts)
+        window.scans.append(block, good, speeds)
+        window.n_scans += len(block)
 
     def _n_scans(self, duration_s: float, rate_hz: float) -> int:
         return max(1, round(duration_s * rate_hz))

@@ -1,5 +1,6 @@
 """Selection of scans for texture estimators: those of a settled slip, each with its sliding speed."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -25,10 +26,14 @@ class SlipEnd:
 
 @dataclass(frozen=True, eq=False)
 class SlidingScans:
-    """Scans of a slip, with the speed from each scan to the next: (n,), 0 where unknown."""
+    """Scans of a slip, with the speed from each scan to the next: (n,), 0 where unknown.
+
+    `are_past` says that they came before the slip was detected.
+    """
 
     block: ScanBlock
     speeds_mm_s: FloatArray
+    are_past: bool = False
 
 
 class SlipGate:
@@ -40,6 +45,8 @@ class SlipGate:
         Time from detected slip to the first scan that is passed on.
     speed_mm_s : float
         Speed until another is set.
+    looks_back_s : float
+        Time before the detection of a slip whose scans are passed on, as far as the slip was then under way.
 
     Attributes
     ----------
@@ -49,12 +56,14 @@ class SlipGate:
         Speed at the newest scan.
     """
 
-    def __init__(self, settle_s: float, speed_mm_s: float) -> None:
+    def __init__(self, settle_s: float, speed_mm_s: float, looks_back_s: float = 0.0) -> None:
         self.slip: SlipEvent | None = None
         self.speed_mm_s = speed_mm_s
         self._settle_s = settle_s
         self._speeds: list[tuple[int, float]] = []
         self._begin_index = 0
+        self._looks_back_s = looks_back_s
+        self._past: deque[ScanBlock] = deque()
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Set the speed from a scan on (from the next scan, if that one is past)."""
@@ -64,6 +73,7 @@ class SlipGate:
     def close(self) -> None:
         """Wait for the next onset of slip, as after a gap."""
         self.slip = None
+        self._past.clear()
 
     def pass_through(
         self, block: ScanBlock, slip: Sequence[Event]
@@ -87,10 +97,36 @@ class SlipGate:
                 self.slip = change
                 self._begin_index = int(block.index[scan]) + round(self._settle_s * block.rate_hz)
                 yield SlipStart()
+                yield from self._before(change, block, scan)
             elif self.slip is not None:
                 yield SlipEnd(float(block.time_s[scan]), block.rate_hz)
                 self.slip = None
         yield from self._slid(block[done:])
+        self._keep(block)
+
+    def _keep(self, block: ScanBlock) -> None:
+        """Keep the scans that a late detection may need."""
+        if not self._looks_back_s:
+            return
+        self._past.append(block)
+        first = int(block.index[-1]) - round(self._looks_back_s * block.rate_hz)
+        while self._past[0].index[-1] < first:
+            self._past.popleft()
+
+    def _before(self, slip: SlipEvent, block: ScanBlock, scan: int) -> Iterator[SlidingScans]:
+        """Yield the scans before a detection in which the slip was under way for the settling time."""
+        if not self._looks_back_s:
+            return
+        from_s = slip.onset_s + max(slip.onset_sd_s, self._settle_s)
+        from_s = max(from_s, slip.detected_s - self._looks_back_s)
+        if from_s >= slip.detected_s:
+            return
+        self._begin_index = int(block.index[scan])
+        for old in [*self._past, *([block[:scan]] if scan else [])]:
+            first = int(np.searchsorted(old.time_s, from_s))
+            if first < len(old):
+                part = old[first:]
+                yield SlidingScans(part, np.full(len(part), self.speed_mm_s), are_past=True)
 
     def _slid(self, block: ScanBlock) -> Iterator[SlidingScans]:
         if self.slip is None and not self._speeds:

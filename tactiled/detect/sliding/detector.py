@@ -22,6 +22,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Ev
 from tactiled.samples.block import Gap, ScanBlock
 
 DETECTOR = "sliding"
+LOOKS_BACK_S = 3.0  # a slide is found by a window of 2 s and two hops after it began
 _STATES_THAT_SLIDE = ("unknown", "loading", "holding", "sliding")
 
 

@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.sliding.ripple import travelling_line, without_colour
+from tactiled.detect.sliding.ripple import travelling_line
 
 _TREND_ORDER = 3
 LEAST_CYCLES = 3  # a cubic trend leaves humps of fewer in the window
-_FLOOR_ORDER = 2
 _PATTERNS = 3  # load, and tilt in two directions
 _CHANNELS_OF_PATTERN = 3  # at least, for each pattern that is left out
 _FEW = 4  # channels, of which hum and roughness cannot be told apart
@@ -33,9 +32,9 @@ _QUIET_PART = 0.25  # of the bins, which show the noise
 # of bins, in standard deviations of their logarithm, with a margin for noise that is not quite even.
 _AT_REST, _AT_REST_SDS = 0.4, 3.5
 _SLOPE = 4.0  # log odds for each unit of log power beyond that
-_LINE_AT_REST_SDS = 5.5
+_LINE_AT_REST = 0.7  # twice the most at rest, in logarithms
 _ONCE = 0.6  # of the excess: a slide through the window has a quarter in each
-_MOST_ROUGH, _MOST_LINE = 1.5, 2.0  # log odds of one window
+_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # log odds of one window: both are less than sliding needs
 
 
 class Spectra(NamedTuple):
@@ -122,8 +121,9 @@ def log_odds(found: Spectra, own: FloatArray, at_rest: FloatArray | None) -> flo
     rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ROUGH, _MOST_ROUGH))
     if rough > 0 and happens_once(found):
         rough = 0.0
-    line = travelling_line(without_colour(found.z, _parabolas(bins)))
-    return rough + float(np.clip(line - _LINE_AT_REST_SDS, 0.0, _MOST_LINE))
+    size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / bins))
+    line = travelling_line(found.z / size, LEAST_CYCLES) - _LINE_AT_REST
+    return rough if line <= 0 else max(rough, 0.0) + min(_SLOPE * line, _MOST_LINE)
 
 
 @functools.lru_cache(maxsize=8)
@@ -132,11 +132,3 @@ def _bases(n: int) -> tuple[FloatArray, FloatArray]:
     steps = np.linspace(-1.0, 1.0, n)
     trend = np.linalg.qr(np.polynomial.legendre.legvander(steps, _TREND_ORDER))[0]
     return np.hanning(n)[:, np.newaxis], np.asarray(trend)
-
-
-@functools.lru_cache(maxsize=8)
-def _parabolas(bins: int) -> FloatArray:
-    """Orthonormal parabolas (bins, 3) in the logarithm of frequency."""
-    log_cycles = np.log(np.arange(LEAST_CYCLES, LEAST_CYCLES + bins))
-    scaled = 2 * (log_cycles - log_cycles[0]) / (log_cycles[-1] - log_cycles[0]) - 1
-    return np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(scaled, _FLOOR_ORDER))[0])

@@ -9,47 +9,42 @@ not needed. Ridges as far apart as twice the array, or as the taxels, are not to
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import FloatArray
-
 # Mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill the
 # circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
 _MOST_ALIKE = 0.4
-_NEAR, _FAR = (
-    3,
-    20,
-)  # bins beside a line that show the noise: outside its lobe, and no farther than a resonance
-_MAD_TO_SD = 1.4826  # of a normal distribution
+_LOBE = 2  # bins to either side that a Hann window spreads a line over
+_HARMONICS = (2, 3)
 _LEAST_CHANNELS = 6  # phases of fewer that are noise fill the circle by chance, or have a mean by chance
 
 
-def travelling_line(z: NDArray[np.complex128]) -> float:
-    """Measure the strongest travelling line of spectra (bins, channels) of even noise.
+def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
+    """Measure how far the strongest line of a window stands out, if it travels.
+
+    Parameters
+    ----------
+    z : (bins, channels) complex128
+        Spectra under a Hann window, each channel over its own standard deviation.
+    first_cycles : int
+        Periods in the window of the first bin.
 
     Returns
     -------
     float
-        Logarithm of the line's power over that of the bins beside it, in their standard deviations; 0 where
-        the strongest line does not travel.
+        Logarithm of the power of the strongest bin over that of any other, except its lobe and harmonics; 0
+        where it does not travel.
     """
-    bins, channels = z.shape
-    if channels < _LEAST_CHANNELS or bins <= _FAR:
+    if z.shape[1] < _LEAST_CHANNELS:
         return 0.0
-    total = (np.abs(z) ** 2).sum(axis=1)
-    across = (total - np.abs((z**2).sum(axis=1))) / 2  # without what is in phase
-    peak = int(np.argmax(across))
+    power = (np.abs(z) ** 2).sum(axis=1)
+    cycles = np.arange(len(z)) + first_cycles
+    peak = int(np.argmax(power))
     size = np.abs(z[peak])
     doubled = z[peak] ** 2 / np.maximum(size, 1e-30)
     if max(abs(z[peak].sum()), abs(doubled.sum())) > _MOST_ALIKE * float(size.sum()):
         return 0.0
-    distance = np.abs(np.arange(bins) - peak)
-    beside = np.log(np.maximum(across[(distance > _NEAR) & (distance <= _FAR)], 1e-12))
-    level = float(np.median(beside))
-    sd = max(_MAD_TO_SD * float(np.median(np.abs(beside - level))), float(1 / np.sqrt(channels)))
-    return float(np.log(max(across[peak], 1e-12)) - level) / sd
-
-
-def without_colour(z: NDArray[np.complex128], floor: FloatArray) -> NDArray[np.complex128]:
-    """Divide spectra by their own even noise: the fit of a smooth basis `floor` to their log power."""
-    power = np.abs(z) ** 2
-    log_power = np.log(np.maximum(power, np.maximum(power.mean(axis=0) * 1e-9, 1e-30)))
-    return np.asarray(z / np.exp(floor @ (floor.T @ log_power) / 2))
+    others = np.abs(cycles - cycles[peak]) > _LOBE
+    for harmonic in _HARMONICS:  # their lobes are of uneven ridges, and wider
+        others &= np.abs(cycles - harmonic * cycles[peak]) > harmonic + 1
+    if not others.any():
+        return 0.0
+    return float(np.log(max(power[peak], 1e-30) / max(float(power[others].max()), 1e-30)))
