@@ -34,11 +34,12 @@ def _contact(array: Array) -> Finding:
 
 def _slip(array: Array) -> Finding:
     has_pressure = bool(array.normal_weights().any())
-    if array.has_shear and has_pressure:
+    if array.has_shear and _has_load(array):
         return Finding("slip", "ok", "from shear, beside the pressure")
     if array.has_shear:
+        what = "field" if array.unit == "uT" else "shear"
         return Finding(
-            "slip", "warn", "not reported: shear without pressure gives no contact", "add a normal channel"
+            "slip", "warn", f"from {what} that grows beyond its own hold; without a load to compare"
         )
     if not has_pressure or array.n_channels < _FEW_CHANNELS:
         words = f"not reported: no shear, and fewer than {_FEW_CHANNELS} pressure channels"
@@ -47,6 +48,12 @@ def _slip(array: Array) -> Finding:
 
 
 def _direction(array: Array) -> Finding:
-    if array.has_shear:
+    if array.has_shear and _has_load(array):
         return Finding("direction", "ok", "of slip, from shear")
-    return Finding("direction", "warn", "not measured: no shear channels; --direction gives it for a log")
+    lacking = "shear without a load" if array.has_shear else "no shear channels"
+    return Finding("direction", "warn", f"not measured: {lacking}; --direction gives it for a log")
+
+
+def _has_load(array: Array) -> bool:
+    """Return True where pressure is a load, as the choice of the slip detector has it (`detect.suite`)."""
+    return bool(array.normal_weights().any()) and array.unit != "uT"
