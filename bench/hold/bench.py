@@ -19,6 +19,7 @@ from bench.hold.real import EXAMPLE, play_in_processes
 from bench.hold.result import GraspResult
 from bench.report import (
     BENCH_WORKERS,
+    NONE,
     Aim,
     BenchOptions,
     BenchReport,
@@ -181,9 +182,9 @@ def report(found: Mapping[Arm, Sequence[GraspResult]], real: Sequence[GraspResul
 
     return BenchReport(
         [
-            f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; the first of them where there are "
-            "fewer). Grip over the least: mean grip over the mean of the grip that just bears the load by "
-            "friction at rest, while the object hangs freely, averaged over the grasps without a drop.",
+            f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
+            "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
+            "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
             aims_table(AIMS, {f"margin, target {target:g}": found[chosen]}),
             table(_row(arm, some) for arm, some in found.items()),
             f"The margin with target {target:g}, by event.",
@@ -259,8 +260,13 @@ def _numbers(some: Sequence[GraspResult]) -> dict[str, str]:
     return {
         "grasps": f"{len(some)}",
         "dropped": f"{sum(r.dropped for r in some)}",
-        "grip over the least": f"{over_least(some):.2f}",
+        "grip over the least": f"{over_least(some):.2f}" if any(not r.dropped for r in some) else NONE,
         "slid 1 mm or more": f"{sum(r.slid_mm >= 1 for r in some)}",
         "gross slips": f"{len(slips)}",
-        "reaction (ms, median)": f"{np.median(slips):.0f}" if slips else "-",
+        "reaction (ms, median)": _milliseconds(float(np.median(slips))) if slips else NONE,
     }
+
+
+def _milliseconds(value: float) -> str:
+    """Return a number, or that there was no reaction."""
+    return f"{value:.0f}" if np.isfinite(value) else "none"

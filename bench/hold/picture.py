@@ -39,6 +39,8 @@ def draw_hold(path: Path, found: Mapping[Arm, Sequence[GraspResult]]) -> None:
 def _draw_trade(axes: Axes, found: Mapping[Arm, Sequence[GraspResult]]) -> None:
     for kind, (label, style) in _KINDS.items():
         some = [(arm, results) for arm, results in found.items() if arm.kind == kind]
+        if not some:
+            continue
         grip = [over_least(results) for _, results in some]
         axes.plot(grip, [100 * dropped(results) for _, results in some], style, label=label, ms=5)
         for (arm, results), x in zip(some, grip, strict=True):
