@@ -280,6 +280,8 @@ def _run_recording(
     foreign = ""
     if choices.layout is None:
         pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
+    if header.measured_hz:
+        pipeline.assume_rate(header.measured_hz)
     inputs = read_inputs(path, reached)
     for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
         for change in batch:

@@ -224,6 +224,13 @@ class Pipeline:
             if check_hello(hello, self.layout, self.array) is None:
                 self._accept(hello, now_s)
 
+    def assume_rate(self, measured_hz: float) -> None:
+        """Take a rate that was measured before the first read, of a board that does not state it."""
+        if self.hello is None and self.layout.measures_rate:
+            hello = self.layout.assumed_hello(measured_hz)
+            if hello is not None and check_hello(hello, self.layout, self.array) is None:
+                self._accept(replace(hello, streaming=True), 0.0)
+
     def disconnected(self) -> None:
         """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""
         self.interrupted()

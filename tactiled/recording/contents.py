@@ -80,6 +80,8 @@ class Header:
         the earlier parts, if they exist.
     hello : bytes
         Last hello of the board before this file began, as a frame; empty where there was none.
+    measured_hz : float
+        Scan rate as measured before this file began, of a board that does not state it; 0 where it was not.
     sync_s : float
         Interval of syncs to disk: the longest loss in a power cut.
     """
@@ -91,6 +93,7 @@ class Header:
     part: int = 1
     fresh: bool = True
     hello: bytes = b""
+    measured_hz: float = 0.0
     sync_s: float = 0.0
 
     def to_metadata(self) -> dict[str, str]:
@@ -107,6 +110,7 @@ class Header:
             "part": str(self.part),
             "fresh": str(self.fresh).lower(),
             "hello": self.hello.hex(),
+            "measured_hz": repr(self.measured_hz),
             "sync_s": repr(self.sync_s),
         }
         return metadata | {_CHECK: _digest(metadata)}
@@ -127,6 +131,7 @@ class Header:
             part=int(metadata["part"]),
             fresh=metadata["fresh"] == "true",
             hello=bytes.fromhex(metadata["hello"]),
+            measured_hz=float(metadata.get("measured_hz", "0")),
             sync_s=float(metadata["sync_s"]),
         )
 

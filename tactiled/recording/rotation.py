@@ -122,6 +122,8 @@ class Rotation:
         self._free_mb = 0.0
         self._is_fresh = header.fresh
         self._due_s = now_s + params.sync_s
+        self.measured_hz = header.measured_hz
+        """Measured scan rate for the header of a new part; see `Header`."""
         self._begin(header.hello, now_s)
 
     @property
@@ -213,7 +215,9 @@ class Rotation:
 
     def _open(self, hello: bytes, now_s: float) -> None:
         part = self._parts + 1
-        header = replace(self._header, part=part, fresh=self._is_fresh, hello=hello)
+        header = replace(
+            self._header, part=part, fresh=self._is_fresh, hello=hello, measured_hz=self.measured_hz
+        )
         self._writer = RecordingWriter(part_path(self._path, part), header)
         self._parts = part
         self._is_fresh = False

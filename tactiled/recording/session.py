@@ -80,6 +80,7 @@ class RecordingSession:
         self._board = "" if assumed is None else assumed.board_serial
         self._hello: Hello | None = None
         self._hello_frame = b""
+        self._measured_hz = 0.0
         self._noted: Hello | None = None
         self._unnoted: Hello | None = None
         self._next_note_s = float("-inf")
@@ -100,7 +101,7 @@ class RecordingSession:
         if hello is not None:
             self._board = hello.board_serial
         self._missing = (0, 0)
-        header = replace(self._header, fresh=False, hello=self._hello_frame)
+        header = replace(self._header, fresh=False, hello=self._hello_frame, measured_hz=self._measured_hz)
         self._retains = True
         self._rotation = Rotation(self._new_path(), self._params, header, now_s)
         self._look()
@@ -116,6 +117,7 @@ class RecordingSession:
         """Do what is due: remove old recordings, sync, rotate, check the free space."""
         if self._rotation is not None:
             self._retain(now_s)
+            self._rotation.measured_hz = self._measured_hz
             self._rotation.tick(self._hello_frame, now_s)
             self._look()
 
@@ -160,6 +162,8 @@ class RecordingSession:
         # A layout without hello frames has an assumed hello in its file, which every replay reads.
         has_hello = self._encoder.layout.has("hello")
         self._hello_frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
+        is_measured = hello is not None and self._header.source.layout.measures_rate
+        self._measured_hz = hello.rate_hz if hello is not None and is_measured else 0.0
 
     def _look(self) -> None:
         if self._rotation is not None:

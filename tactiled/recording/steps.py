@@ -76,6 +76,8 @@ class Replay:
         pipeline = self.pipeline
         if self.header.hello:
             pipeline.receive_data(self.header.hello, 0.0)
+        if self.header.measured_hz:
+            pipeline.assume_rate(self.header.measured_hz)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
         for number, (path, extent) in enumerate(self.extents.items()):
             steps = _steps(path, extent, self._share_of(number))

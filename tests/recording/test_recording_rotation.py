@@ -7,14 +7,20 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from recordings import HEADER, items, simulated_reads
 
+from tactiled.pipeline import Pipeline
 from tactiled.recording import rotation
-from tactiled.recording.contents import Read
+from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.reader import read_header
 from tactiled.recording.recover import recover
 from tactiled.recording.rotation import RETRY_S, RecordParams, Rotation, part_path
+from tactiled.recording.session import RecordEntry, RecordingSession
+from tactiled.recording.steps import Replay
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Scan
 
 NO_GUARD = {"min_free_mb": 0.0}
 
@@ -54,6 +60,28 @@ def test_parts_by_time_are_one_recording(tmp_path: Path) -> None:
     assert len({h.run for h in headers}) == 1
     assert [item for part in parts for item in items(part)] == reads
     assert sorted(tmp_path.iterdir()) == sorted(parts)
+
+
+def test_a_measured_rate_is_known_in_the_next_part(tmp_path: Path) -> None:
+    source = load_board("magnetometers-5", "magnetometers-5")
+    pipeline, encoder = Pipeline(source.layout, source.array), Encoder(source.layout)
+    params = RecordParams(max_file_s=3.0, sync_s=0.2, **NO_GUARD)
+    session = RecordingSession(params, Header(source, sync_s=0.2), tmp_path / "a.mcap", 0.0)
+    for k in range(450):
+        scan = Scan(0, np.array([k % 7 + c + 0.5 for c in range(15)], dtype=np.float64))
+        read = Read(k / 90, 0.0, encoder.encode(scan))
+        outputs = pipeline.receive_data(read.data, read.arrival_s)
+        session.take(RecordEntry(read, outputs, pipeline.hello, "", 0.0), read.arrival_s)
+        session.tick(read.arrival_s)
+    session.end(5.0)
+    first, second = parts_of(tmp_path / "a.mcap")
+    assert read_header(first).measured_hz == 0.0
+    assert read_header(second).measured_hz == pytest.approx(90, rel=0.01)
+    replayed = Replay([second])
+    list(replayed)
+    n_reads = sum(isinstance(item, Read) for item in items(second))
+    # None is spent on measuring; the framer gives up the first frame of a stream.
+    assert replayed.pipeline.health().scans == n_reads - 1 > 150
 
 
 def test_parts_by_size(tmp_path: Path) -> None:
