@@ -1,6 +1,5 @@
 """Pipeline from bytes to events: decoding, timing and detection, for live, replayed and offline data."""
 
-import heapq
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 from pydantic import Field
 
 from tactiled.array import Array
+from tactiled.detect.base import in_order
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker
@@ -369,7 +369,7 @@ class Pipeline:
         )
         announce(scan)  # before the block is made, which takes as long as what was done for the scan by now
         found = [event for block in self._assembler.flush() for event in self.tuning.process(block)]
-        origin.out.extend(heapq.merge([scan], self._note(found), key=lambda event: event.evidence_s))
+        origin.out.extend(in_order([scan], self._note(found)))
 
     def _note(self, events: list[Event]) -> list[Event]:
         """Keep the state of contact and slip for `health`; returns the events."""
@@ -397,7 +397,7 @@ def _deliver(
     """
     time_s: list[float] = block.time_s.tolist()
     n_scans = 0
-    for event in heapq.merge(scan_events(block, origins), found, key=lambda event: event.evidence_s):
+    for event in in_order(scan_events(block, origins), found):
         if isinstance(event, ScanEvent):
             origins[n_scans].out.append(event)
             n_scans += 1

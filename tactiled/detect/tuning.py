@@ -6,7 +6,6 @@ boundary. A change of the zero or of thresholds is a `Gap` to the detectors, so 
 from before and after it. Replaying the same calls between the same blocks gives the same events.
 """
 
-import heapq
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
+from tactiled.detect.base import in_order
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.slip.stuck_channels import StuckChannelDetector
@@ -128,7 +128,7 @@ class TunedSuite:
         if self._force is None:
             return events
         forces = [event for part in parts for event in self._force.process(self._without_stuck(part))]
-        return list(heapq.merge(events, forces, key=lambda event: event.evidence_s))
+        return in_order(events, forces)
 
     def _without_stuck(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
         """Return the item with the readings of stuck channels marked as not valid."""

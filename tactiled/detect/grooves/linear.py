@@ -109,6 +109,11 @@ class PhaseGeometry:
     weight: FloatArray
     tie: FloatArray
 
+    def alike(self, other: "PhaseGeometry") -> bool:
+        """True where `linearise`, which does not use the tie, gives the same for both."""
+        pairs = ((self.place, other.place), (self.skew, other.skew), (self.is_kind, other.is_kind))
+        return all(map(np.array_equal, *zip(*pairs, (self.weight, other.weight), strict=True)))
+
     def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
         """Phase of waves at each channel: (starts, channels)."""
         return np.asarray(k @ self.place.T + phase_rate[:, np.newaxis] * self.skew)

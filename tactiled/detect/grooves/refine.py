@@ -155,11 +155,11 @@ def suits_channels(
     noise = special.chi_square_quantile(len(best.variance) * equations.n_harmonics, FALSE_LINE)
     plain = WaveSolver(window, layout, motion, best.variance)
     # Where this wave is right, it also passes at the maximum without mismatch.
-    return any(
-        free - float(plain.solve(equations, waves.k, waves.phase_rate, steps, waves.phase).gain[0])
-        < max(MOST_UNEXPLAINED_PART * free, noise)
-        for steps in (0, 2)
-    )
+    most = max(MOST_UNEXPLAINED_PART * free, noise)
+    if free - float(plain.gain(equations, waves)[0]) < most:
+        return True
+    moved = plain.solve(equations, waves.k, waves.phase_rate, 2, waves.phase)
+    return free - float(moved.gain[0]) < most
 
 
 def variance_inflation(

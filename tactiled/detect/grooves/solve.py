@@ -8,6 +8,8 @@ noise. Each channel's phases may therefore differ from those of its kind, with a
 from the fit. The mismatch is integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
+import operator
+
 import numpy as np
 
 from tactiled.array import FloatArray
@@ -117,11 +119,10 @@ class WaveSolver:
         """
         k, phase_rate = k.copy(), phase_rate.copy()
         phase = self._first_phase(equations, k, phase_rate) if phase is None else phase
-        product = equations.product[np.newaxis]
         for step in range(steps + 1):
             slack = self._slack(k)
-            off = (phase_rate - self._tied_phase_rate(k)) / np.where(slack > 0, slack, 1.0) * (slack > 0)
-            near = self._near(equations, PlaneWaves(k, phase_rate, off, off, phase), product)
+            off = self._off(k, phase_rate, slack)
+            near = self._near(equations, PlaneWaves(k, phase_rate, off, off, phase))
             normal, gradient = self._normal(near, slack)
             gradient[:, 2] -= off * self._motion.has_speed
             if step == steps:
@@ -135,12 +136,25 @@ class WaveSolver:
             phase = phase + move[:, 3:].reshape(phase.shape)
             if is_last:
                 break
-        gain = near.gain.sum(axis=1) - off**2 * self._motion.has_speed
+        gain = self._gain(near, off)
         to_phase_rate = self._to_phase_rate(slack)
         covariance = _solved(normal, np.eye(normal.shape[1])[:, :3])[:, :3]
         return PlaneWaves(
             k, phase_rate, gain, to_phase_rate @ covariance @ to_phase_rate.transpose(0, 2, 1), phase
         )
+
+    def gain(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+        """Gain (starts,) of waves as they are, with the phases of this solver's mismatch."""
+        off = self._off(waves.k, waves.phase_rate, self._slack(waves.k))
+        return self._gain(self._near(equations, waves), off)
+
+    def _gain(self, near: Linearisation, off: FloatArray) -> FloatArray:
+        return np.asarray(near.gain.sum(axis=1) - off**2 * self._motion.has_speed)
+
+    def _off(self, k: FloatArray, phase_rate: FloatArray, slack: FloatArray) -> FloatArray:
+        """Distance of phase rates from those of a known motion, in units of the slack: (starts,)."""
+        tied = self._tied_phase_rate(k)
+        return np.asarray((phase_rate - tied) / np.where(slack > 0, slack, 1.0) * (slack > 0))
 
     def _to_phase_rate(self, slack: FloatArray) -> FloatArray:
         """Matrix from (kx, ky, phase rate in units of slack) to (kx, ky, phase rate): (starts, 3, 3)."""
@@ -163,7 +177,8 @@ class WaveSolver:
         """
         slack = self._slack(waves.k)
         noisy = expected_products(self._geometry, equations, waves) + noise
-        normal, gradient = self._normal(self._near(equations, waves, noisy), slack)
+        near = self._with_mismatch(linearise(self._geometry, equations, waves, noisy))
+        normal, gradient = self._normal(near, slack)
         return np.asarray(
             _solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_phase_rate(slack)[0].T
         )
@@ -177,7 +192,7 @@ class WaveSolver:
 
         The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any mismatch.
         """
-        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
+        near = self._plain(equations, waves)
         known = np.einsum("hhsc->ch", near.information[:-1, :-1])
         excess = np.where(known > 0, near.gradient[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
         seen = (known > 0).astype(np.float64)
@@ -199,7 +214,7 @@ class WaveSolver:
 
     def standardised_mismatch(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
         """Deviation of each channel's fundamental from its kind, in standard deviations: (channels,)."""
-        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
+        near = self._plain(equations, waves)
         known = near.information[0, 0, 0]
         allowed = 0.0 if self._mismatch is None else self._mismatch[0]
         return np.asarray(near.gradient[0, 0] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
@@ -215,10 +230,23 @@ class WaveSolver:
         )
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._geometry.is_kind)))
 
-    def _near(self, equations: NormalEquations, waves: PlaneWaves, product: FloatArray) -> Linearisation:
+    def _near(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
         """Linearise near waves and integrate out the mismatch."""
-        near = linearise(self._geometry, equations, waves, product)
+        return self._with_mismatch(self._plain(equations, waves))
+
+    def _with_mismatch(self, near: Linearisation) -> Linearisation:
         return near if self._mismatch is None else near.with_mismatch(self._mismatch)
+
+    def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
+        """Linearise near waves without mismatch; the solvers of a wave look at the same point repeatedly."""
+        at = (waves.k, waves.phase_rate, waves.phase)
+        if equations.newest:
+            known_at, geometry, near = equations.newest[0]
+            if all(map(operator.is_, at, known_at)) and geometry.alike(self._geometry):
+                return near
+        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
+        equations.newest[:] = [(at, self._geometry, near)]
+        return near
 
     def _normal(self, near: Linearisation, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Information and gradient, with the prior of a known motion: unit information on the slack."""

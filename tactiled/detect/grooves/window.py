@@ -8,8 +8,9 @@ each channel, and every question about wave vectors, phases and amplitudes is an
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,12 +230,15 @@ class NormalEquations:
         Products of the functions with each other.
     product : (channels, 4 harmonics) float64
         Products of the functions with the readings.
+    newest : list
+        Newest linearisation, kept by `solve.WaveSolver`.
     """
 
     phase_rate: float
     n_harmonics: int
     gram: FloatArray
     product: FloatArray
+    newest: list[Any] = field(default_factory=list)
 
     def times_gram(self, on: FloatArray) -> FloatArray:
         """Multiply combinations of the functions (..., functions, starts, channels) by the Gram matrix."""
