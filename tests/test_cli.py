@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tactiled import __version__, compiled
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -17,6 +19,12 @@ def tactiled(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPr
         [sys.executable, "-m", "tactiled", *arguments],
         capture_output=True, text=True, cwd=cwd, env=environ, timeout=60, check=False,
     )  # fmt: skip
+
+
+def test_version_and_check_config_say_which_path_a_scan_takes() -> None:
+    said = f"path of a scan: {compiled.path.words}"
+    assert tactiled("--version").stdout.splitlines() == [f"tactiled, version {__version__}", said]
+    assert said in tactiled("check-config", str(ROOT / "config" / "tactiled.toml")).stderr.splitlines()
 
 
 VERBS = [

@@ -338,6 +338,19 @@ def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) ->
     ]
 
 
+def test_a_scan_that_comes_alone_is_announced_and_the_outputs_are_the_same() -> None:
+    plain, announcing = Pipeline(LAYOUT, ARRAY), Pipeline(LAYOUT, ARRAY)
+    n_announced = 0
+    for data, now_s in spoiled_reads():
+        announced: list[ScanEvent] = []
+        announcing.announce = announced.append
+        outputs = announcing.receive_data(data, now_s)
+        assert outputs == plain.receive_data(data, now_s)
+        assert announced in ([], [output for output in outputs if isinstance(output, ScanEvent)])
+        n_announced += len(announced)
+    assert n_announced > 600
+
+
 @pytest.mark.parametrize("size", [37, 1000])
 def test_many_reads_at_once_equal_single_ones_while_the_first_scans_give_the_zero(size: int) -> None:
     """Events of scans that are held back come with the scan that completes the zero."""

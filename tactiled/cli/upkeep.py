@@ -108,6 +108,7 @@ def check_config(
         click.echo(json.dumps(calibration.model_dump(include=shown)))
         click.echo(f"{file}: valid (calibration {calibration.name} of {calibration.array})", err=True)
         return
+    from tactiled import compiled
     from tactiled.doctor.unplugged import check_files, resolved_in_words
 
     for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
@@ -118,6 +119,7 @@ def check_config(
             click.echo(f"warning: {warning}", err=True)
         for line in resolved_in_words(setup):
             click.echo(line, err=True)
+    click.echo(f"path of a scan: {compiled.path.words}", err=True)
 
 
 def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:

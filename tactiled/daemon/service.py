@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+from tactiled import compiled
 from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
@@ -87,6 +88,7 @@ class Service:
             tasks.append(asyncio.create_task(self._exporter.run()))
         try:
             self._notifier.ready()
+            logger.info("path of a scan: %s", compiled.path.words)
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
             self._notifier.stopping()
             for finished in (self._end, *tasks):

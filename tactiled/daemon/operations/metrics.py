@@ -11,7 +11,7 @@ from dataclasses import fields
 from itertools import accumulate
 from typing import Literal, get_args
 
-from tactiled import __version__
+from tactiled import __version__, compiled
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.events.types import (
     BoardState,
@@ -200,7 +200,8 @@ class Metrics:
 
 def metrics_text(boards: Iterable[Metrics]) -> str:
     """Format the metrics of all boards for one scrape, each family once."""
-    version: Family = ("info", "gauge", "Version of tactiled.", [("", {"version": __version__}, 1)])
+    labels = {"version": __version__, "scan_path": compiled.path.words}
+    version: Family = ("info", "gauge", "Version of tactiled, and the path of a scan.", [("", labels, 1)])
     merged: dict[str, Family] = {"info": version}
     for metrics in boards:
         for family in metrics.families():

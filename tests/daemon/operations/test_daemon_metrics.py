@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
+from tactiled import compiled
 from tactiled.daemon.operations import exporter as exporter_module
 from tactiled.daemon.operations.exporter import Exporter, MetricsParams
 from tactiled.daemon.operations.metrics import Histogram, Metrics, metrics_text
@@ -99,6 +100,10 @@ def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
 
 def bare(errors: LineErrors | None = None) -> Metrics:
     return Metrics(Pipeline(LAYOUT, ARRAY).health, lambda: errors, lambda: "TS0001")
+
+
+def test_the_version_has_the_path_of_a_scan_as_a_label() -> None:
+    assert f'scan_path="{compiled.path.words}"' in metrics_text([])
 
 
 def test_metrics_are_valid_before_the_first_event() -> None:
