@@ -17,7 +17,6 @@ from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout
 
-_Readings = tuple[NDArray[np.float64], NDArray[np.bool_]]
 NO_CLOCK_SD_S = (
     1e9  # standard deviation before the first scan: thirty years, because messages carry no infinity
 )
@@ -138,7 +137,6 @@ class Assembler:
         self._n_scans = 0
         self._counts = Counter[str]()  # all others of `SampleCounts`
         self._rows: list[_Row] = []
-        self._converted: _Readings | None = None  # of the rows, where they are known already
         self._out: list[ScanBlock | Gap] = []
         self._n_corrupt = 0
         self._restart_seen = False
@@ -339,7 +337,6 @@ class Assembler:
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
         self._rows.append(_Row(scan, time_s, sd_s, self._live and not fresh))
-        self._converted = None
         self._n_scans += 1
         return True
 
@@ -347,9 +344,16 @@ class Assembler:
         """Return the scan that came since the last flush; None where more came, or a gap."""
         if len(self._rows) != 1 or self._out:
             return None
-        [(_, time_s, sd_s, late)] = self._rows
-        self._converted = volts, valid = self._readings(self._rows)
-        return SoleScan(self._index, volts[0].tolist(), valid[0].tolist(), time_s, sd_s, late)
+        [(scan, time_s, sd_s, late)] = self._rows
+        if self._in_range is None and not scan.flags & self._fault_flag:
+            # As `_readings` has it, without the time of small arrays, which the subscriber would wait for.
+            counts: list[int] = scan.counts.tolist()
+            volts = [float(count * self._per_count) for count in counts]
+            valid = [count < self._full_count for count in counts]
+        else:
+            of_one, is_valid = self._readings(self._rows)
+            volts, valid = of_one[0].tolist(), is_valid[0].tolist()
+        return SoleScan(self._index, volts, valid, time_s, sd_s, late)
 
     def flush(self) -> list[ScanBlock | Gap]:
         """Return complete blocks and gaps, in order."""
@@ -386,8 +390,7 @@ class Assembler:
             return
         rows, self._rows = self._rows, []
         n = len(rows)
-        volts, valid = self._converted or self._readings(rows)
-        self._converted = None
+        volts, valid = self._readings(rows)
         self._out.append(
             ScanBlock(
                 volts=volts,
@@ -401,7 +404,7 @@ class Assembler:
             )
         )
 
-    def _readings(self, rows: list[_Row]) -> _Readings:
+    def _readings(self, rows: list[_Row]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return the readings (rows, channels) of frames in the unit of the array, and which are valid."""
         counts = np.array([row.scan.counts for row in rows])
         # At full scale the true voltage may be higher; zero is a valid reading without contact.
