@@ -37,7 +37,7 @@ WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 
 @click.command()
-@click.argument("name", type=click.Choice(list(BENCHES)))
+@click.argument("names", type=click.Choice(list(BENCHES)), nargs=-1, required=True, metavar="NAME...")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
 @click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
@@ -46,7 +46,12 @@ WITH_JSON = ("slip", "force", "texture", "sensors", "web")
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
 def bench(
-    name: str, quick: bool, plot: Path | None, numbers: Path | None, ablate: bool, dask: str | None
+    names: tuple[str, ...],
+    quick: bool,
+    plot: Path | None,
+    numbers: Path | None,
+    ablate: bool,
+    dask: str | None,
 ) -> None:
     """Measure, and print tables of what was measured.
 
@@ -64,23 +69,36 @@ def bench(
     delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and bytes of many boards
     through two routers of zenoh.
 
+    Several are measured one after the other, each under its heading of docs/measured.md.
+
     Example: ./run bench slip --plot slip.png --json slip.json
     """
-    for option, file, names in (("--plot", plot, WITH_PLOT), ("--json", numbers, WITH_JSON)):
-        if file is not None and name not in names:
-            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in names)}")
-    if ablate and name not in WITH_ABLATION:
-        raise click.UsageError(f"--ablate is for {', '.join(f'`bench {one}`' for one in WITH_ABLATION)}")
-    if dask is not None and name not in WITH_JOBS:
-        raise click.UsageError(f"--dask is for {', '.join(f'`bench {one}`' for one in WITH_JOBS)}")
+    options = BenchOptions(quick, plot, numbers, ablate, dask)
+    for name in names:
+        check_options(name, options)
+    if (plot is not None or numbers is not None) and len(names) > 1:
+        raise click.UsageError("--plot and --json write one file: give one bench")
     if plot is not None:
         need_extra("matplotlib", "plot", "bench --plot")
-    measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
-    options = BenchOptions(quick, plot, numbers, ablate, dask)
-    with ProgressBar(f"bench {name}", None) as progress:
-        report: BenchReport = measure(progress, options)
-    report.write(options)
-    click.echo(report.text)
+    for name in names:
+        measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
+        with ProgressBar(f"bench {name}", None) as progress:
+            report: BenchReport = measure(progress, options)
+        report.write(options)
+        heading = f"## `./run bench {name}`\n\n" if len(names) > 1 else ""
+        click.echo(f"{heading}{report.text}\n" if heading else report.text)
+
+
+def check_options(name: str, options: BenchOptions) -> None:
+    """Refuse options that a bench does not have."""
+    for option, is_given, benches in (
+        ("--plot", options.plot is not None, WITH_PLOT),
+        ("--json", options.json is not None, WITH_JSON),
+        ("--ablate", options.ablate, WITH_ABLATION),
+        ("--dask", options.dask is not None, WITH_JOBS),
+    ):
+        if is_given and name not in benches:
+            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")
 
 
 if __name__ == "__main__":

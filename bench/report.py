@@ -201,6 +201,11 @@ def seeds_in_words(number: int, first: int = 0) -> str:
     return f"seeds {first}..{first + number - 1}"
 
 
+def over_runs(values: Sequence[float], form: str) -> str:
+    """Median over repeats, with its range: ``4.5 (4.3 to 4.8)``."""
+    return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
 def rms(values: ArrayLike) -> float:
     """Root mean square; NaN where there are no values."""
     known = np.asarray(values, dtype=np.float64)

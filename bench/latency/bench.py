@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.report import Aim, BenchOptions, BenchReport, aims_table, judge, table
+from bench.report import Aim, BenchOptions, BenchReport, aims_table, judge, over_runs, table
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
@@ -305,10 +305,6 @@ def free_port() -> int:
         return port
 
 
-def _over_runs(values: Sequence[float], form: str) -> str:
-    return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
-
-
 def _latency_table(runs: Sequence[Run]) -> str:
     rows = []
     for phase in PHASES:
@@ -322,8 +318,8 @@ def _latency_table(runs: Sequence[Run]) -> str:
             row[f"{label}: p50 / p99 / max"] = f"{p50:.2f} / {p99:.2f} / {most:.1f} ms"
             row[f"{label}: processor"] = f"{100 * np.median([one.cpu_part for one in each]):.1f} %"
             row[f"{label}: lost"] = str(sum(one.lost for one in each))
-        row["ratio of p50"] = _over_runs([run.ratio(phase, 0.5) for run in runs], ".1f")
-        row["ratio of p99"] = _over_runs([run.ratio(phase, 0.99) for run in runs], ".1f")
+        row["ratio of p50"] = over_runs([run.ratio(phase, 0.5) for run in runs], ".1f")
+        row["ratio of p99"] = over_runs([run.ratio(phase, 0.99) for run in runs], ".1f")
         row["longest turn of the loop"] = f"{1e3 * max(run.loop_lag_s[phase] for run in runs):.1f} ms"
         rows.append(row)
     return table(rows)
@@ -332,7 +328,7 @@ def _latency_table(runs: Sequence[Run]) -> str:
 def _ratio_aim(phase: str, name: str, q: float, limit: float) -> Aim[Sequence[Run]]:
     def measure(runs: Sequence[Run]) -> tuple[str, bool]:
         values = [run.ratio(phase, q) for run in runs]
-        return _over_runs(values, ".1f"), bool(np.median(values) <= limit)
+        return over_runs(values, ".1f"), bool(np.median(values) <= limit)
 
     return Aim(
         f"{name} of tactiled over C, {phase}", f"at most {limit:g}", lambda runs: judge(*measure(runs))
