@@ -1,7 +1,7 @@
-"""Special functions of statistics that the detectors need, on numpy and the standard library alone.
+"""Special functions that the detectors need, on numpy and the standard library alone.
 
-`scipy.special` has them all, for 24 MB of resident memory and 0.6 s of start. Formulas by number are those of
-the NIST Digital Library of Mathematical Functions (DLMF).
+`scipy.special` and `numpy.polynomial` have them all, for 26 MB of resident memory and 0.6 s of start.
+Formulas by number are those of the NIST Digital Library of Mathematical Functions (DLMF).
 
 Quantiles solve ``log(tail(x)) = log(chance)`` by Newton's method in log(x). The density of log(x) is
 log-concave for the gamma distribution and for Student's t, so this function is concave and falls: after its
@@ -91,6 +91,14 @@ def digamma(x: FloatArray) -> FloatArray:
     far2 = 1 / (x + 10) ** 2
     series = far2 * (1 / 12 - far2 * (1 / 120 - far2 * (1 / 252 - far2 * (1 / 240 - far2 / 132))))
     return np.log(x + 10) - 0.5 / (x + 10) - series - below
+
+
+def legendre(x: FloatArray, order: int) -> FloatArray:
+    """Legendre polynomials (n, order + 1) at places (n,), by Bonnet's recursion (DLMF 14.10.3)."""
+    columns = [np.ones_like(x), x]
+    for n in range(2, order + 1):
+        columns.append((columns[-1] * x * (2 * n - 1) - columns[-2] * (n - 1)) / n)
+    return np.stack(columns[: order + 1], axis=1)
 
 
 def log_sum_exp(x: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:

@@ -48,6 +48,12 @@ def test_digamma_is_that_of_scipy() -> None:
     np.testing.assert_allclose(special.digamma(x), scipy.special.digamma(x), rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.parametrize("order", [0, 1, 2, 7])
+def test_legendre_polynomials_have_the_bits_of_numpy(order: int) -> None:
+    x = np.linspace(-1, 1, 50)
+    np.testing.assert_array_equal(special.legendre(x, order), np.polynomial.legendre.legvander(x, order))
+
+
 @pytest.mark.parametrize("axis", [None, 0, (0, 1), -1])
 def test_sums_of_exponentials_are_those_of_scipy(axis: int | tuple[int, ...] | None) -> None:
     x = 300 * np.random.default_rng(0).standard_normal((4, 5, 6))

@@ -13,6 +13,7 @@ from tactiled.detect.grooves.model import (
     WaveFit,
     WaveMotion,
     WaveParams,
+    distinct,
     period_and_angle,
 )
 from tactiled.detect.grooves.phasors import Phasors
@@ -161,7 +162,7 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
     """True where channels of one kind are far enough apart in the directions that matter."""
     place = np.stack([layout.x_mm, layout.y_mm], axis=1)
     spread = np.zeros((2, 2))
-    for kind in np.unique(layout.kind):
+    for kind in distinct(layout.kind):
         mine = place[layout.kind == kind]
         spread += (mine - mine.mean(axis=0)).T @ (mine - mine.mean(axis=0))
     normal = np.array([-motion.heading[1], motion.heading[0]])

@@ -108,7 +108,7 @@ def _climb(
     window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, start: PlaneWaves, n_harmonics: int
 ) -> RefinedWave:
     """Alternate between wave, noise and mismatch until they agree."""
-    mismatch = np.zeros((len(np.unique(layout.kind)), n_harmonics))
+    mismatch = np.zeros((layout.is_kind.shape[1], n_harmonics))
     k, phase_rate, phase = start.k, start.phase_rate, None
     for _ in range(_REFINEMENTS):
         best = refine_once(window, layout, motion, k, phase_rate, mismatch, phase)
@@ -226,7 +226,7 @@ def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float,
     n_taxels, n_channels = len(layout.places_mm), len(mismatches)
     sums, sizes = np.bincount(layout.taxel, mismatches), np.bincount(layout.taxel)
     left = max(n_taxels - _SPENT_TAXELS, 1)
-    left_channels = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
+    left_channels = max(n_channels - layout.is_kind.shape[1] - 2, 1)
     effect = (sums**2 / sizes).sum() / left / max((mismatches**2).sum() / left_channels, 1e-300)
     effect = float(np.clip(effect, 1.0, n_channels / n_taxels))
     return effect, max(left_channels / effect, 1.0)

@@ -381,7 +381,7 @@ def foreign_lines(
     power = window.n / 2  # power of a line of amplitude 1
     n_channels = len(variance)
     level = special.chi_square_quantile(n_channels, FALSE_LINE)
-    n_free = max(n_channels - len(np.unique(layout.kind)) - 2, 1)
+    n_free = max(n_channels - layout.is_kind.shape[1] - 2, 1)
     foreign = []
     for h in range(1, equations.n_harmonics + 1):
         z = channel_phasors(window, equations, h)

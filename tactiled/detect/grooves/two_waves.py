@@ -367,7 +367,8 @@ def pairs_in_line(
     along = best.waves.phase_rate / window.half_travel
     if not motion.has_speed:
         along = np.concatenate([best.waves.k @ motion.heading, found.k[:_MOST_READINGS] @ motion.heading])
-        along = along[np.unique(np.round(along * np.ptp(layout.x_mm)), return_index=True)[1]]
+        steps: list[float] = np.round(along * np.ptp(layout.x_mm)).tolist()
+        along = along[[steps.index(step) for step in sorted(set(steps))]]
     variance = 2 * best.variance * noise_inflation / window.n
     z = channel_phasors(window, best.equations, 1)
     return find_pairs(z, variance, layout, motion, params, best.waves.k[0], along)
