@@ -240,10 +240,10 @@ class WaveSolver:
     def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
         """Linearise near waves without mismatch; the solvers of a wave look at the same point repeatedly."""
         at = (waves.k, waves.phase_rate, waves.phase)
-        if equations.newest:
-            known_at, geometry, near = equations.newest[0]
-            if all(map(operator.is_, at, known_at)) and geometry.alike(self._geometry):
-                return near
+        for known_at, geometry, near in equations.newest:
+            if all(map(operator.is_, at, known_at)) and self._geometry.alike(geometry):
+                known: Linearisation = near
+                return known
         near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
         equations.newest[:] = [(at, self._geometry, near)]
         return near
