@@ -11,6 +11,7 @@ from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.force.calibration import OUTPUTS
+from tactiled.recording.bag import is_bag, read_bag
 from tactiled.recording.steps import Replay
 from tactiled.recording.table import TimeUnit, read_table
 
@@ -40,25 +41,32 @@ class ArrayLog:
 
 
 def read_log(
-    path: Path, array: str | None = None, columns: tuple[str, ...] = (), time_unit: TimeUnit | None = None
+    path: Path,
+    array: str | None = None,
+    columns: tuple[str, ...] = (),
+    time_unit: TimeUnit | None = None,
+    topic: str | None = None,
 ) -> ArrayLog:
-    """Read a recording, a CSV or an npz file.
+    """Read a recording, a CSV or an npz file, or a topic of a bag (see `read_bag`).
 
     Raises
     ------
     DataError, ConfigError
     """
-    if path.suffix == ".mcap":
+    is_of_ros = topic is not None or is_bag(path)
+    if is_of_ros and (columns or time_unit is not None):
+        raise ConfigError("command line", ["--columns and --time-unit are for tables; a bag has --topic"])
+    if path.suffix == ".mcap" and not is_of_ros:
         if array is not None or columns or time_unit is not None:
             fault = "--array, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         return _from_mcap(path)
-    if path.suffix not in (".csv", ".npz"):
+    if not is_of_ros and path.suffix not in (".csv", ".npz"):
         raise DataError(
-            f"{path}: unknown file type; supported are .mcap (recordings of tactiled), .csv and .npz"
+            f"{path}: unknown file type; supported are .mcap (recordings of tactiled), .csv, .npz and bags"
         )
     known = load_array(array or _DEFAULT_ARRAY)
-    time_s, readings = read_table(path, None, columns, time_unit)
+    time_s, readings = read_bag(path, topic) if is_of_ros else read_table(path, None, columns, time_unit)
     if readings.shape[1] != known.n_channels:
         raise DataError(
             f"{path}: {readings.shape[1]} channels, but array {known.name} has {known.n_channels}; name the "

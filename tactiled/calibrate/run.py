@@ -29,6 +29,7 @@ def calibrate_files(
     temperature_c: float | None = None,
     columns: tuple[str, ...] = (),
     time_unit: TimeUnit | None = None,
+    topic: str | None = None,
     plot: Path | None = None,
 ) -> CalibrationStudy:
     """Write a calibration file; numbers as one JSON line to stdout, the verdict to stderr.
@@ -47,7 +48,7 @@ def calibrate_files(
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if temperature_c is not None and not math.isfinite(temperature_c):
         raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
-    data = read_log(log, array, columns, time_unit)
+    data = read_log(log, array, columns, time_unit, topic)
     table = read_reference(reference, data.array.n_taxels)
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
     with ProgressBar("calibrate", N_STAGES) as bar:

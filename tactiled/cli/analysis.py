@@ -220,7 +220,9 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
 @click.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option(
-    "--quiet", type=FILE, help="File (recording, CSV, npz) of an object held still, instead of a live hold."
+    "--quiet",
+    type=FILE,
+    help="File (recording, CSV, npz, bag) of an object held still, instead of a live hold.",
 )
 @click.option("--motion", type=FILE, help="File of the object moved as in normal work, without slip.")
 @click.option(
@@ -238,8 +240,9 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
     help="Duration of the motion.",
 )
 @click.option(
-    "--array", help="Array of a table, or of a board whose array is not shipped: name or TOML file."
+    "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
+@click.option("--topic", help="Topic of a bag, as for `detect`.")
 @KEYS
 def tune(
     endpoint: str,
@@ -249,6 +252,7 @@ def tune(
     quiet_s: float,
     motion_s: float,
     array: str | None,
+    topic: str | None,
     keys: Path | None,
 ) -> None:
     """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
@@ -260,11 +264,11 @@ def tune(
     """
     if (quiet is None) != (motion is None):
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
-    need_readable(quiet, motion)
+    need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
     from tactiled.tune.run import tune_files, tune_live
 
     if quiet is not None and motion is not None:
-        tune_files(quiet, motion, array, per_hour)
+        tune_files(quiet, motion, array, per_hour, topic)
     else:
         tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)

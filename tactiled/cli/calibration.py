@@ -21,6 +21,7 @@ from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readab
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @click.option("--columns", metavar="NAMES", help="Columns of a CSV in channel order, as for `detect`.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
+@click.option("--topic", help="Topic of a bag, as for `detect`.")
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
 @click.option(
     "--guide",
@@ -47,9 +48,9 @@ def calibrate(
 ) -> None:
     """Fit newtons to the readings of LOG with the record of a force sensor.
 
-    LOG is a recording, a CSV or an npz file of somebody who presses the array, and pushes it sideways, for a
-    minute. The clocks of both files may differ by up to 5 s. The verdict says what is known how well, and
-    which motion to add. With --guide, LOG is recorded first; the exit code is 1 if a motion is lacking.
+    LOG is a recording, a CSV or npz file or a bag of somebody who presses the array, and pushes it sideways,
+    for a minute. The clocks of both files may differ by up to 5 s. The verdict says what is known how well,
+    and which motion to add. With --guide, LOG is recorded first; the exit code is 1 if a motion is lacking.
 
     Example: tactiled calibrate log.npz --reference ft.csv -o mine.toml --plot mine.png
     """
@@ -61,7 +62,7 @@ def calibrate(
         sys.exit(0 if is_good else 1)
     if reference is None or out is None:
         raise click.UsageError("give --reference FILE and -o FILE, or --guide to record LOG first")
-    need_readable(log, reference)
+    need_readable(*(path for path in (log, reference) if not path.is_dir()))
     if plot is not None:
         need_extra("matplotlib", "plot", "calibrate --plot")
     from tactiled.calibrate.run import calibrate_files

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.errors import DataError, OperatorError
+from tactiled.recording.reader import is_recording
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -27,6 +28,13 @@ _DESCRIPTIONS = (
     "builtin_interfaces/msg/Time",
     "builtin_interfaces/msg/Duration",
 )
+
+
+def is_bag(path: Path) -> bool:
+    """Return True for a bag of ROS or an MCAP file of others, and False for our recordings and tables."""
+    if path.suffix == ".mcap" and path.is_file():
+        return not is_recording(path)
+    return path.is_dir() or path.suffix in BAGS
 
 
 def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,9 @@ from tactiled.tune.study import N_STAGES, study
 from tactiled.tune.words import as_map, as_toml, in_words
 
 
-def tune_files(quiet: Path, motion: Path, array: str | None, wanted_per_hour: float) -> None:
+def tune_files(
+    quiet: Path, motion: Path, array: str | None, wanted_per_hour: float, topic: str | None = None
+) -> None:
     """Evaluate files of a quiet hold and of motion without slip; JSON to stdout, report to stderr.
 
     Raises
@@ -22,7 +24,7 @@ def tune_files(quiet: Path, motion: Path, array: str | None, wanted_per_hour: fl
     DataError, ConfigError
         A file is invalid or holds too little contact.
     """
-    first, second = read_recording(quiet, array), read_recording(motion, array)
+    first, second = read_recording(quiet, array, topic), read_recording(motion, array, topic)
     if first.array.channel_name != second.array.channel_name:
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])

@@ -14,8 +14,10 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tactiled.errors import DataError, OperatorError
+from tactiled.calibrate.files import read_log
+from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.bag import read_bag
+from tactiled.tune.files import read_recording
 
 Floats = NDArray[np.float64]
 
@@ -112,6 +114,23 @@ def test_times_that_do_not_grow_need_a_rate(tmp_path: Path) -> None:
     assert time_s - time_s[0] == pytest.approx(np.arange(20) / 50, abs=1e-6)
     time_s, _ = read_bag(path, "/joints.position")  # headers grow
     assert np.diff(time_s) == pytest.approx(np.full(19, 0.02), abs=1e-6)
+
+
+def test_bags_are_logs_of_calibrate_and_tune(tmp_path: Path) -> None:
+    array = tmp_path / "pad.toml"
+    array.write_text(
+        'name = "pad"\nunit = "count"\nrange = [-500, 500]\ntaxel_count = 4\n'
+        '[[taxel_channels]]\nname = "n"\nkind = "normal"\n'
+    )
+    path = write_bag(tmp_path / "bag", readings(), StoragePlugin.MCAP, stamps_ns())
+    for source in (path, path / "bag.mcap"):
+        assert np.array_equal(read_log(source, str(array), topic="/array").readings, 64 * readings())
+        recording = read_recording(source, str(array), "/array")
+        assert sum(len(block) for block in recording.blocks) == 20
+    with pytest.raises(DataError, match="--topic TOPIC"):
+        read_recording(path, str(array))
+    with pytest.raises(ConfigError, match="--topic"):
+        read_log(path, str(array), ("a",), topic="/array")
 
 
 def test_types_without_a_definition_are_named_and_others_are_read(tmp_path: Path) -> None:
