@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 LEAST_HZ = 0.7
 HALF_S = 0.5
-TIMES = 3.0  # which of 2, 3, 5 and 10 has most slides less false ones, on worlds of seeds 0 to 7
 
 
 def strongest_line_hz(time_s: FloatArray, readings: FloatArray) -> float:
@@ -22,14 +21,16 @@ def strongest_line_hz(time_s: FloatArray, readings: FloatArray) -> float:
     return float(frequency_hz[peak] + (0.5 * (left - right) / bend if bend < 0 else 0.0) * frequency_hz[1])
 
 
-def rate_of_change_slides(time_s: FloatArray, readings: FloatArray, over_s: float) -> FloatArray:
-    """Return the instants at which readings begin to change `TIMES` as fast as when they are quietest."""
+def rate_of_change_slides(
+    time_s: FloatArray, readings: FloatArray, over_s: float, times: float
+) -> FloatArray:
+    """Return the instants at which readings begin to change so many times as fast as when quietest."""
     spacing_s = np.median(np.diff(time_s))
     lag, n = max(1, round(over_s / spacing_s)), max(2, round(HALF_S / spacing_s))
     change = np.sqrt(((readings[lag:] - readings[:-lag]) ** 2).mean(axis=1))
     smooth = np.convolve(change, np.ones(n) / n)[: len(change)] if lag == 1 else change
     quiet = smooth[2 * n :].min(initial=np.inf) if len(smooth) > 2 * n else np.inf
-    fast = smooth > TIMES * max(float(quiet), 1e-12)
+    fast = smooth > times * max(float(quiet), 1e-12)
     fast[:n] = False
     begins = np.flatnonzero(fast[1:] & ~fast[:-1]) + 1
     begins = begins[np.diff(begins, prepend=-n) >= n]  # one for each half second
