@@ -110,6 +110,11 @@ class ArrayFile(Params):
         default=0.0,
         description="readings without a load: one number, one for each channel, or 'first 0.3 s' of the data",
     )
+    shear_per_friction: float = Field(
+        default=1.0,
+        gt=0,
+        description="reading of shear over reading of pressure where tangential and normal load are equal",
+    )
     contact: ContactLevels | None = Field(
         default=None, description="left out: from the noise and the range of the channels"
     )
@@ -213,6 +218,8 @@ class Array:
         Readings without a load.
     zero_first_s : float
         Time at the beginning of the data whose mean is the zero instead; 0 for none.
+    shear_per_friction : float
+        Reading of shear over reading of pressure where tangential and normal load are equal.
     contact : ContactLevels or None
         None where noise and range of the channels decide.
     """
@@ -232,6 +239,7 @@ class Array:
     high: float
     zero: FloatArray
     zero_first_s: float
+    shear_per_friction: float
     contact: ContactLevels | None
 
     @property
@@ -380,6 +388,7 @@ def build(file: ArrayFile) -> Array:
         high=high,
         zero=np.full(len(channels), 0.0 if isinstance(file.zero, str) else file.zero),
         zero_first_s=0.0 if first is None else float(first[1]),
+        shear_per_friction=file.shear_per_friction,
         contact=file.contact,
     )
 

@@ -46,7 +46,7 @@ from tactiled.progress import ProgressBar
 
 TUNED_FROM = 20_000  # seeds on which constants were set
 REPORTED_FROM = 3_000  # nothing was set on these
-N_WORLDS, N_QUICK, N_ABLATED = 240, 48, 96
+N_WORLDS, N_QUICK, N_ABLATED = 240, 48, 48
 _BATCH = 12  # worlds that are simulated at once, and by one process
 _HELD_OUT_EACH = 4  # one batch in so many has the law on which nothing was set
 _TIME_IN_ALARM = 0.015

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.slip_detector import GripSlip
 from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
@@ -27,7 +28,7 @@ from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
-Setting = Literal["fast", "balanced", "quiet", "wang2019"]
+Setting = Literal["fast", "balanced", "quiet", "grip", "wang2019"]
 
 
 class Wang2019Params(Params):
@@ -42,7 +43,8 @@ class DetectParams(Params):
 
     setting: Setting = Field(
         default="balanced",
-        description="trade of latency against false alarms; wang2019: the published methods, as published",
+        description="trade of latency against false alarms; grip: slips from the contact model; "
+        "wang2019: the published methods, as published",
     )
     slip: CoherentParams = Field(default=CoherentParams(), description="default: the values of the setting")
     texture: JointParams = JointParams()
@@ -212,6 +214,7 @@ def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
 
 
 _COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)
+_GRIP = DetectorFactories(slip=lambda array, params: GripSlip(array, params.grip), texture=_joint_texture)
 _WANG2019 = DetectorFactories(
     slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
 )
@@ -219,6 +222,7 @@ REGISTRY: Mapping[Setting, DetectorFactories] = {
     "fast": _COHERENT,
     "balanced": _COHERENT,
     "quiet": _COHERENT,
+    "grip": _GRIP,
     "wang2019": _WANG2019,
 }
 """Detectors of each setting; settings that share detectors differ in their parameters."""
@@ -261,5 +265,8 @@ def build_methods(
         texture = factories.texture(array, params, worker or InPlace(), sliding is not None)
         texture = texture if sliding is None else KnownSlidingTexture(texture, sliding)
     needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
-    grip = GripDetector(array, params.grip) if params.grip.enabled and "grip" in topics else None
-    return DetectorPair(factories.slip(array, params) if needs_slip else None, texture, grip)
+    slip = factories.slip(array, params) if needs_slip else None
+    asks_grip = params.grip.enabled and "grip" in topics
+    # The slip detector of the contact model publishes the grip events itself.
+    grip = GripDetector(array, params.grip) if asks_grip and not isinstance(slip, GripSlip) else None
+    return DetectorPair(slip, texture, grip)

@@ -59,7 +59,8 @@ class SlipEvent(Event):
 
 # "unknown": in contact, but the beginning of the contact was not observed (start or long gap in mid-contact),
 # so it may hold or slide. A slip is still detected; its "onset" may then be a stop.
-ContactState = Literal["none", "unknown", "loading", "holding", "sliding"]
+# "shearing": part of the contact slips; from the setting grip only.
+ContactState = Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,9 @@
 """Grip events from scans: contact gate, zero, contact model, one event for each scan in contact."""
 
+import itertools
 import math
-from typing import Literal
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.friction import FrictionPosterior
-from tactiled.detect.grip.model import NEEDED_UTILISATION, STEP_S, ContactModel
+from tactiled.detect.grip.model import INCIPIENT_SHARE, NEEDED_UTILISATION, STEP_S, ContactModel, Grip
 from tactiled.detect.grip.observe import (
     FLOOR_LEVELS,
     NoiseFloor,
@@ -19,6 +21,7 @@ from tactiled.detect.grip.observe import (
     level_for,
     noise_gain,
 )
+from tactiled.detect.signal.contact import ContactParams
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.events.types import Event, GripEvent, GripState
@@ -28,6 +31,7 @@ from tactiled.tomlfile import Params
 # A contact begins where the mean load of the taxels exceeds both, and ends at half of it.
 _CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
+_FRICTION = 0.6  # of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
 _ZERO_S = 0.6  # from touch: the shear that pressing alone makes is measured, and subtracted from then on
 _BASELINE_S = 1.0  # averaging time of the readings without contact
 _HOLD_S = (
@@ -35,7 +39,6 @@ _HOLD_S = (
 )
 _LEAST_KEPT = 0.75  # of the taxels; with fewer, the messages are not valid
 _DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
-_PARTIAL = 0.1  # part of the area that slips in incipient slip
 
 
 class GripParams(Params):
@@ -44,13 +47,39 @@ class GripParams(Params):
     enabled: bool = Field(
         default=False, description="a grip message for each scan in contact; costs about 0.4 ms of a core"
     )
-    friction: float = Field(
-        default=0.6, gt=0, description="median of friction before any contact, in shear reading over load"
+    friction: float | None = Field(
+        default=None,
+        gt=0,
+        description="median of friction before any contact, in shear reading over load; left out: 0.6 times "
+        "`shear_per_friction` of the array",
     )
     # Skin-like rubber on objects spans 0.2 to 2 (log sd 0.5); gains of uncalibrated shear add 0.3.
     friction_log_sd: float = Field(
         default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
     )
+    incipient_p: float = Field(
+        default=0.3,
+        gt=0,
+        lt=1,
+        description="probability of incipient slip at which the setting grip reports it",
+    )
+    contact: ContactParams = ContactParams()
+
+
+class ContactScan(NamedTuple):
+    """State of a contact after a scan, for those who report slips.
+
+    Attributes
+    ----------
+    model : ContactModel
+    grip : Grip
+    shear : (2, taxels) float64
+        Force of the object on the skin, over the total load.
+    """
+
+    model: ContactModel
+    grip: Grip
+    shear: FloatArray
 
 
 class GripDetector:
@@ -79,8 +108,8 @@ class GripDetector:
     >>> for grip in (grip for grip in grips if f"{grip.time_s:.2f}" in ("3.90", "4.20", "4.60")):
     ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.0
-    4.20 s: partial, utilisation 0.4
-    4.60 s: partial, utilisation 0.5
+    4.20 s: partial, utilisation 0.2
+    4.60 s: partial, utilisation 0.4
     """
 
     def __init__(self, array: Array, params: GripParams | None = None) -> None:
@@ -101,7 +130,8 @@ class GripDetector:
         self._quantiser = Quantiser(self._array)
         self._bank = SwtBank(self._array, BankParams(levels=tuple(range(1, FLOOR_LEVELS + 1))))
         self._floor = NoiseFloor(self._array.n_channels, self._quantiser.volts_per_step)
-        self._friction = FrictionPosterior(self._params.friction, self._params.friction_log_sd)
+        median = self._params.friction or _FRICTION * self._array.shear_per_friction
+        self._friction = FrictionPosterior(median, self._params.friction_log_sd)
         self._baseline = np.zeros(self._array.n_channels)
         self._n_baseline = 0
         self._rate_hz = 0.0
@@ -115,29 +145,42 @@ class GripDetector:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
         if isinstance(item, Gap):
-            return self._lose()
+            return self.lose_contact()
+        events = self.lose_contact() if item.rate_hz != self._rate_hz else []
+        events += [event for event in self.scans(item) if event is not None]
+        return events
+
+    @property
+    def contact(self) -> ContactScan | None:
+        """Newest scan of the present contact; None without one, and until the shear of the press is known."""
+        touch = self._touch
+        if touch is None or touch.grip is None or not touch.is_known:
+            return None
+        return ContactScan(touch.model, touch.grip, touch.shear)
+
+    def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
+        """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
+
+        A block of another scan rate follows a `lose_contact`.
+        """
         if not self.can_tell:
-            return []
-        events: list[Event] = []
-        if item.rate_hz != self._rate_hz:
-            events += self._lose()
-            self._rate_hz = item.rate_hz
-            self._history = np.zeros((history_scans(item.rate_hz), 3, self._array.n_taxels))
-            self._n_hold = max(1, round(_HOLD_S * item.rate_hz))
-        held = self._quantiser.process(item)
-        details = self._bank.process(item)
+            yield from itertools.repeat(None, len(block))
+            return
+        if not self._rate_hz:
+            self._rate_hz = block.rate_hz
+            self._history = np.zeros((history_scans(block.rate_hz), 3, self._array.n_taxels))
+            self._n_hold = max(1, round(_HOLD_S * block.rate_hz))
+        held = self._quantiser.process(block)
+        details = self._bank.process(block)
         usable = np.all(details.usable, axis=1)
-        late: list[bool] = item.late.tolist()
+        late: list[bool] = block.late.tolist()
         for scan, volts in enumerate(held.steps * self._quantiser.volts_per_step):
             is_trusted = self._take_out(held.ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0)
             rows = details.volts[scan] if np.all(usable[scan] | out) else None
-            event = self._step(volts, rows, float(item.time_s[scan]), is_trusted, late[scan])
-            if event is not None:
-                events.append(event)
-        return events
+            yield self._step(volts, rows, float(block.time_s[scan]), is_trusted, late[scan])
 
-    def _lose(self) -> list[Event]:
+    def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
         events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
         self.reset()
@@ -206,6 +249,14 @@ class _Touch:
         self._level = 0
         self._total = np.zeros(3)
         self._load = 0.0
+        self.grip: Grip | None = None
+        self.shear: FloatArray = np.zeros((2, 1))
+        """Shear (2, taxels) over the total load."""
+
+    @property
+    def is_known(self) -> bool:
+        """True once the shear that pressing alone makes is known."""
+        return self._n > self._n_zero
 
     def take(self, history: FloatArray, shear_sd: float, total_sd: float) -> None:
         """Take loads and shears (n, 3, taxels) of the newest scans, with the noise of the last one."""
@@ -221,7 +272,8 @@ class _Touch:
                 relative = shear_sd * len(load) / self._load
                 self._level = level_for(relative, 1.0 / self._step_s)
             return
-        self._total = self.model.total(np.asarray(shear) - self._crossed * load)
+        borne = np.asarray(shear) - self._crossed * load
+        self._total, self.shear = self.model.total(borne), borne / self._load
         self.model.follow(self._total / self._load, total_sd / self._load, self._step_s)
         if self._n % self._n_look == 0:
             kernel = approximation_taps(self._level)
@@ -237,13 +289,13 @@ class _Touch:
         self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
     ) -> GripEvent:
         """Return the event of the scan that was taken."""
-        grip = self.model.grip()
+        self.grip = grip = self.model.grip()
         state: GripState = "sticking"
         if grip.is_gross:
             state = "gross"
         elif grip.is_unloading:
             state = "unloading"
-        elif grip.slipping_share > _PARTIAL:
+        elif grip.slipping_share > INCIPIENT_SHARE:
             state = "partial"
         size = math.sqrt(float(self._total @ self._total))
         utilisation, friction, p_gross = (
@@ -270,7 +322,7 @@ class _Touch:
             unit=unit,
             needed_load=size / (NEEDED_UTILISATION * friction[0]),
             state=state,
-            valid=is_trusted and self._n > self._n_zero,
+            valid=is_trusted and self.is_known,
             late=is_late,
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.grip.forecast import p_gross_within
 from tactiled.detect.grip.friction import FrictionPosterior
-from tactiled.detect.grip.rings import RingForces, mindlin_rings
+from tactiled.detect.grip.rings import MINDLIN_POWER, RingForces, mindlin_rings
 from tactiled.detect.grip.shares import ShareEvidence
 from tactiled.detect.grip.trend import Trend
 from tactiled.detect.grip.wander import ShareWander
@@ -22,6 +22,9 @@ _QUANTILES = np.array([0.05, 0.5, 0.95])
 NEEDED_UTILISATION = 0.7  # that `needed_load` would leave
 _GROSS_ON, _GROSS_OFF = 0.5, 0.25  # probability that all slides, at which the state changes
 _LEAST_RATIO = 0.02  # below it, noise and zero make the growth of the ratio's logarithm
+INCIPIENT_SHARE = 0.1  # of the area that slips: what is called incipient slip
+# Utilisation at which a tenth of a ball's area slips in first loading: the sticking share is (1 - u)^(2/3).
+INCIPIENT_USED = 1.0 - (1.0 - INCIPIENT_SHARE) ** MINDLIN_POWER
 _TINY = 1e-12
 
 
@@ -36,6 +39,9 @@ class Grip(NamedTuple):
     p_gross : (3,) float64
         That gross slip begins within `HORIZONS_S`.
     p_sliding : float
+        That all of the contact slides now.
+    p_incipient : float
+        That a tenth of its area or more slips now.
     is_gross, is_unloading : bool
     """
 
@@ -44,6 +50,7 @@ class Grip(NamedTuple):
     slipping_share: float
     p_gross: FloatArray
     p_sliding: float
+    p_incipient: float
     is_gross: bool
     is_unloading: bool
 
@@ -68,7 +75,8 @@ class ContactModel:
         self._evidence = ShareEvidence(friction.friction, len(x))
         self._wander = ShareWander(x, y, n)
         self._odds = np.zeros(n)
-        self._slipping = np.zeros(n)
+        self._slipping = np.zeros((n, len(x)))  # share of each taxel's stiffness
+        self._part = np.full(len(x), 1.0 / len(x))  # of the load
         self._is_gross = False
 
     def total(self, shear: FloatArray) -> FloatArray:
@@ -109,7 +117,7 @@ class ContactModel:
             self.friction.take(found)
         self._odds = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
         self.friction.walk(step_s)
-        self._slipping = self._rings.sliding_share() @ load / whole
+        self._slipping, self._part = self._rings.sliding_share(), load / whole
 
     def grip(self) -> Grip:
         """Return the present posterior."""
@@ -120,8 +128,11 @@ class ContactModel:
         self._is_gross = p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
         holds = friction.weights * (1.0 - friction.met)
         # The area of a ball that sticks goes as the square of its stick radius (Johnson, 7.2).
-        slipping = 1.0 - (1.0 - self._slipping) ** 2
+        slipping = 1.0 - (1.0 - self._slipping @ self._part) ** 2
         share = p_sliding + float(sticks @ slipping)
+        partial = slipping >= INCIPIENT_SHARE
+        if trend.is_fresh and trend.growth > 0:  # rings are looked at later than the total shear
+            partial |= size > INCIPIENT_USED * friction.friction
         scale = max(size, _LEAST_RATIO)
         return Grip(
             utilisation=friction.utilisation_quantiles(size, sticks if self._is_gross else holds, _QUANTILES),
@@ -136,6 +147,12 @@ class ContactModel:
                 HORIZONS_S,
             ),
             p_sliding=p_sliding,
+            p_incipient=p_sliding + float(sticks @ partial),
             is_gross=self._is_gross,
             is_unloading=trend.growth < -2 * trend.rate_sd,
         )
+
+    def slipping_taxels(self) -> tuple[int, ...]:
+        """Return the taxels of which a tenth or more slips."""
+        area = 1.0 - (1.0 - self.friction.weights @ self._slipping) ** 2
+        return tuple(np.flatnonzero((area >= INCIPIENT_SHARE) & (self._part > 0)).tolist())

@@ -6,8 +6,10 @@ taxel are followed for each hypothesis by a Kalman filter: its gain, the softeni
 than its load says slips sooner), and an offset that goes with its load. What is left is the model's misfit,
 with the tails of Student's t.
 
-Only new places count. A look is taken where the ratio of shear over load differs from all ratios at which
-one was taken before: swings at one level repeat the same misfit and are no new evidence.
+Only new places count. A look is taken where the ratio of shear over load is near its largest and differs from
+all ratios at which one was taken before: swings at one level repeat the same misfit and are no new evidence,
+and on the way back the shares depend on more of the past than the rings remember. At a known place a look
+counts by the part of its variance that is noise, since noise is new each time.
 """
 
 import numpy as np
@@ -17,12 +19,20 @@ from tactiled.detect.grip.constants import MISFIT, TEMPER
 from tactiled.detect.grip.rings import MINDLIN_POWER
 
 _GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
-_SOFTENING_SD = 0.10  # of a taxel's softening, relative to its shear: stiffness and friction of taxels differ
-_OFFSET_SD = 0.02  # of a taxel's shear over its load, which the zero of the contact leaves
+# Standard deviations on an array whose loads are uneven: a taxel's softening, relative to its shear, because
+# stiffness and friction of taxels differ; and a taxel's shear over its load, which the zero leaves.
+_SOFTENING_SD, _OFFSET_SD = 0.10, 0.02
+# Under one flat object a taxel's load goes as its height and stiffness. Loads that are even to some part show
+# that the taxels are, and taxels that are alike share the shear evenly by any law of contact.
+_UNEVEN = 0.15  # standard deviation of log loads from which on nothing is known of how alike the taxels are
+_LEAST_UNEVEN = 0.2  # of the above: what even loads leave
 _PLACE = 0.03  # relative distance of ratios that makes a new place: shares move by less within it
+_NOISY = 0.1  # part of a look's variance that is noise, below which it says nothing new at a known place
+_GROWN = 0.9  # of the largest ratio so far, below which the contact is on its way back
 _LEAST_RATIO = 0.03  # below, offsets are larger than what softens
 _NOISES = 4.0  # standard deviations of its noise that the total must exceed
 _DEGREES = 3.0  # of freedom of Student's t: tails of a few taxels in a hundred looks
+_LOADED = 0.1  # of the mean load: taxels with less say nothing of how even the loads are
 _EVEN = 0.2  # part of the misfit that does not go with the load: neighbours pull at a taxel without load
 _MEETS = 0.02  # relative difference from the measured total that Newton steps leave
 _N_PLACES = 64  # remembered
@@ -43,10 +53,10 @@ class ShareEvidence:
         self._friction = friction[:, np.newaxis]
         self._nuisance = np.zeros((3, *shape))
         self._cov = np.zeros((3, 3, *shape))
-        for k, sd in enumerate((_GAIN_SD, _SOFTENING_SD, _OFFSET_SD)):
-            self._cov[k, k] = sd**2
+        self._uneven = 0.0  # part of the scatter of taxels that are nothing alike; 0 before the first look
         self._places = np.full((_N_PLACES, 3), np.inf)
         self._n = 0
+        self._largest = 0.0
 
     def log_likelihood(
         self,
@@ -77,15 +87,25 @@ class ShareEvidence:
         Returns
         -------
         (hypotheses,) float64 or None
-            None where the ratio is at a known place.
+            None where the look says nothing new.
         """
         size = float(np.sqrt(ratio @ ratio))
-        if size < max(_LEAST_RATIO, _NOISES * noise_sd / np.sqrt(shear.shape[1])):
+        self._largest = max(self._largest, size)
+        least = max(_LEAST_RATIO, _NOISES * noise_sd / np.sqrt(shear.shape[1]), _GROWN * self._largest)
+        if size < least:
             return None
+        if not self._uneven:
+            self._begin(part_of_load)
+        unexplained = (MISFIT * self._uneven * size) ** 2
+        temper = TEMPER
         if float(((self._places - ratio) ** 2).sum(axis=1).min()) < (_PLACE * size) ** 2:
-            return None
-        self._places[self._n % _N_PLACES] = ratio
-        self._n += 1
+            part = noise_sd**2 / (noise_sd**2 + unexplained)
+            if part < _NOISY:
+                return None
+            temper *= part
+        else:
+            self._places[self._n % _N_PLACES] = ratio
+            self._n += 1
 
         # A hypothesis that slides predicts how the shear is shared, and not how much there is of it.
         scale = size / np.maximum(borne, _TINY)
@@ -98,7 +118,7 @@ class ShareEvidence:
         expected = model + (self._nuisance * direction).sum(axis=0)
         spread = np.einsum("abjt,bjt->ajt", self._cov, direction)
         known = (spread * direction).sum(axis=0)
-        misfit = noise_sd**2 + (MISFIT * size) ** 2 * (_EVEN + (1.0 - _EVEN) * part_of_load)
+        misfit = noise_sd**2 + unexplained * (_EVEN + (1.0 - _EVEN) * part_of_load)
         residual = along - expected
         variance = known + misfit
         relative = residual**2 / variance
@@ -107,10 +127,18 @@ class ShareEvidence:
         ).sum(axis=1)
         # A measurement whose variance is that of the misfit over its weight, less where it lies in the tails.
         robust = (_DEGREES + 1) / (_DEGREES + relative)
-        gain = spread / (known + misfit / (TEMPER * robust))
+        gain = spread / (known + misfit / (temper * robust))
         self._nuisance += gain * residual
         self._cov -= gain[:, np.newaxis] * spread[np.newaxis]
-        return np.asarray(TEMPER * found)
+        return np.asarray(temper * found)
+
+    def _begin(self, part_of_load: FloatArray) -> None:
+        """Set the spread of the nuisances, from how uneven the loads are."""
+        loaded = part_of_load[part_of_load > _LOADED]
+        spread = float(np.std(np.log(loaded))) if len(loaded) > 1 else _UNEVEN
+        self._uneven = max(_LEAST_UNEVEN, min(1.0, spread / _UNEVEN))
+        for k, sd in enumerate((_GAIN_SD, _SOFTENING_SD * self._uneven, _OFFSET_SD * self._uneven)):
+            self._cov[k, k] = sd**2
 
     def _softening(self, force: FloatArray, part_of_load: FloatArray) -> FloatArray:
         """Return the part of a taxel's shear by which it falls short of its stiffness times the travel.

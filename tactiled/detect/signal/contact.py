@@ -362,6 +362,10 @@ class ContactTracker:
         since_lost = self._unsteady + self._steady
         return self._steady_before >= for_scans and since_lost <= within_scans
 
+    def begin_shearing(self) -> ContactTransition:
+        """Enter the state shearing: part of the contact slips; called by the slip detector."""
+        return self._go("shearing")
+
     def begin_sliding(self) -> ContactTransition:
         """Enter the state sliding; called by the slip detector."""
         return self._go("sliding")

@@ -35,10 +35,10 @@ class IdealContact:
         )
 
 
-def test_a_look_counts_at_new_places_only() -> None:
+def test_a_look_counts_at_new_places_on_the_way_up_only() -> None:
     contact = IdealContact()
-    counted = [contact.pull(used) is not None for used in (0.3, 0.301, 0.4, 0.3, 0.38, 0.4, 0.5)]
-    assert counted == [True, False, True, False, True, False, True]
+    counted = [contact.pull(used) is not None for used in (0.3, 0.301, 0.4, 0.3, 0.2, 0.38, 0.4, 0.5)]
+    assert counted == [True, False, True, False, False, True, False, True]
     assert IdealContact().pull(0.01) is None
 
 

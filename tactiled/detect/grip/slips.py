@@ -1,0 +1,156 @@
+"""Slip events as thresholds on the posterior of the contact model.
+
+A slip is incipient where a tenth of the contact area slips with a probability of at least p, and gross where
+all of it slides with a probability of one half. Both end by hysteresis. A skin that stops sliding keeps its
+shear, and looks like one that still slides: a gross slip stays open until shear over load has fallen.
+"""
+
+import collections
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.detect.grip.detector import ContactScan
+from tactiled.detect.grip.direction import direction
+from tactiled.detect.grip.model import INCIPIENT_USED
+from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
+
+DETECTOR = "grip"
+GROSS_P = 0.5
+_OFF_S = 0.08  # an incipient slip ends when its probability was below half of p for so long
+_HISTORY_S = 1.0  # in which the beginning of a slip is looked for
+# Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
+_RELAXED = 0.85
+_GROWN = 1.1  # of the smallest ratio since a slip ended, beyond which the next may begin
+
+
+class ScanInstant(NamedTuple):
+    """Instant of a scan and its standard deviation; `is_late` as in the scan block."""
+
+    time_s: float
+    time_sd_s: float
+    is_late: bool
+
+
+class PosteriorSlips:
+    """Track the slips of one contact.
+
+    Parameters
+    ----------
+    incipient_p : float
+        Probability at which an incipient slip is reported.
+    rate_hz : float
+    """
+
+    def __init__(self, incipient_p: float, rate_hz: float) -> None:
+        self._p = incipient_p
+        self._step_s = 1.0 / rate_hz
+        self._n_off = max(1, round(_OFF_S * rate_hz))
+        length = max(2, round(_HISTORY_S * rate_hz))
+        self._past: collections.deque[tuple[float, float, FloatArray]] = collections.deque(maxlen=length)
+        self.open: SlipEvent | None = None
+        """Newest onset of the slip that goes on."""
+        self._n_low = 0
+        self._largest = 0.0  # ratio of the gross slip that goes on
+        self._least = 0.0  # ratio since the last slip ended
+
+    def step(self, scan: ContactScan, at: ScanInstant) -> list[SlipEvent]:
+        """Take a scan and return the slip events that it completes."""
+        grip, size = scan.grip, scan.model.trend.size
+        self._past.append((at.time_s, size, scan.shear))
+        self._least = min(self._least, size)
+        events: list[SlipEvent] = []
+        if self.open is not None and self._has_ended(self.open, scan, size):
+            events.append(self.end(at.time_s, valid=not at.is_late))
+            self._least = size
+        if self.open is None and self._may_begin(scan, size):
+            self._n_low = 0
+            self.open = self._onset(scan, at)
+            events.append(self.open)
+        if self.open is not None and self.open.kind == "incipient" and grip.is_gross:
+            self._largest = size
+            self.open = self._gross(self.open, scan, at)
+            events.append(self.open)
+        return events
+
+    def end(self, time_s: float, *, valid: bool) -> SlipEvent:
+        """End the slip that goes on, and return its end."""
+        assert self.open is not None
+        ended = dataclasses.replace(self.open, state="end", time_s=time_s, detected_s=time_s, valid=valid)
+        self.open = None
+        return ended
+
+    def _may_begin(self, scan: ContactScan, size: float) -> bool:
+        return scan.grip.is_gross or (scan.grip.p_incipient >= self._p and size >= _GROWN * self._least)
+
+    def _has_ended(self, slip: SlipEvent, scan: ContactScan, size: float) -> bool:
+        if slip.kind == "gross":
+            self._largest = max(self._largest, size)
+            return not scan.grip.is_gross and size < _RELAXED * self._largest
+        self._n_low = self._n_low + 1 if scan.grip.p_incipient < self._p / 2 else 0
+        return self._n_low >= self._n_off and not scan.grip.is_gross
+
+    def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
+        friction = scan.model.friction
+        began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
+        towards = direction(scan, [shear for _, _, shear in self._past])
+        return SlipEvent(
+            time_s=began_s,
+            state="onset",
+            kind="incipient",
+            onset_s=began_s,
+            onset_sd_s=math.hypot(sd_s, at.time_sd_s),
+            direction_deg=towards.angle_deg,
+            direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
+            confidence=scan.grip.p_incipient,
+            taxels=scan.model.slipping_taxels(),
+            detector=DETECTOR,
+            statistic=scan.grip.p_incipient,
+            threshold=self._p,
+            valid=not at.is_late,
+            detected_s=at.time_s,
+        )
+
+    def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
+        friction = scan.model.friction
+        began_s, sd_s = self._began(friction.friction, friction.weights * friction.met, scan)
+        towards = direction(scan, [shear for _, _, shear in self._past])
+        began_s = max(began_s, slip.onset_s)
+        return dataclasses.replace(
+            slip,
+            kind="gross",
+            time_s=began_s,
+            onset_s=began_s,
+            onset_sd_s=math.hypot(sd_s, at.time_sd_s),
+            direction_deg=towards.angle_deg,
+            direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
+            confidence=scan.grip.p_sliding,
+            taxels=tuple(range(scan.shear.shape[1])),
+            statistic=scan.grip.p_sliding,
+            threshold=GROSS_P,
+            valid=not at.is_late,
+            detected_s=at.time_s,
+        )
+
+    def _began(self, limit: FloatArray, weights: FloatArray, scan: ContactScan) -> tuple[float, float]:
+        """Return mean and sd of the instant at which the ratio last rose beyond a limit (hypotheses,).
+
+        Limits that the ratio has not met count as being met now.
+        """
+        time_s = np.array([past[0] for past in self._past])
+        size = np.array([past[1] for past in self._past])
+        below = size[:, np.newaxis] < limit
+        # One after the last scan below the limit; the oldest scan where there is none.
+        row = np.where(below.any(axis=0), len(size) - np.argmax(below[::-1], axis=0), 0)
+        began_s = time_s[np.minimum(row, len(size) - 1)]
+        met = weights * ~below[-1]
+        if met.sum() <= 0:
+            met = weights
+        mean_s = float(np.average(began_s, weights=met))
+        spread = float(np.average((began_s - mean_s) ** 2, weights=met))
+        trend = scan.model.trend
+        noise_s = min(trend.value_sd / max(trend.growth, 1e-3), _HISTORY_S)
+        return mean_s, math.sqrt(spread + noise_s**2 + self._step_s**2 / 12)

@@ -1,0 +1,132 @@
+"""Slip events of the contact model: order, kinds, direction, ends, and the states of the contact."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tactiled.array import ArrayFile, Grid, TaxelChannel, build
+from tactiled.detect.grip.detector import GripParams
+from tactiled.detect.grip.rings import RingForces, mindlin_rings
+from tactiled.detect.grip.slip_detector import GripSlip
+from tactiled.detect.grip.slips import GROSS_P
+from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+MU = 0.7
+RATE_HZ = 100.0
+PLACES = [-4.0, 0.0, 4.0]
+LOADS = np.array([0.4, 0.8, 0.5, 0.9, 1.8, 1.1, 0.6, 1.2, 0.7])
+ARRAY = build(
+    ArrayFile(
+        name="xyz",
+        grids=[Grid(x_mm=PLACES, y_mm=PLACES)],
+        taxel_channels=[
+            TaxelChannel(name="x", kind="shear_x"),
+            TaxelChannel(name="y", kind="shear_y"),
+            TaxelChannel(name="z", kind="normal"),
+        ],
+        full_scale_volts=8.0,
+    )
+)
+KNOWN = GripParams(friction=0.95 * MU, friction_log_sd=0.1)
+SLIPS_S, RELAXES_S = 2.5, 3.5
+
+
+def slide(direction_deg: float = 30.0, turn: float = 0.0, noise: float = 0.001) -> ScanBlock:
+    """Press, shear by Mindlin's curve from 2 s, slip of all of the contact from 2.5 s, relax from 3.5 s.
+
+    `turn` is the moment over the limit, in place of the shear.
+    """
+    t = np.arange(450) / RATE_HZ
+    load = LOADS * np.interp(t, [0.5, 1.0], [0.0, 1.0])[:, np.newaxis]
+    used = np.interp(t, [2.0, SLIPS_S, RELAXES_S, 3.8], [0.0, 0.975, 0.975, 0.3])  # rings do not converge at 1
+    x, y = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
+    # A pull through the centre of the loads does not turn the skin.
+    along = np.array([x, y, float(LOADS @ (ARRAY.x_mm * y - ARRAY.y_mm * x) / LOADS.sum())])
+    if turn:
+        along = np.array([0.0, 0.0, turn * float(np.hypot(ARRAY.x_mm, ARRAY.y_mm) @ LOADS / LOADS.sum())])
+    rings = RingForces(np.array([MU]), ARRAY.x_mm, ARRAY.y_mm, mindlin_rings(40))
+    readings = np.zeros((len(t), 27))
+    readings[:, 2::3] = load
+    for k in np.flatnonzero(t > 1.0):
+        for _ in range(10):  # Newton steps
+            rings.advance(load[k], -used[k] * MU * load[k].sum() * along)
+        # The skin moves against the force on it.
+        readings[k, 0::3], readings[k, 1::3] = -rings.taxel_forces()[:, 0]
+    readings += noise * np.random.default_rng(3).normal(size=readings.shape)
+    return regular_block(readings, RATE_HZ)
+
+
+def slips(events: list[Event]) -> list[SlipEvent]:
+    return [event for event in events if isinstance(event, SlipEvent)]
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Event]:
+    return GripSlip(ARRAY, KNOWN).process(slide())
+
+
+def test_a_slip_is_incipient_then_gross_then_ends(found: list[Event]) -> None:
+    told = slips(found)
+    assert [(event.state, event.kind) for event in told] == [
+        ("onset", "incipient"),
+        ("onset", "gross"),
+        ("end", "gross"),
+    ]
+    incipient, gross, end = told
+    assert 2.0 < incipient.onset_s < SLIPS_S - 0.2
+    assert abs(gross.onset_s - SLIPS_S) < 0.1
+    assert RELAXES_S < end.time_s < RELAXES_S + 0.3
+    assert incipient.confidence >= incipient.threshold == KNOWN.incipient_p
+    assert gross.confidence > gross.threshold == GROSS_P
+
+
+def test_the_contact_shears_slides_and_holds(found: list[Event]) -> None:
+    states = [event.state for event in found if isinstance(event, ContactEvent)]
+    assert states == ["loading", "holding", "shearing", "sliding", "holding"]
+
+
+@pytest.mark.parametrize("direction_deg", [-150.0, 0.0, 30.0, 90.0])
+def test_the_direction_is_that_of_the_motion(direction_deg: float) -> None:
+    told = slips(GripSlip(ARRAY, KNOWN).process(slide(direction_deg)[:350]))
+    assert len(told) == 2
+    for event in told:
+        error_deg = (event.direction_deg - direction_deg + 180) % 360 - 180
+        assert abs(error_deg) < 3 * event.direction_sd_deg
+        assert event.direction_sd_deg < 5
+
+
+def test_a_skin_that_turns_on_the_spot_has_no_direction() -> None:
+    told = slips(GripSlip(ARRAY, KNOWN).process(slide(turn=1.0)))
+    assert told
+    assert told[0].direction_sd_deg == UNKNOWN_SD_DEG
+
+
+def test_a_higher_probability_is_reported_later() -> None:
+    detected_s = [
+        slips(GripSlip(ARRAY, GripParams(incipient_p=p)).process(slide()))[0].detected_s
+        for p in (0.05, 0.3, 0.9)
+    ]
+    assert detected_s == sorted(set(detected_s))
+
+
+def test_a_gap_ends_a_slip_with_an_event_that_is_not_valid() -> None:
+    detector = GripSlip(ARRAY, KNOWN)
+    detector.process(slide()[:300])
+    (end,) = slips(detector.process(Gap(5, "missing", 500)))
+    assert (end.state, end.kind, end.valid) == ("end", "gross", False)
+
+
+def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
+    block = slide()[:300]
+    params = KNOWN.model_copy(update={"enabled": True})
+    events = build_methods(ARRAY, DetectParams(setting="grip", grip=params), topics=("slip", "grip")).process(
+        block
+    )
+    assert {event.topic for event in events} == {"slip", "contact", "grip"}
+    assert slips(events) == slips(GripSlip(ARRAY, KNOWN).process(block))
+    assert sum(event.topic == "grip" for event in events) == len(
+        {e.time_s for e in events if e.topic == "grip"}
+    )
