@@ -13,8 +13,7 @@ from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.forecast import p_gross_within
 from tactiled.detect.grip.model import HORIZONS_S
 from tactiled.detect.grip.trend import Trend
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
-from tactiled.events.types import GripEvent, SlipEvent
+from tactiled.events.types import GripEvent
 
 FloatArray = NDArray[np.float64]
 _OFF_S = 0.08  # an alarm ends when the probability was below half of its threshold for so long
@@ -38,8 +37,6 @@ class GripRecord:
         Gross slip begins within each horizon.
     p_bound : (n, 3) float64
         The same forecast from the true utilisation in place of the posterior: what the hand leaves open.
-    slip_gross_s : list of float
-        Instants at which the slip detector (`balanced`) detected gross slip.
     spent_s : float
         Processor time of the contact model.
     """
@@ -53,7 +50,6 @@ class GripRecord:
     told_gross: NDArray[np.bool_]
     within: NDArray[np.bool_]
     p_bound: FloatArray
-    slip_gross_s: list[float]
     spent_s: float
 
     @property
@@ -71,8 +67,8 @@ class GripRecord:
         return self.world.gross_s[0] if self.world.gross_s else np.inf
 
 
-def tell(world: World, params: GripParams, *, compare: bool = False) -> GripRecord:
-    """Run the detector over a world; `compare` also runs the slip detector."""
+def tell(world: World, params: GripParams) -> GripRecord:
+    """Run the detector over a world."""
     detector = GripDetector(world.array, params)
     began_s = time.process_time()
     found = detector.process(world.block)
@@ -96,17 +92,8 @@ def tell(world: World, params: GripParams, *, compare: bool = False) -> GripReco
         told_gross=np.array([e.state == "gross" for e in events], dtype=np.bool_),
         within=np.stack([next_gross - time_s <= h for h in HORIZONS_S], axis=1),
         p_bound=_bound(world, events, scans),
-        slip_gross_s=_slip_gross(world) if compare else [],
         spent_s=spent_s,
     )
-
-
-def _slip_gross(world: World) -> list[float]:
-    """Return the instants at which the slip detector detects gross slip."""
-    events = CoherentSlip(world.array, SETTINGS["balanced"]).process(world.block)
-    return [
-        e.detected_s for e in events if isinstance(e, SlipEvent) and (e.state, e.kind) == ("onset", "gross")
-    ]
 
 
 def _bound(world: World, events: Sequence[GripEvent], scans: NDArray[np.int64]) -> FloatArray:
@@ -243,27 +230,19 @@ def threshold_for(told: Sequence[GripRecord], time_in_alarm: float) -> float:
     return 1.0
 
 
-def gross_told(told: Sequence[GripRecord], within_s: float, *, by_slip: bool = False) -> list[bool]:
-    """Return, for each world with gross slip, True if its first one was reported as gross within a time.
-
-    `by_slip` scores the slip detector.
-    """
+def gross_told(told: Sequence[GripRecord], within_s: float) -> list[bool]:
+    """Return, for each world with gross slip, True if its first one was reported as gross within a time."""
     out = []
     for t in told:
         if not t.world.slips or not len(t.time_s) or t.time_s[0] > t.first_gross_s:
             continue
         first = t.first_gross_s
-        if by_slip:
-            out.append(any(first - 0.1 <= told_s <= first + within_s for told_s in t.slip_gross_s))
-            continue
         near = (t.time_s >= first - 0.1) & (t.time_s <= first + within_s)
         out.append(bool(t.told_gross[near].any()))
     return out
 
 
-def rests_called_gross(
-    told: Sequence[GripRecord], most_used: float = 1.0, *, by_slip: bool = False
-) -> list[bool]:
+def rests_called_gross(told: Sequence[GripRecord], most_used: float = 1.0) -> list[bool]:
     """Return, for each world without gross slip, True if one was reported.
 
     Parameters
@@ -272,7 +251,7 @@ def rests_called_gross(
         Worlds whose utilisation exceeds it are left out.
     """
     return [
-        bool(t.slip_gross_s) if by_slip else bool(t.told_gross.any())
+        bool(t.told_gross.any())
         for t in told
         if not t.world.slips and len(t.time_s) and t.utilisation.max() <= most_used
     ]

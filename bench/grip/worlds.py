@@ -39,6 +39,7 @@ HANDS = (
 )  # fmt: skip
 DURATION_S = 8.0
 GROSS_AT = 0.985
+INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share (1 - u)^(2/3)
 _STEP_S = 0.002
 _RINGS = 24
 _STOPPED_MM_S = 0.5
@@ -60,6 +61,8 @@ class World:
     gross : (n,) bool
     gross_s : list of float
         Instants at which gross slip begins.
+    direction_deg : (n,) float64
+        Of the motion that the total shear opposes: that of the skin over the surface in gross slip.
     friction : float
         In the sensor's relative units: reading of shear over reading of load at gross slip.
     """
@@ -75,6 +78,7 @@ class World:
     gross: NDArray[np.bool_]
     gross_s: list[float]
     tenth_s: list[float]
+    direction_deg: FloatArray
     friction: float
 
     @property
@@ -301,7 +305,7 @@ def _measured(
     v = drawn.values
     rng: np.random.Generator = v["rng"]
     gross = _gross(utilisation, speed)
-    n_taxels = len(v["x"])
+    n_taxels, whole = len(v["x"]), shear.sum(axis=2).T
     # Crosstalk: part of the neighbours, shear of a press, load of a shear.
     mix = np.exp(-((v["x"][:, None] - v["x"]) ** 2 + (v["y"][:, None] - v["y"]) ** 2) / 8.0)
     np.fill_diagonal(mix, 0.0)
@@ -346,7 +350,7 @@ def _measured(
     lsb = float(rng.choice([0.0001, 0.0008, 0.0024]))
     volts = np.round(volts / lsb) * lsb
     gross_steps = np.flatnonzero(np.diff(gross.astype(int)) > 0) + 1
-    slipping = utilisation > 1 - 0.9**1.5  # a tenth of a ball's area: sticking share (1 - u)^(2/3)
+    slipping = utilisation > INCIPIENT_USED
     tenth = []
     for g in gross_steps:
         below = np.flatnonzero(~slipping[:g])
@@ -365,6 +369,7 @@ def _measured(
         gross=gross[picks],
         gross_s=[float(g) * _STEP_S for g in gross_steps],
         tenth_s=tenth,
+        direction_deg=np.degrees(np.arctan2(-whole[1], -whole[0]))[picks],
         friction=borne,
     )
 

@@ -13,12 +13,15 @@ from bench.slip.noise import NoiseTail
 from bench.slip.rules import COHERENT, coefficient_sd_v, coherent_rule, window_rule
 from tactiled.array import Array
 from tactiled.detect.base import Detector
+from tactiled.detect.grip.detector import GripParams
+from tactiled.detect.grip.slip_detector import GripSlip
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 
 PER_HOUR = 1.0  # false alarms in a hold at which latencies are compared
 SWEEP_PER_HOUR = (10.0, 30.0, 70.0, 130.0, 200.0, 270.0)  # the range of `detect.slip.alarm_rate`
 SWEEP_NOISE_V = 0.3e-3  # the board's own
+CONTACT_MODEL = "contact model"
 PAPER_LEVEL = 3  # at 100 Hz: `detect.wang2019.slip.level_at`
 
 
@@ -82,6 +85,7 @@ def compared_detectors(tuning: Tuning) -> dict[str, ComparedDetector]:
         "pywt.swt window": ComparedDetector(window),
         "coherent, coif1 levels": ComparedDetector(levels),
         **{f"coherent, {name}": _coherent(params, is_setting=True) for name, params in SETTINGS.items()},
+        CONTACT_MODEL: ComparedDetector(lambda array, _: GripSlip(array, GripParams()), is_setting=True),
     }
 
 

@@ -5,10 +5,16 @@ On a surface of unknown friction only the taxels' shares differ (`bench/slip/gro
 reports fewer of the one as gross may report fewer of the other, therefore the table has both.
 """
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
+from bench.slip.detectors import CONTACT_MODEL
 from bench.slip.scenes import ARRAY, NOISES_V, play
 from bench.slip.score import complete_s, onsets
+from tactiled.detect.base import Detector
+from tactiled.detect.grip.detector import GripParams
+from tactiled.detect.grip.slip_detector import GripSlip
 from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
@@ -21,27 +27,31 @@ from tactiled.emulator.scene.families.parts import (
 )
 
 LOAD_NOISES_V = (NOISES_V[0], NOISES_V[2], NOISES_V[3])
+LOAD_DETECTORS: Mapping[str, Callable[[], Detector]] = {
+    **{f"coherent, {name}": partial(CoherentSlip, ARRAY, params) for name, params in SETTINGS.items()},
+    CONTACT_MODEL: partial(GripSlip, ARRAY, GripParams()),
+}
 _REST_S, _SWING_S, _STEPS = 1.0, 3.0, 4
 
 
 class RestingLoad(NamedTuple):
-    """One load, read by one setting at one noise: reported as gross slip or not."""
+    """One load, read by one detector at one noise: reported as gross slip or not."""
 
     load: str
     noise_v: float
-    setting: str
+    detector: str
     is_gross: bool
 
 
 def read_load(load: str, seed: int) -> list[RestingLoad]:
-    """One of `LOADS`, read at each noise by every setting; nothing where it slips nevertheless."""
+    """One of `LOADS`, read at each noise by every detector; nothing where it slips nevertheless."""
     played = play("rest", lambda seed: _loaded(load, seed), seed)
     if played.slip is not None:
         return []
     readings = []
     for noise_v in LOAD_NOISES_V:
-        for name, params in SETTINGS.items():
-            events = onsets(CoherentSlip(ARRAY, params).process(played.read(noise_v, 0)))
+        for name, build in LOAD_DETECTORS.items():
+            events = onsets(build().process(played.read(noise_v, 0)))
             is_gross = any(e.kind == "gross" and complete_s(e) > played.press_end_s for e in events)
             readings.append(RestingLoad(load, noise_v, name, is_gross))
     return readings

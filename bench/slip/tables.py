@@ -9,12 +9,11 @@ from bench.slip.cost import PLAIN, DetectorCost
 from bench.slip.detectors import ComparedDetector
 from bench.slip.growth import Exceedances
 from bench.slip.quiet import EXTERNAL, GROUPS, HOLD, QUIET_NOISES_V, QuietReading, alarm_rate
-from bench.slip.resting import LOAD_NOISES_V, LOADS, RestingLoad
+from bench.slip.resting import LOAD_DETECTORS, LOAD_NOISES_V, LOADS, RestingLoad
 from bench.slip.scenes import NOISES_V, STEADY_SLIDES
 from bench.slip.score import SlipScore, coverage, median, quantile
 from bench.slip.slips import ORACLE, SLOW_S, SlipReading, bound_per_hour, growth_quantile
 from tactiled.array import FloatArray
-from tactiled.detect.slip.detector import SETTINGS
 from tactiled.emulator.scene.families import HELD_OUT_QUIET
 
 FAMILY_NOISE_V = 1e-3  # of the table by family: between the board's own 0.3 mV and a noisy cable's 3 mV
@@ -278,24 +277,24 @@ def hold_table(readings: Sequence[QuietReading], detectors: Mapping[str, Compare
 
 
 def resting_table(loads: Sequence[RestingLoad], slips: Slips) -> str:
-    """Reports of gross slip by load, noise and setting; below them, those of slips."""
-    columns = {f"{_mv(noise_v)}, {name}": (noise_v, name) for noise_v in LOAD_NOISES_V for name in SETTINGS}
+    """Reports of gross slip by load, noise and detector; below them, those of slips."""
+    columns = {
+        f"{_mv(noise_v)}, {name}": (noise_v, name) for noise_v in LOAD_NOISES_V for name in LOAD_DETECTORS
+    }
 
     def row(words: str, cases: Callable[[float, str], Iterable[bool]]) -> dict[str, str]:
         return {"load": words} | {head: ratio(cases(*column)) for head, column in columns.items()}
 
     def is_gross(load: str) -> Callable[[float, str], Iterable[bool]]:
         return lambda noise_v, name: [
-            one.is_gross for one in loads if (one.load, one.noise_v, one.setting) == (load, noise_v, name)
+            one.is_gross for one in loads if (one.load, one.noise_v, one.detector) == (load, noise_v, name)
         ]
 
     def of_slips(
         test: Callable[[SlipScore], bool], is_held_out: bool
     ) -> Callable[[float, str], Iterable[bool]]:
         return lambda noise_v, name: [
-            test(slip.scores[f"coherent, {name}"])
-            for slip in at_noise(slips, noise_v)
-            if slip.is_held_out == is_held_out
+            test(slip.scores[name]) for slip in at_noise(slips, noise_v) if slip.is_held_out == is_held_out
         ]
 
     rows = [row(load, is_gross(load)) for load in LOADS]

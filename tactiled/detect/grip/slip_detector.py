@@ -26,8 +26,8 @@ class GripSlip:
 
     Examples
     --------
-    A press, then shear along +x by Mindlin's curve from 4.0 s. Loads are equal, so that nothing but the size of
-    the shear tells of friction:
+    A press, then shear along +x by Mindlin's curve from 4.0 s. Loads are equal, so that only the size of the
+    shear tells of friction:
 
     >>> import numpy as np
     >>> from tactiled.array import load_array

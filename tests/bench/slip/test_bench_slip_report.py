@@ -35,7 +35,7 @@ from bench.slip.quiet import (
     family_exceedances,
     read_quiet,
 )
-from bench.slip.resting import LOADS, RestingLoad, read_load
+from bench.slip.resting import LOAD_DETECTORS, LOADS, RestingLoad, read_load
 from bench.slip.rules import COHERENT, LEVELS, RULES
 from bench.slip.scenes import (
     ARRAY,
@@ -48,7 +48,6 @@ from bench.slip.scenes import (
 )
 from bench.slip.score import SlipScore
 from bench.slip.slips import CURVE_PER_HOUR, SlipReading, fastest_level
-from tactiled.detect.slip.detector import SETTINGS as DETECTOR_SETTINGS
 from tactiled.emulator.scene.families import QUIET
 from tactiled.progress import ProgressBar
 
@@ -250,7 +249,8 @@ def test_the_bench_prints_tables_writes_finite_numbers_and_draws(
         slips=[*slips, *steady],
         quiet=[QuietScene("taps", some, quiet)],
         loads=[
-            RestingLoad(next(iter(LOADS)), 0.3e-3, "quiet", is_gross) for is_gross in (True, False, False)
+            RestingLoad(next(iter(LOADS)), 0.3e-3, "coherent, quiet", is_gross)
+            for is_gross in (True, False, False)
         ],
         costs={"some": DetectorCost(30.0, 1e5), PLAIN: DetectorCost(300.0, 1e4)},
     )
@@ -274,7 +274,7 @@ def test_the_bench_prints_tables_writes_finite_numbers_and_draws(
 @pytest.mark.parametrize("load", LOADS)
 def test_a_resting_load_is_read_at_every_noise_by_every_setting(load: str) -> None:
     readings = read_load(load, 1)
-    assert len(readings) == 3 * len(DETECTOR_SETTINGS)
+    assert len(readings) == 3 * len(LOAD_DETECTORS)
     assert read_load(load, 1) == readings
 
 
