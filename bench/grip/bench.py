@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.grip.ablation import ABLATIONS, WHOLE, without
+from bench.grip.bound import bounds
 from bench.grip.score import (
     GripRecord,
     by_hand,
@@ -53,6 +54,7 @@ _HELD_OUT_EACH = 4  # one batch in so many has the law on which nothing was set
 _TIME_IN_ALARM = 0.015
 _LEAST_SLIPS = 10  # below, a share of slips decides nothing
 _CLEAR = 0.8  # utilisation below which a contact that holds is far from gross slip
+_GAIN_SD = 0.1  # of the taxels, in the bound of utilisation
 _KNOWN_SD = 0.1  # of log friction, where it is known
 
 
@@ -233,10 +235,19 @@ def _calibration(found: GripFound) -> Reading:
 
 def _rms(low_mv: float, high_mv: float, most: float) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
-        rms = margin([t for t in found.usual if low_mv < t.world.noise_mv <= high_mv]).rms
-        return judge(_number(rms), rms <= most, is_open=not np.isfinite(rms))
+        some = [t for t in found.usual if low_mv < t.world.noise_mv <= high_mv]
+        rms = margin(some).rms
+        words = f"{_number(rms)} (one scan: {_bound(some, 0.0)} with gains known, "
+        words += f"{_bound(some, _GAIN_SD)} with gains known to {_GAIN_SD:.0%})"
+        return judge(words, rms <= most, is_open=not np.isfinite(rms))
 
     return measure
+
+
+def _bound(told: Sequence[GripRecord], gain_sd: float) -> str:
+    """Return the Cramer-Rao bound of the rms error of utilisation in one scan."""
+    sd = np.concatenate([bounds(t.world, gain_sd) for t in told] or [np.zeros(0)])
+    return _number(float(np.sqrt((sd**2).mean()))) if len(sd) else NONE
 
 
 def _coverage(found: GripFound) -> Reading:

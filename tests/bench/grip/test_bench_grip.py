@@ -7,6 +7,7 @@ import pytest
 
 from bench.grip.ablation import ABLATIONS, without
 from bench.grip.bench import AIMS, GripFound
+from bench.grip.bound import PRIOR_SD, shares, utilisation_sd
 from bench.grip.score import (
     GripRecord,
     alarms,
@@ -164,3 +165,18 @@ def test_slips_of_the_truth_are_perfect(worlds: list[World]) -> None:
     assert row["onsets an hour where nothing slips"] == "0"
     assert row["direction at gross slip"].startswith("0.0 deg")
     assert row["direction at gross slip"].endswith("0 reversed")
+
+
+def test_shares_go_from_stiffness_to_load() -> None:
+    load = np.array([0.2, 1.0, 1.8])
+    early, late = shares(load, 0.5, 0.001), shares(load, 0.5, 0.9999 * 0.5 * load.sum())
+    np.testing.assert_allclose(early / early.sum(), np.cbrt(load) / np.cbrt(load).sum(), rtol=1e-3)
+    np.testing.assert_allclose(late, 0.5 * load, rtol=1e-2)
+
+
+def test_the_bound_falls_with_noise_and_is_the_priors_at_worst() -> None:
+    load = np.array([0.2, 1.0, 1.8])
+    sds = [utilisation_sd(load, 0.6, noise_sd, 0.0) for noise_sd in (1e-4, 1e-3, 1e-2, 1e3)]
+    assert sds == sorted(sds)
+    assert sds[-1] == pytest.approx(0.6 * PRIOR_SD, rel=1e-3)
+    assert utilisation_sd(np.ones(3), 0.6, 1e-4, 0.0) == pytest.approx(0.6 * PRIOR_SD, rel=1e-3)
