@@ -94,7 +94,7 @@ class GripSlip:
         scan = self._grip.contact if touches else None
         if scan is not None:
             if self._slips is None:
-                self._slips = PosteriorSlips(self._params.incipient_p, self._rate_hz)
+                self._slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
             return self._slips.step(scan, at)
         slips, self._slips = self._slips, None
         return [slips.end(at.time_s, valid=not at.is_late)] if slips is not None and slips.open else []

@@ -1,8 +1,8 @@
 """Slip events as thresholds on the posterior of the contact model.
 
-A slip is incipient where a tenth of the contact area slips with a probability of at least p, and gross where
-all of it slides with a probability of one half. Both end by hysteresis. A skin that stops sliding keeps its
-shear, and looks like one that still slides: a gross slip stays open until shear over load has fallen.
+A slip is incipient where a tenth of the contact area slips with at least some probability, and gross where
+all of it slides with at least some other. Both end by hysteresis. A skin that stops sliding keeps its shear,
+and looks like one that still slides: a gross slip stays open until shear over load has fallen.
 """
 
 import collections
@@ -19,7 +19,6 @@ from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 DETECTOR = "grip"
-GROSS_P = 0.5
 _OFF_S = 0.08  # an incipient slip ends when its probability was below half of p for so long
 _HISTORY_S = 1.0  # in which the beginning of a slip is looked for
 # Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
@@ -40,13 +39,14 @@ class PosteriorSlips:
 
     Parameters
     ----------
-    incipient_p : float
-        Probability at which an incipient slip is reported.
+    incipient_p, gross_p : float
+        Probabilities at which slips of the two kinds are reported.
     rate_hz : float
     """
 
-    def __init__(self, incipient_p: float, rate_hz: float) -> None:
-        self._p = incipient_p
+    def __init__(self, incipient_p: float, gross_p: float, rate_hz: float) -> None:
+        self._p, self._gross_p = incipient_p, gross_p
+        self._slides = False
         self._step_s = 1.0 / rate_hz
         self._n_off = max(1, round(_OFF_S * rate_hz))
         length = max(2, round(_HISTORY_S * rate_hz))
@@ -62,6 +62,7 @@ class PosteriorSlips:
         grip, size = scan.grip, scan.model.trend.size
         self._past.append((at.time_s, size, scan.shear))
         self._least = min(self._least, size)
+        self._slides = grip.p_sliding > (self._gross_p / 2 if self._slides else self._gross_p)
         events: list[SlipEvent] = []
         if self.open is not None and self._has_ended(self.open, scan, size):
             events.append(self.end(at.time_s, valid=not at.is_late))
@@ -70,7 +71,7 @@ class PosteriorSlips:
             self._n_low = 0
             self.open = self._onset(scan, at)
             events.append(self.open)
-        if self.open is not None and self.open.kind == "incipient" and grip.is_gross:
+        if self.open is not None and self.open.kind == "incipient" and self._slides:
             self._largest = size
             self.open = self._gross(self.open, scan, at)
             events.append(self.open)
@@ -84,14 +85,14 @@ class PosteriorSlips:
         return ended
 
     def _may_begin(self, scan: ContactScan, size: float) -> bool:
-        return scan.grip.is_gross or (scan.grip.p_incipient >= self._p and size >= _GROWN * self._least)
+        return self._slides or (scan.grip.p_incipient >= self._p and size >= _GROWN * self._least)
 
     def _has_ended(self, slip: SlipEvent, scan: ContactScan, size: float) -> bool:
         if slip.kind == "gross":
             self._largest = max(self._largest, size)
-            return not scan.grip.is_gross and size < _RELAXED * self._largest
+            return not self._slides and size < _RELAXED * self._largest
         self._n_low = self._n_low + 1 if scan.grip.p_incipient < self._p / 2 else 0
-        return self._n_low >= self._n_off and not scan.grip.is_gross
+        return self._n_low >= self._n_off and not self._slides
 
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
@@ -130,7 +131,7 @@ class PosteriorSlips:
             confidence=scan.grip.p_sliding,
             taxels=tuple(range(scan.shear.shape[1])),
             statistic=scan.grip.p_sliding,
-            threshold=GROSS_P,
+            threshold=self._gross_p,
             valid=not at.is_late,
             detected_s=at.time_s,
         )

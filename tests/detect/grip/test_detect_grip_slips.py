@@ -9,7 +9,6 @@ from tactiled.array import ArrayFile, Grid, TaxelChannel, build
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.grip.slip_detector import GripSlip
-from tactiled.detect.grip.slips import GROSS_P
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -81,7 +80,7 @@ def test_a_slip_is_incipient_then_gross_then_ends(found: list[Event]) -> None:
     assert abs(gross.onset_s - SLIPS_S) < 0.1
     assert RELAXES_S < end.time_s < RELAXES_S + 0.3
     assert incipient.confidence >= incipient.threshold == KNOWN.incipient_p
-    assert gross.confidence > gross.threshold == GROSS_P
+    assert gross.confidence > gross.threshold == KNOWN.gross_p
 
 
 def test_the_contact_shears_slides_and_holds(found: list[Event]) -> None:
