@@ -16,6 +16,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 COMPARED: Mapping[str, Callable[[Array], Detector]] = {
     "contact model": lambda array: GripSlip(array, GripParams()),
+    "contact model, gross_p 0.5": lambda array: GripSlip(array, GripParams(gross_p=0.5)),
     "balanced": lambda array: CoherentSlip(array, SETTINGS["balanced"]),
     "quiet": lambda array: CoherentSlip(array, SETTINGS["quiet"]),
 }

@@ -213,8 +213,14 @@ def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
     return coherent if array.has_shear and has_load else SlidingSlip(array, coherent)
 
 
+def _grip_slip(array: Array, params: DetectParams) -> SlipDetector:
+    """Make the slip detector of the contact model, which needs shear, or what sliding itself shows."""
+    slip = GripSlip(array, params.grip)
+    return slip if array.has_shear else SlidingSlip(array, slip)
+
+
 _COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)
-_GRIP = DetectorFactories(slip=lambda array, params: GripSlip(array, params.grip), texture=_joint_texture)
+_GRIP = DetectorFactories(slip=_grip_slip, texture=_joint_texture)
 _WANG2019 = DetectorFactories(
     slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
 )
