@@ -16,12 +16,13 @@ from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 COMPARED: Mapping[str, Callable[[Array], Detector]] = {
     "contact model": lambda array: GripSlip(array, GripParams()),
-    "contact model, gross_p 0.5": lambda array: GripSlip(array, GripParams(gross_p=0.5)),
+    "contact model, at 0.2 / 0.2": lambda array: GripSlip(array, GripParams(incipient_p=0.2, gross_p=0.2)),
+    "contact model, at 0.9 / 0.5": lambda array: GripSlip(array, GripParams(incipient_p=0.9, gross_p=0.5)),
     "balanced": lambda array: CoherentSlip(array, SETTINGS["balanced"]),
     "quiet": lambda array: CoherentSlip(array, SETTINGS["quiet"]),
 }
 SLOW_S = 0.2  # from a tenth of the area to all of it
-_EARLY_S = 0.1  # before gross slip, from which on a gross event is no false one
+_EARLY_S = 0.1  # before gross slip: what is reported earlier is counted as early
 _REVERSED_DEG, _SURE_DEG = 90.0, 30.0
 
 
@@ -58,6 +59,7 @@ def slips_row(name: str, found: Sequence[WorldSlips]) -> dict[str, str]:
         "onsets an hour where nothing slips": f"{_onsets_per_hour(name, found):.0f}",
         "gross in 100 ms": ratio(gross_told(name, usual, 0.1)),
         "gross in 300 ms": ratio(gross_told(name, usual, 0.3)),
+        f"more than {_EARLY_S:g} s early": ratio(told_early(name, usual)),
         "friction falls": ratio(gross_told(name, falling, 0.3)),
         "rests called gross": ratio(rests_called_gross(name, found)),
         "direction at gross slip": f"{median}, {ratio(is_within)} within one sigma, "
@@ -66,12 +68,25 @@ def slips_row(name: str, found: Sequence[WorldSlips]) -> dict[str, str]:
 
 
 def gross_told(name: str, found: Sequence[WorldSlips], within_s: float) -> list[bool]:
-    """Return, for each world with gross slip, True if its first one was reported within a time."""
-    return [
-        any(-_EARLY_S <= e.detected_s - f.world.gross_s[0] <= within_s for e in _onsets(f, name, "gross"))
-        for f in found
-        if f.world.slips
-    ]
+    """Return, for each world with gross slip, True if a reported gross slip was open within a time of it."""
+    out = []
+    for f in found:
+        if f.world.slips:
+            since_s = f.world.gross_s[0] - _EARLY_S
+            until_s = f.world.gross_s[0] + within_s
+            told = any(since_s <= e.detected_s <= until_s for e in _onsets(f, name, "gross"))
+            out.append(told or _is_gross_at(f, name, since_s))
+    return out
+
+
+def told_early(name: str, found: Sequence[WorldSlips]) -> list[bool]:
+    """Return, for each world with gross slip, True if it was reported as gross well before it was."""
+    return [_is_gross_at(f, name, f.world.gross_s[0] - _EARLY_S) for f in found if f.world.slips]
+
+
+def _is_gross_at(found: WorldSlips, name: str, time_s: float) -> bool:
+    before = [e for e in found.events[name] if e.detected_s < time_s]
+    return bool(before) and (before[-1].state, before[-1].kind) == ("onset", "gross")
 
 
 def rests_called_gross(name: str, found: Sequence[WorldSlips]) -> list[bool]:

@@ -58,7 +58,7 @@ class GripParams(Params):
         default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
     )
     incipient_p: float = Field(
-        default=0.3, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
+        default=0.5, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
     )
     gross_p: float = Field(
         default=0.35, gt=0, lt=1, description="probability of gross slip from which slip events report it"
