@@ -152,12 +152,20 @@ def fleet(
     Example: tactiled fleet zenoh://router:7447/* --once
     """
     need_extra("zenoh", "zenoh", "the list")
+    from tactiled.errors import UnavailableError
     from tactiled.zenoh.fleet import FleetList, draw_table, write_targets
 
     boards = FleetList(endpoint, keys)
     with suppress(KeyboardInterrupt):
         while True:
-            rows = boards.ask()
+            try:
+                rows = boards.ask()
+            except UnavailableError as error:
+                if once:
+                    raise
+                click.echo(f"fleet: {error}", err=True)  # a router that restarts ends no list
+                time.sleep(period_s)
+                continue
             if as_json:
                 for row in rows:
                     click.echo(json.dumps(row.as_map()))

@@ -10,6 +10,7 @@ zenoh calls back from its own threads. They fill bounded queues, and a socket pa
 import json
 import logging
 import queue
+import re
 import socket
 import threading
 from collections import deque
@@ -95,6 +96,8 @@ def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
         port = url.port
     except ValueError as error:
         raise ConfigError("endpoint", [f"{endpoint!r}: {error}; {form}"]) from None
+    if not endpoint.startswith(ZENOH_SCHEME):
+        raise ConfigError("endpoint", [f"{endpoint!r} is none of zenoh; {form}"])
     host = url.path.strip("/")
     if not is_chunk(host) and host != "*":
         raise ConfigError("endpoint", [f"{endpoint!r} names no host; {form}"])
@@ -131,7 +134,7 @@ def session_config(address: ZenohAddress) -> "zenoh.Config":
         if address.router:
             config.insert_json5("connect/endpoints", json.dumps([address.router]))
     except zenoh.ZError as error:
-        raise ConfigError(str(address.config or "endpoint"), [str(error)]) from None
+        raise ConfigError(str(address.config or "endpoint"), [words_of(error)]) from None
     return config
 
 
@@ -149,7 +152,14 @@ def open_session(address: ZenohAddress) -> "zenoh.Session":
         return zenoh.open(session_config(address))
     except zenoh.ZError as error:
         where = address.router or str(address.config)
-        raise UnavailableError(f"{where}: no session with a router of zenoh there ({error})") from None
+        raise UnavailableError(
+            f"{where}: no session with a router of zenoh there: {words_of(error)}"
+        ) from None
+
+
+def words_of(error: "zenoh.ZError") -> str:
+    """Return the message of an error of zenoh, without the places in its source."""
+    return re.sub(r"\s+at /\S+", "", str(error)).strip()
 
 
 class ZenohTransport:

@@ -19,7 +19,7 @@ import zenoh
 import zmq
 
 from tactiled.client import connect
-from tactiled.client.over_zenoh import WakeUp, zenoh_chunk
+from tactiled.client.over_zenoh import WakeUp, words_of, zenoh_chunk
 from tactiled.errors import UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.zenoh.relay import Relay
@@ -74,7 +74,7 @@ def wait_for_session(config: "zenoh.Config", is_ended: Callable[[], bool]) -> "z
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            if fault != (fault := str(error)):
+            if fault != (fault := words_of(error)):
                 logger.warning("no router of zenoh answers, tried again every %g s: %s", _RETRY_S, fault)
         until_s = time.monotonic() + _RETRY_S
         while time.monotonic() < until_s and not is_ended():

@@ -12,9 +12,9 @@ from typing import Any
 
 import zenoh
 
+from tactiled.client.over_zenoh import DEFAULT_ROUTER, words_of
 from tactiled.errors import ConfigError
 
-DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 _ENCRYPTED = ("tls", "quic")
 _OF_THIS_HOST = ("unixsock-stream", "unixpipe", "vsock")
 
@@ -49,7 +49,7 @@ def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: b
         elif file is None:
             config.insert_json5("connect/endpoints", json.dumps([DEFAULT_ROUTER]))
     except zenoh.ZError as error:
-        raise ConfigError(source, [str(error)]) from None
+        raise ConfigError(source, [words_of(error)]) from None
     if not is_insecure and (faults := faults_of(config)):
         raise ConfigError(
             source, [*faults, "docs/fleet.md says how to make certificates; or give --insecure"]

@@ -36,7 +36,16 @@ def test_the_keys_of_a_client_are_its_configuration() -> None:
 
 
 @pytest.mark.parametrize(
-    "endpoint", ["zenoh://", "zenoh://router", "zenoh://r/a/b", "zenoh://r:x/a", "zenoh://r/a$b"]
+    "endpoint",
+    [
+        "zenoh://",
+        "nonsense",
+        "tcp://127.0.0.1:9872/x",
+        "zenoh://router",
+        "zenoh://r/a/b",
+        "zenoh://r:x/a",
+        "zenoh://r/a$b",
+    ],
 )
 def test_endpoints_without_a_host_are_refused(endpoint: str) -> None:
     with pytest.raises(ConfigError, match="zenoh://"):
