@@ -50,7 +50,6 @@ class Relay:
     """
 
     def __init__(self, ask: Ask, *, allow_commands: bool) -> None:
-        self.refused = 0
         self._ask = ask
         self._allow_commands = allow_commands
         self._waiting: dict[str, _Waiting] = {}
@@ -115,7 +114,6 @@ class Relay:
                 respond(b"")
 
     def _refuse(self, request: dict[str, Any], reason: str, respond: Respond) -> None:
-        self.refused += 1
         head = {"v": 1, "id": request.get("id", ""), "do": request.get("do", "")}
         respond(msgpack.packb(head | {"ok": False, "reason": reason, "run": 0}))
 
