@@ -22,6 +22,7 @@ from tactiled.client.parse import message_of
 # Longest delay of a message behind a hole, over ZeroMQ: more than a reconnection to the daemon takes (0.1 s),
 # and little enough for a controller.
 HOLD_S = 0.5
+_REPEATS = 2  # of a patient connection: answers to a hundred boards may take longer than `hold_s`
 PROBE_S = 1.0  # period of asking a daemon that does not answer
 _MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than arrive within `HOLD_S`
 _MOST_TOPICS = 1024  # bounds the memory that a publisher of invalid topics can occupy
@@ -38,6 +39,8 @@ class _Line:
     """End of the hole that was requested; 0 for none."""
     asked: str = ""
     until_s: float = math.inf
+    n_repeated: int = 0
+    """How often the request was repeated although messages are received."""
     held: deque[Message] = field(default_factory=deque)
     given: bool = False
     """True after any message of the topic was handed on."""
@@ -59,6 +62,7 @@ class CatchUp:
     is_patient : bool
         Request holes also before the daemon has answered anything, and request again what was not answered in
         a time in which nothing was received, instead of counting it as lost: data are stale then anyway.
+        While messages are received, repeat a request twice.
     """
 
     def __init__(self, enabled: bool, now_s: float) -> None:
@@ -100,7 +104,8 @@ class CatchUp:
         for key, line in self._lines.items():
             if now_s < line.until_s:
                 continue
-            if self.is_patient and silent_s >= self.hold_s:
+            if self.is_patient and (silent_s >= self.hold_s or line.n_repeated < _REPEATS):
+                line.n_repeated = 0 if silent_s >= self.hold_s else line.n_repeated + 1
                 self._ask_again(key, line, now_s)
             else:
                 items += self._give_up(key, line)
@@ -257,8 +262,9 @@ class CatchUp:
 
     def _ask_again(self, key: Key, line: _Line, now_s: float) -> None:
         """Repeat the request for a hole, under another id: the answer to the first may still come."""
-        end_seq = line.hole_end
+        end_seq, n_repeated = line.hole_end, line.n_repeated
         self._forget(line)
+        line.n_repeated = n_repeated
         self._ask_for(key, line, end_seq, now_s)
 
     def _ask(self, do: str, **arguments: Any) -> str:
@@ -272,3 +278,4 @@ class CatchUp:
         self._asking.pop(line.asked, None)
         self._unsent.pop(line.asked, None)
         line.asked, line.hole_end, line.until_s = "", 0, math.inf
+        line.n_repeated = 0

@@ -13,6 +13,7 @@ import queue
 import re
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -285,7 +286,7 @@ class Queries:
         self._key = key
         self._answered = answered
         self._closed = threading.Event()
-        self._again: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._again: queue.SimpleQueue[tuple[float, int, bytes] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._repeat, name="tactiled-zenoh-requests", daemon=True)
         self._thread.start()
 
@@ -300,7 +301,7 @@ class Queries:
 
         def end() -> None:
             if not replies and tries > 0:
-                self._again.put(bytes([tries - 1]) + payload)
+                self._again.put((time.monotonic() + _AGAIN_S, tries - 1, payload))
 
         with suppress(zenoh.ZError):  # the session has closed
             self._session.get(
@@ -319,8 +320,11 @@ class Queries:
         self._thread.join()
 
     def _repeat(self) -> None:
-        while (entry := self._again.get()) is not None and not self._closed.wait(_AGAIN_S):
-            self.ask(entry[1:], entry[0])
+        while (entry := self._again.get()) is not None:
+            due_s, tries, payload = entry
+            if self._closed.wait(max(0.0, due_s - time.monotonic())):
+                return
+            self.ask(payload, tries)
 
 
 class WakeUp:

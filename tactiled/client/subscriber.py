@@ -73,8 +73,8 @@ class _SubscriptionBase:
         self._inbox.catch_up.is_patient = self._transport.is_patient
 
     def _read(self) -> None:
-        """Read at most one message and one reply, and act on passed deadlines."""
-        if (reply := self._transport.take_reply()) is not None:
+        """Read the replies and at most one message, then act on passed deadlines."""
+        while (reply := self._transport.take_reply()) is not None:
             self._items += self._inbox.answer(reply, time.monotonic(), time.time())
         if parts := self._transport.receive():
             self._items += self._inbox.receive(parts, time.monotonic(), time.time(), self._transport.thinned)

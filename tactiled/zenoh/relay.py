@@ -93,7 +93,7 @@ class Relay:
         if waiting is not None and waiting.request != request:
             self._refuse(request, "id: another request with it waits for its reply", respond)
         elif waiting is None and len(self._waiting) >= _MOST_WAITING:
-            self._refuse(request, f"{_MOST_WAITING} requests wait already: ask again", respond)
+            respond(b"")  # the client repeats it
         elif self._ask(payload):
             waiting = waiting or self._waiting.setdefault(id_, _Waiting([], 0.0, request))
             waiting.respond.append(respond)
