@@ -11,6 +11,7 @@ from pathlib import Path
 import msgpack
 import pytest
 import zenoh
+from zenoh_threads import zenoh_threads
 
 from bench.fleet.routers import TwoRouters, free_port, router, two_routers
 from bench.fleet.simulated import Rates, SimulatedDaemon
@@ -23,6 +24,8 @@ from tactiled.zenoh.safety import bridge_config
 
 BOARDS = ("TS0001", "TS0002")
 THINNED_HZ = 10.0
+
+__all__ = ["zenoh_threads"]  # a fixture for every test here
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from zenoh_threads import zenoh_threads
 
 from bench.fleet.routers import free_port
 from bench.fleet.simulated import Rates, SimulatedDaemon
@@ -15,6 +16,8 @@ from tactiled.errors import ConfigError, OperatorError
 from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams
 from tactiled.zenoh.certificates import FleetMembers, make_fleet
 from tactiled.zenoh.safety import bridge_config
+
+__all__ = ["zenoh_threads"]  # a fixture for every test here
 
 
 def secure_router(file: Path, port: int) -> "zenoh.Session":

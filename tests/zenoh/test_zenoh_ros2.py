@@ -12,6 +12,7 @@ from zenoh_ros2_sdk.discovery import get_topic_info, get_topic_names_and_types
 from zenoh_ros2_sdk.keyexpr import topic_keyexpr
 from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.utils import get_type_hash
+from zenoh_threads import zenoh_threads
 
 from bench.fleet.routers import free_port, router
 from tactiled.client.over_zenoh import open_session, parse_address
@@ -24,6 +25,8 @@ FORCE = {
     "timestamp": 12.5, "valid": True, "calibration": "mine", "fx_n": 1.0, "fy_n": -2.0, "fz_n": 3.0,
     "fx_sd_n": 0.1, "fy_sd_n": 0.1, "fz_sd_n": 0.1, "tx_nmm": 10.0, "ty_nmm": 20.0, "tz_nmm": 30.0,
 }  # fmt: skip
+
+__all__ = ["zenoh_threads"]  # a fixture for every test here
 
 
 @pytest.fixture
