@@ -11,8 +11,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
 
 from tactiled import __version__
 
@@ -175,6 +177,34 @@ def make_package(wheels: Path, version: str) -> Path:
     subprocess.run([*build, "--wheels", str(wheels), "--out", str(out)], check=True, timeout=DOWNLOAD_S)
     (package,) = out.glob(f"tactiled_{version}_*.deb")
     return package
+
+
+@pytest.fixture(scope="session")
+def bare_debian(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Root of a small Debian, to be copied; tests are skipped, with the reason, where none can be."""
+    root = tmp_path_factory.mktemp("debian") / "root"
+    try:
+        check_able()
+        make_root(root)
+        yield root
+    except ContainerError as reason:
+        pytest.skip(f"not tested in a container: {reason}")
+    finally:
+        shutil.rmtree(root, ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with two versions of tactiled, `OLD` and `NEW`, and all that they need."""
+    folder = tmp_path_factory.mktemp("wheels")
+    try:
+        check_able()
+        download_pins(folder)
+    except ContainerError as reason:
+        pytest.skip(f"not tested in a container: {reason}")
+    for version in (OLD, NEW):
+        make_wheels(folder, version)
+    return folder
 
 
 def _or_cannot(what: str, command: list[str]) -> None:
