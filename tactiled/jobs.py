@@ -1,9 +1,11 @@
 """Independent jobs on all cores of this host, or on a Dask cluster; results never depend on which."""
 
+import os
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import Any
 
 from tactiled.errors import UnavailableError
@@ -30,7 +32,7 @@ def executor(n_workers: int | None = None, dask: str | None = None) -> Iterator[
     """
     if dask is None:
         # "spawn": a forked child would inherit locks of BLAS threads.
-        pool = ProcessPoolExecutor(n_workers, mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(n_workers, get_context("spawn"), initializer=_end_with_parent)
         try:
             yield pool
         finally:
@@ -44,3 +46,15 @@ def executor(n_workers: int | None = None, dask: str | None = None) -> Iterator[
         raise UnavailableError(f"no Dask scheduler answers at {dask}: {error}") from None
     with client:
         yield client.get_executor(pure=False)
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that started it is killed; its queue would let it wait for ever."""
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

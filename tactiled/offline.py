@@ -239,7 +239,7 @@ def detect_messages(
         log = Log(choices.array_of(source.array))
         found = _run_recording(path, log, source.layout, params, choices, reached)
     elif is_bag or path.suffix in TABLES:
-        log = Log(choices.array_of(load_array(array or _array_of_config(choices.config))))
+        log = Log(choices.array_of(load_array(array or array_of_config(choices.config))))
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
         known = (
@@ -260,7 +260,8 @@ def _messages(log: Log, found: Iterator[Event], choices: Choices, board: str) ->
         yield {"topic": event.topic, **to_map(event, seq=seq, board=board, unix_offset_s=0.0)}
 
 
-def _array_of_config(config: Path | None) -> str:
+def array_of_config(config: Path | None) -> str:
+    """Return the array that a configuration names, or that of the published board."""
     board = {} if config is None else tomlfile.read(config).get("board", {})
     return str(board.get("array", "wang2019-3x3"))
 

@@ -64,4 +64,13 @@ def to_table(
     known = schema()
     head = {"file": file, "topic": FILE_TOPIC, "error": error, "summary": summary}
     rows = [head, *({**message, "file": file} for message in messages)]
-    return pyarrow.Table.from_pylist([{name: row.get(name) for name in known.names} for row in rows], known)
+    return pyarrow.Table.from_pylist(
+        [{name: _as_unicode(row.get(name)) for name in known.names} for row in rows], known
+    )
+
+
+def _as_unicode(value: Any) -> Any:
+    """Write bytes of a file name that are not UTF-8 as escapes; leave all else as it is."""
+    if not isinstance(value, str):
+        return value
+    return value.encode(errors="surrogateescape").decode(errors="backslashreplace")

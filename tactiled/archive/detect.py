@@ -1,23 +1,33 @@
 """``tactiled detect 'runs/**/*.mcap' --to events.parquet``: many files, on many workers, resumable."""
 
+import contextlib
+import fcntl
 import glob
 import hashlib
 import io
+import os
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from queue import SimpleQueue
 
 import pyarrow
 import pyarrow.parquet
 
-from tactiled import __version__, tomltext
+from tactiled import __version__, resources, tomltext
 from tactiled.archive.columns import schema, to_table
 from tactiled.errors import DataError, OperatorError
 from tactiled.jobs import executor
-from tactiled.offline import Choices, detect_messages
+from tactiled.offline import Choices, array_of_config, detect_messages
 from tactiled.progress import ProgressBar
+
+# Rows of a finished file, in the folder of parts; whatever else lies there is left alone.
+_PART = ".part"
+# Submitted to Dask at a time: more than the threads of any cluster, few enough to describe at once.
+_MOST_ON_DASK = 10_000
 
 
 @dataclass(frozen=True)
@@ -29,7 +39,7 @@ class FileJob:
     file : str
         Name in the table.
     path : Path
-        Absolute, because a worker may have another working directory.
+        Absolute.
     array : str, optional
     rate_hz : float, optional
     choices : Choices
@@ -44,13 +54,34 @@ class FileJob:
     choices: Choices
     version: str = __version__
 
+    @classmethod
+    def for_any_worker(
+        cls, file: str, array: str | None, rate_hz: float | None, choices: Choices
+    ) -> "FileJob":
+        """Make the job of a file with absolute paths, because a worker may have another working directory."""
+        config = choices.config
+        absolute = replace(
+            choices,
+            config=None if config is None else config.absolute(),
+            calibration=_absolute(choices.calibration),
+            layout=_absolute(choices.layout),
+        )
+        return cls(file, Path(file).absolute(), _absolute(array), rate_hz, absolute)
+
     def key(self) -> str:
         """Digest of all that decides the result; the file itself by its size and time of change."""
-        status = self.path.stat()
-        parts = [self.version, self.file, status.st_size, status.st_mtime_ns, self.rate_hz]
-        parts += [getattr(self.choices, field.name) for field in fields(self.choices)]
-        parts += [_contents(self.choices.config), _contents(_named(self.array, "config/arrays"))]
-        parts += [_contents(_named(self.choices.calibration, "config/calibration"))]
+        choices = self.choices
+        parts: list[object] = [self.version, self.file, self.rate_hz, self.array]
+        # A bag is a folder of files.
+        for path in (self.path, *sorted(self.path.rglob("*"))) if self.path.is_dir() else (self.path,):
+            with contextlib.suppress(OSError):  # it may be gone: then the row says so
+                status = path.stat()
+                parts += [str(path), status.st_size, status.st_mtime_ns]
+        parts += [getattr(choices, field.name) for field in fields(choices)]
+        array = self.array or array_of_config(choices.config)
+        parts += [_contents(choices.config), _contents(_named(array, "config/arrays"))]
+        parts += [_contents(_named(choices.calibration, "config/calibration"))]
+        parts += [_contents(_named(choices.layout, "protocols"))]
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -99,12 +130,18 @@ def analyse(job: FileJob) -> bytes:
     """Return the rows of one file as Parquet; a file that cannot be analysed is one row with its error."""
     if job.version != __version__:
         raise OperatorError(f"a worker has tactiled {__version__}, not {job.version}: install the same")
+    if not job.path.exists():
+        return _to_bytes(to_table(job.file, [], "", "no such file any more"))
     try:
         log, messages = detect_messages(job.path, job.array, job.rate_hz, job.choices)
         found = list(messages)
         table = to_table(job.file, found, "\n".join(log.summary(job.choices)))
     except OperatorError as error:
         table = to_table(job.file, [], "", str(error).replace(str(job.path), job.file))
+    except MemoryError:
+        table = to_table(job.file, [], "", "its process has too little memory")
+    except Exception as error:
+        table = to_table(job.file, [], "", f"bug: {type(error).__name__}: {error}")
     return _to_bytes(table)
 
 
@@ -124,61 +161,103 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None, dask:
         jobs[0].choices.params()  # a fault of these is no fault of a file
     parts = to.with_name(f"{to.name}.parts")
     try:
-        parts.mkdir(exist_ok=True)
         keys = [job.key() for job in jobs]
-        missing = [k for k, key in enumerate(keys) if not (parts / key).exists()]
-        with ProgressBar(f"detect {len(jobs)} files", len(jobs)) as progress:
-            progress.advance("", len(jobs) - len(missing))
-            for index, rows in _analysed([(k, jobs[k]) for k in missing], n_workers, dask):
-                _write_whole(parts / keys[index], rows)
-                progress.advance(jobs[index].file)
-        outcome = _merge([(job.file, parts / key) for job, key in zip(jobs, keys, strict=True)], to)
-        for part in parts.iterdir():
-            part.unlink()
-        parts.rmdir()
+        with alone_in(parts):
+            missing = [k for k, key in enumerate(keys) if not _is_whole(parts / f"{key}{_PART}")]
+            with ProgressBar(f"detect {len(jobs)} files", len(jobs)) as progress:
+                progress.advance("", len(jobs) - len(missing))
+                for index, rows in _analysed([(k, jobs[k]) for k in missing], n_workers, dask):
+                    _write_whole(parts / f"{keys[index]}{_PART}", rows)
+                    progress.advance(jobs[index].file)
+            outcome = _merge(
+                [(job.file, parts / f"{key}{_PART}") for job, key in zip(jobs, keys, strict=True)], to
+            )
+            for part in (*parts.glob(f"*{_PART}"), *parts.glob(f"*{_PART}.unfinished")):
+                part.unlink()
     except OSError as error:
         raise OperatorError(f"{error.filename or to}: cannot be written: {error.strerror}") from None
     return Outcome(len(jobs), len(jobs) - len(missing), outcome[0], outcome[1])
+
+
+@contextlib.contextmanager
+def alone_in(parts: Path) -> Iterator[None]:
+    """Make the folder of parts, keep other runs out of it, and remove it if it is empty at the end."""
+    parts.mkdir(exist_ok=True)
+    lock = parts / "lock"
+    try:
+        with lock.open("w") as stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OperatorError(f"{parts}: another run is writing this table; wait for its end") from None
+            try:
+                yield
+            finally:
+                lock.unlink()
+    finally:
+        with contextlib.suppress(OSError):  # it keeps parts of an unfinished run, or files of others
+            parts.rmdir()
 
 
 def _analysed(
     jobs: Sequence[tuple[int, FileJob]], n_workers: int | None, dask: str | None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield the rows of each file as it is finished."""
-    if not jobs:
-        return
-    suspects = []  # at work, or waiting, when a process ended
-    with executor(n_workers, dask) as workers:
-        for index, job, rows in _completed(workers, jobs):
-            if rows is None:
-                suspects.append((index, job))
-            else:
-                yield index, rows
-    for index, job in suspects:
-        with executor(1) as worker:
-            ((_, _, rows),) = _completed(worker, [(index, job)])
-        yield index, rows or _to_bytes(to_table(job.file, [], "", "its process ended: out of memory?"))
+    waiting = deque(jobs)
+    # A process that ends breaks its pool, which does not say with which file: few are given to it at a time.
+    most = _MOST_ON_DASK if dask else 1 + (n_workers or os.cpu_count() or 1)
+    while waiting:
+        suspects = []
+        with executor(n_workers, dask) as workers:
+            for index, job, rows in completed(workers, waiting, most):
+                if rows is None:
+                    suspects.append((index, job))
+                else:
+                    yield index, rows
+        for index, job in suspects:
+            with executor(1) as worker:
+                ((_, _, rows),) = completed(worker, deque([(index, job)]), 1)
+            yield index, rows or _to_bytes(to_table(job.file, [], "", "its process ended: out of memory?"))
 
 
-def _completed(
-    workers: Executor, jobs: Sequence[tuple[int, FileJob]]
+def completed(
+    workers: Executor, waiting: deque[tuple[int, FileJob]], most: int
 ) -> Iterator[tuple[int, FileJob, bytes | None]]:
-    """Yield jobs with their rows; None where the process of the job ended."""
-    futures: dict[Future[bytes], tuple[int, FileJob]] = {
-        workers.submit(analyse, job): (k, job) for k, job in jobs
-    }
-    for future in as_completed(futures):
-        index, job = futures.pop(future)
-        try:
-            rows = future.result()
-        except Exception as error:
-            if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":  # of Dask
-                yield index, job, None
+    """Yield jobs with their rows; None where the process of the job ended.
+
+    Jobs are taken from `waiting`, at most `most` at a time, and no more after a pool of processes broke.
+    """
+    at_work: dict[Future[bytes], tuple[int, FileJob]] = {}
+    done: SimpleQueue[Future[bytes]] = SimpleQueue()
+    is_broken = False
+    while at_work or (waiting and not is_broken):
+        while waiting and not is_broken and len(at_work) < most:
+            try:
+                future = workers.submit(analyse, waiting[0][1])
+            except BrokenProcessPool:
+                is_broken = True
                 continue
-            if isinstance(error, OperatorError):
-                raise
-            rows = _to_bytes(to_table(job.file, [], "", f"bug: {type(error).__name__}: {error}"))
-        yield index, job, rows
+            at_work[future] = waiting.popleft()
+            future.add_done_callback(done.put)
+        if not at_work:
+            return
+        future = done.get()
+        index, job = at_work.pop(future)
+        try:
+            yield index, job, future.result()
+        except BrokenProcessPool:
+            is_broken = True
+            yield index, job, None
+        except OperatorError:
+            raise
+        except Exception as error:
+            # `analyse` has rows for whatever happens to a file: this is a fault of the cluster.
+            if type(error).__name__ != "KilledWorker":  # of Dask, which has tried several workers
+                reason = f"{type(error).__name__}: {error}".rstrip(": ")
+                raise OperatorError(
+                    f"the workers failed ({reason}); the same command goes on with the files that are left"
+                ) from None
+            yield index, job, None
 
 
 def _merge(parts: Sequence[tuple[str, Path]], to: Path) -> tuple[int, tuple[tuple[str, str], ...]]:
@@ -210,8 +289,24 @@ def _write_whole(path: Path, data: bytes) -> None:
     unfinished.replace(path)
 
 
+def _is_whole(part: Path) -> bool:
+    """Return whether the rows of a file are there; a power failure may leave a file without its contents."""
+    try:
+        pyarrow.parquet.read_metadata(part)
+    except (OSError, pyarrow.ArrowInvalid):
+        return False
+    return True
+
+
 def _contents(path: Path | None) -> bytes:
-    return b"" if path is None else path.read_bytes()
+    return b"" if path is None or not path.is_file() else path.read_bytes()
+
+
+def _absolute(name_or_path: str | None) -> str | None:
+    """Make a path absolute; the name of a shipped file means that of the worker."""
+    if name_or_path is None or resources.is_name(name_or_path):
+        return name_or_path
+    return str(Path(name_or_path).absolute())
 
 
 def _named(name_or_path: str | None, kind: str) -> Path | None:

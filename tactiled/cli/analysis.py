@@ -194,7 +194,7 @@ def detect(
     if to is not None:
         from tactiled.archive.detect import FileJob, detect_files, matching
 
-        work = [FileJob(name, Path(name).absolute(), array, rate_hz, asked) for name in matching(files)]
+        work = [FileJob.for_any_worker(name, array, rate_hz, asked) for name in matching(files)]
         outcome = detect_files(work, to, jobs, dask)
         for name, error in outcome.failed:
             click.echo(error if error.startswith(name) else f"{name}: {error}", err=True)

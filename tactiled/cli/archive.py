@@ -31,14 +31,14 @@ def push(directory: Path, url: str, remove: bool) -> None:
     Example: tactiled archive push /var/lib/tactiled --to s3://touch/hand-3 --remove
     """
     need_extra("fsspec", "archive", "archive push")
-    from tactiled.archive.push import open_store, recordings
+    from tactiled.archive.push import open_store, recordings, size_of
     from tactiled.archive.push import push as push_all
 
     if "://" not in url:
         raise OperatorError(
             f"--to {url}: give a URL, e.g. s3://BUCKET/FOLDER or file://{Path(url).absolute()}"
         )
-    total = sum(path.stat().st_size for path in recordings(directory))
+    total = sum(size_of(path) for path in recordings(directory))
     store, folder = open_store(url)
     n_copied = n_there = n_failed = 0
     with ProgressBar(f"archive push {directory}", total) as progress:

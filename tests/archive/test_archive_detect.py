@@ -9,9 +9,13 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet
 import pytest
@@ -137,6 +141,95 @@ def test_a_run_goes_on_where_it_was_interrupted(
     outcome = detect_files(jobs, to, 1, None)
     assert outcome.n_resumed == 2
     assert to.read_bytes() == expected
+
+
+def test_another_run_into_the_same_table_is_refused(runs: Path, tmp_path: Path) -> None:
+    to = tmp_path / "events.parquet"
+    parts = to.with_name("events.parquet.parts")
+    with detect.alone_in(parts), pytest.raises(OperatorError, match="another run"):
+        detect_files(jobs_of(runs), to, 1, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_others_and_parts_without_contents_do_no_harm(runs: Path, tmp_path: Path) -> None:
+    to = tmp_path / "events.parquet"
+    job = jobs_of(runs)[0]
+    parts = to.with_name("events.parquet.parts")
+    parts.mkdir()
+    (parts / "notes.txt").write_text("mine")
+    (parts / f"{job.key()}.part").write_bytes(b"")  # as after a power failure
+    assert detect_files([job], to, 1, None).n_resumed == 0
+    assert [path.name for path in parts.iterdir()] == ["notes.txt"]
+
+
+def test_a_file_that_is_gone_and_a_name_that_is_not_utf8_are_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    odd = os.fsdecode(b"\xff.mcap")
+    Path(odd).write_bytes(b"")
+    jobs = [FileJob.for_any_worker(name, None, None, Choices()) for name in ("gone.mcap", odd)]
+    outcome = detect_files(jobs, tmp_path / "events.parquet", 1, None)
+    assert outcome.failed[0] == ("gone.mcap", "no such file any more")
+    rows = pyarrow.parquet.read_table(tmp_path / "events.parquet").to_pylist()
+    assert [row["file"] for row in rows] == ["gone.mcap", "\\xff.mcap"]
+
+
+def test_a_lost_scheduler_ends_the_run_and_makes_no_rows(runs: Path) -> None:
+    class LostCluster(ThreadPoolExecutor):
+        def submit(self, *_: object, **__: object) -> Future[Any]:
+            lost: Future[Any] = Future()
+            lost.cancel()
+            lost.set_running_or_notify_cancel()
+            return lost
+
+    waiting = deque(enumerate(jobs_of(runs)))
+    with (
+        LostCluster(1) as workers,
+        pytest.raises(OperatorError, match="goes on with the files that are left"),
+    ):
+        list(detect.completed(workers, waiting, 2))
+
+
+def test_a_process_that_ends_makes_few_files_suspect(runs: Path) -> None:
+    class BrokenPool(ThreadPoolExecutor):
+        def submit(self, *_: object, **__: object) -> Future[Any]:
+            broken: Future[Any] = Future()
+            broken.set_exception(BrokenProcessPool())
+            return broken
+
+    waiting = deque(enumerate(jobs_of(runs)))
+    with BrokenPool(1) as workers:
+        found = list(detect.completed(workers, waiting, 2))
+    assert [(index, rows) for index, _, rows in found] == [(0, None), (1, None)]
+    assert len(waiting) == N_FILES + 1 - 2
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+    program = tmp_path / "parent.py"
+    program.write_text(
+        "import os, sys, time\nfrom tactiled.jobs import executor\n"
+        "if __name__ == '__main__':\n"
+        "    with executor(1) as pool:\n"
+        "        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "        time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        parent.kill()
+    end_s = time.monotonic() + 10
+    while time.monotonic() < end_s and is_alive(worker):
+        time.sleep(0.02)
+    assert not is_alive(worker)
+
+
+def is_alive(pid: int) -> bool:
+    """Return whether a process runs; one that has ended may wait for a parent that asks for its exit code."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 def test_other_choices_begin_anew(runs: Path, tmp_path: Path) -> None:

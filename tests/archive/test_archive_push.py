@@ -14,6 +14,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from tactiled.archive.push import Copy, open_store, push
+from tactiled.errors import OperatorError
 
 WEED = Path(sys.executable).with_name("weed")
 
@@ -63,6 +64,58 @@ def test_another_recording_of_the_same_name_is_never_replaced(folder: Path, tmp_
     assert (tmp_path / "store/a.mcap").read_bytes() == before
     assert (folder / "a.mcap").exists()  # not confirmed, so kept
     assert not (folder / "left/b.mcap").exists()
+
+
+def test_a_folder_is_no_copy_of_itself(folder: Path, tmp_path: Path) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    (tmp_path / "link").symlink_to(tmp_path / "store")
+    for name in ("store", "link"):
+        itself = open_store(f"file://{tmp_path}/{name}")[1]
+        copies = list(push(tmp_path / "store", store, itself, remove=True))
+        assert [copy.state for copy in copies] == ["failed", "failed"]
+        assert "no other copy" in copies[0].reason
+    assert (tmp_path / "store/a.mcap").exists()
+
+
+@pytest.mark.parametrize("left", [b"", b"0123", b"\0" * 70])
+def test_a_cut_confirmation_confirms_nothing(folder: Path, tmp_path: Path, left: bytes) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    (tmp_path / "store/a.mcap.sha256").write_bytes(left)
+    assert states(push(folder, store, to))["a.mcap"] == "copied"
+    assert states(push(folder, store, to))["a.mcap"] == "there already"
+
+
+def test_recordings_that_the_daemon_removes_meanwhile_are_passed_over(folder: Path, tmp_path: Path) -> None:
+    (folder / "link.mcap").symlink_to(tmp_path / "nothing")
+    store, to = open_store(f"file://{tmp_path}/store")
+    copies = push(folder, store, to)
+    assert next(copies).state == "copied"
+    (folder / "left/b.mcap").unlink()
+    assert [(copy.path.name, copy.state) for copy in copies] == [("b.mcap", "failed")]
+
+
+def test_a_recording_that_changed_since_it_was_copied_stays(folder: Path) -> None:
+    class SlowStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
+        """Store in whose time the recording grows."""
+
+        store: dict[str, object] = {}
+        pseudo_dirs = [""]
+
+        def put_file(self, lpath: str, rpath: str, **_: object) -> None:
+            self.pipe_file(rpath, Path(lpath).read_bytes())
+            with Path(lpath).open("ab") as stream:
+                stream.write(b"more")
+
+    copies = list(push(folder, SlowStore(skip_instance_cache=True), "/store", remove=True))
+    assert {copy.reason.split(" has ")[1] for copy in copies} == {"changed while it was copied"}
+    assert (folder / "a.mcap").stat().st_size == 300_004
+
+
+def test_a_store_without_bucket_is_refused() -> None:
+    with pytest.raises(OperatorError, match="name a bucket"):
+        open_store("memory://")
 
 
 class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
