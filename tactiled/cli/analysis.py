@@ -171,6 +171,8 @@ def detect(
     """
     if to is None and (len(files) > 1 or jobs or dask):
         raise click.UsageError("give --to TABLE.parquet for many files, --jobs or --dask; or give one FILE")
+    if jobs and dask:
+        raise click.UsageError("give --jobs or --dask: the workers of a cluster are set on its side")
     file = Path(files[0])
     if to is None and not file.is_dir():  # of a rosbag2
         need_readable(file)

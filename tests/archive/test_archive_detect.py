@@ -311,6 +311,7 @@ def test_options_that_do_not_fit_are_refused_before_any_work(
         (["a.csv", "--dask", "tcp://127.0.0.1:1"], "--to TABLE.parquet"),
         (["a.csv", "--to", f"{tmp_path}/none/events.parquet"], "folder that exists"),
         (["a.csv", "--to", f"{tmp_path}/events.csv"], "name a .parquet"),
+        (["a.csv", "--to", "a.parquet", "--jobs", "2", "--dask", "tcp://127.0.0.1:1"], "--jobs or --dask"),
         ([f"{tmp_path}/*.mcap", "--to", f"{tmp_path}/events.parquet"], "no file matches"),
     ):
         with pytest.raises(SystemExit) as end:
