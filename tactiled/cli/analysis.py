@@ -245,6 +245,14 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
+@click.option(
+    "--jobs",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1),
+    help="With files: settings evaluated at a time.",
+)
+@click.option("--dask", metavar="ADDRESS", help="With files: use the workers of this Dask scheduler.")
 @KEYS
 def tune(
     endpoint: str,
@@ -255,6 +263,8 @@ def tune(
     motion_s: float,
     array: str | None,
     topic: str | None,
+    jobs: int,
+    dask: str | None,
     keys: Path | None,
 ) -> None:
     """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
@@ -266,11 +276,15 @@ def tune(
     """
     if (quiet is None) != (motion is None):
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
+    if (jobs > 1 or dask) and quiet is None:
+        raise click.UsageError("--jobs and --dask are for files: a daemon on this host needs its cores")
+    if dask is not None:
+        need_extra("distributed", "dask", "tune --dask")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
     from tactiled.tune.run import tune_files, tune_live
 
     if quiet is not None and motion is not None:
-        tune_files(quiet, motion, array, per_hour, topic)
+        tune_files(quiet, motion, array, per_hour, topic, jobs, dask)
     else:
         tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)

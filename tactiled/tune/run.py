@@ -1,11 +1,13 @@
 """``tactiled tune``: read two recordings, evaluate them and print the result."""
 
 import json
+from concurrent.futures import Executor
 from pathlib import Path
 
 import click
 
 from tactiled.errors import ConfigError
+from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
@@ -15,9 +17,17 @@ from tactiled.tune.words import as_map, as_toml, in_words
 
 
 def tune_files(
-    quiet: Path, motion: Path, array: str | None, wanted_per_hour: float, topic: str | None = None
+    quiet: Path,
+    motion: Path,
+    array: str | None,
+    wanted_per_hour: float,
+    topic: str | None = None,
+    jobs: int = 1,
+    dask: str | None = None,
 ) -> None:
     """Evaluate files of a quiet hold and of motion without slip; JSON to stdout, report to stderr.
+
+    More than one of `jobs`, or a Dask cluster, evaluates several settings at once.
 
     Raises
     ------
@@ -28,7 +38,11 @@ def tune_files(
     if first.array.channel_name != second.array.channel_name:
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])
-    judge(first, second, wanted_per_hour)
+    if jobs == 1 and dask is None:
+        judge(first, second, wanted_per_hour)
+        return
+    with executor(jobs, dask) as workers:
+        judge(first, second, wanted_per_hour, workers)
 
 
 def tune_live(
@@ -44,10 +58,12 @@ def tune_live(
     judge(quiet, motion, wanted_per_hour)
 
 
-def judge(quiet: Recording, motion: Recording, wanted_per_hour: float) -> None:
+def judge(
+    quiet: Recording, motion: Recording, wanted_per_hour: float, workers: Executor | None = None
+) -> None:
     """Evaluate two recordings and print the result."""
     with ProgressBar("tune", N_STAGES) as bar:
-        found = study(quiet, motion, wanted_per_hour, bar.advance)
+        found = study(quiet, motion, wanted_per_hour, bar.advance, workers)
     _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
     click.echo(json.dumps(as_map(found), allow_nan=False))
 

@@ -13,8 +13,11 @@ then the proposal is what raised no alarm, or the strictest named setting, and t
 of reach.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +43,7 @@ ONSETS: Mapping[str, InjectedOnset] = {
 N_STAGES = 2 + len(SETTINGS) + 1 + 1
 
 Report = Callable[[str], None]
+_Map = Callable[..., Iterable[Any]]  # `map`, or that of an executor
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,13 @@ class Study:
         return self.settings["proposed"]
 
 
-def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: Report) -> Study:
+def study(
+    quiet: Recording,
+    motion: Recording,
+    wanted_per_hour: float,
+    report: Report,
+    workers: Executor | None = None,
+) -> Study:
     """Evaluate two recordings in which nothing slips.
 
     Parameters
@@ -144,18 +154,23 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: R
         Acceptable rate of false alarms.
     report : callable
         Called with progress messages.
+    workers : Executor, optional
+        Evaluates several settings at once; the result is the same without.
 
     Raises
     ------
     DataError
         There is too little contact in one of them.
     """
+    each: _Map = map if workers is None else workers.map
     hold, motion_s = quiet_part(quiet), motion.touching_s()
     check_motion(motion)
     report("counting alarms in the hold")
     lowest = SHEARS[0]
     noise_alarms = _counts_by_setting(
-        hold, [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR]
+        hold,
+        [CoherentParams(false_alarms_per_hour=rate, least_shear=lowest) for rate in NOISE_PER_HOUR],
+        each,
     )
     restless = noise_alarms[-1] > 0
     strictness = [-float(np.log(rate)) for rate in NOISE_PER_HOUR]
@@ -166,18 +181,23 @@ def study(quiet: Recording, motion: Recording, wanted_per_hour: float, report: R
 
     report("counting alarms in the motion")
     shears = [CoherentParams(false_alarms_per_hour=per_hour, least_shear=shear) for shear in SHEARS]
-    shear_alarms = _counts_by_setting(motion, shears)
+    shear_alarms = _counts_by_setting(motion, shears, each)
     shear_tail = fit_tail(SHEARS, shear_alarms, motion_s / 3600)
-    in_hold = _counts_by_setting(hold, shears) if restless else (0,) * len(SHEARS)
+    in_hold = _counts_by_setting(hold, shears, each) if restless else (0,) * len(SHEARS)
     silent = silent_from(SHEARS, [a + b for a, b in zip(shear_alarms, in_hold, strict=True)])
     needed = (lowest, lowest, lowest) if shear_tail is None else shear_tail.needed(wanted_per_hour)
     least, out_of_reach = _least_shear(needed[0], silent)
     proposed = CoherentParams(false_alarms_per_hour=per_hour, least_shear=least)
 
     settings = {}
-    for name, params in {**SETTINGS, "proposed": proposed}.items():
-        report(f"injecting onsets: {name}")
-        settings[name] = _evaluate(params, hold, motion)
+    named = {**SETTINGS, "proposed": proposed}
+    report(f"injecting onsets: {next(iter(named))}")
+    for name, found in zip(
+        named, each(partial(_evaluate, quiet=hold, motion=motion), named.values()), strict=True
+    ):
+        settings[name] = found
+        if len(settings) < len(named):
+            report(f"injecting onsets: {list(named)[len(settings)]}")
     return Study(
         wanted_per_hour=wanted_per_hour,
         quiet=quiet,
@@ -208,8 +228,10 @@ def _least_shear(needed: float, silent: float | None) -> tuple[float, bool]:
     return float(np.ceil(1000 * least) / 1000), out_of_reach
 
 
-def _counts_by_setting(recording: Recording, settings: Sequence[CoherentParams]) -> tuple[int, ...]:
-    return tuple(false_alarms(recording, params).count for params in settings)
+def _counts_by_setting(
+    recording: Recording, settings: Sequence[CoherentParams], each: _Map
+) -> tuple[int, ...]:
+    return tuple(found.count for found in each(partial(false_alarms, recording), settings))
 
 
 def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:

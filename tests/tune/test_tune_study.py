@@ -22,6 +22,7 @@ from tactiled.emulator.scene.families import QUIET
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
+from tactiled.jobs import executor
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
@@ -58,6 +59,16 @@ def shaken(sizes: Floats, noise_v: float = 3e-4) -> Recording:
         at = int((3 + 3 * k) * RATE_HZ)
         share[at : at + 40] = size * np.sin(np.pi * np.arange(40) / 40) ** 2
     return recording(slide(ARRAY, volts, share, 30.0))
+
+
+def test_workers_give_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactiled.tune.study.SHEARS", SHEARS[::6])
+    monkeypatch.setattr("tactiled.tune.study.SETTINGS", {"fast": SETTINGS["fast"]})
+    quiet, motion = recording(held(8, 3e-4)), shaken(np.array([0.3]))
+    with executor(1) as workers:
+        found = study(quiet, motion, 1.0, lambda _: None, workers)
+    alone = quietly(quiet, motion)
+    assert (found.settings, found.shear_alarms) == (alone.settings, alone.shear_alarms)
 
 
 def quietly(quiet: Recording, motion: Recording) -> Study:
