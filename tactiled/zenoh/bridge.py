@@ -45,7 +45,7 @@ Put = Callable[[bytes, bytes | None], None]
 
 @dataclass(frozen=True)
 class ZenohBridgeParams:
-    """What to forward, and under which name.
+    """Messages to forward, and the name to forward them under.
 
     Attributes
     ----------

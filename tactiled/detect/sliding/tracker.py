@@ -30,7 +30,7 @@ _ROUNDING = 1.0 / 6  # of the square of the smallest change: twice that of even 
 
 
 class _Rest:
-    """What windows at rest leave; see `own_power`."""
+    """Noise and own changes of the channels, from windows at rest; see `own_power`."""
 
     def __init__(self) -> None:
         self.n = 0
