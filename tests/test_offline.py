@@ -260,14 +260,14 @@ kind = "normal"
 """
 
 
-def ridges_under_a_pad(path: Path) -> None:
+def ridges_under_a_pad(path: Path, ripple: float = 0.05) -> None:
     """A log of counts with times in ms, which jitter: pressed at 0.5 s, then 2.5 mm ridges at 10 mm/s."""
     rng = np.random.default_rng(1)
     rows = 300
     t = np.arange(rows) / 35.6
     load = np.clip((t - 0.5) / 0.5, 0, 1)[:, np.newaxis]
     wave = np.cos(2 * np.pi * 4.0 * t[:, np.newaxis] + rng.uniform(0, 6, 16))
-    counts = 2000 + 400 * load * (1 + 0.05 * wave) + rng.normal(0, 8, (rows, 16))
+    counts = 2000 + 400 * load * (1 + ripple * wave) + rng.normal(0, 8, (rows, 16))
     stamps_ms = 1000 * (t + rng.normal(0, 0.002, rows))
     header = ["timestamp", *[f"tax{k}" for k in range(16)], "note"]
     with path.open("w", newline="") as stream:
@@ -325,14 +325,26 @@ def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) 
 
 
 def test_the_summary_says_why_nothing_came(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ridges_under_a_pad(tmp_path / "log.csv")
-    (tmp_path / "pad.toml").write_text(PAD.replace('"first 0.3 s"', "2600"))
+    """With a wrong zero nothing is a contact; without ripple nothing slides."""
     choices = Choices(time_unit="ms", columns=("tax*",))
-    log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+    (tmp_path / "pad.toml").write_text(PAD.replace('"first 0.3 s"', "2600"))
+    ridges_under_a_pad(tmp_path / "still.csv", ripple=0.0)
+    log = detect_file(tmp_path / "still.csv", str(tmp_path / "pad.toml"), choices=choices)
     assert capsys.readouterr().out == ""
     said = " ".join(log.summary(choices))
     assert "no contact: is the zero right? --tare-s" in said
     assert "no texture: nothing slides; --sliding" in said
+
+
+def test_a_slide_shows_though_the_zero_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    choices = Choices(time_unit="ms", columns=("tax*",))
+    (tmp_path / "pad.toml").write_text(PAD.replace('"first 0.3 s"', "2600"))
+    ridges_under_a_pad(tmp_path / "log.csv")
+    log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+    (slip,) = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert (slip["topic"], slip["detector"], slip["state"]) == ("slip", "sliding", "onset")
+    assert abs(slip["onset"] - 0.75) < 2 * slip["onset_sd_s"]  # the load comes from 0.5 to 1 s, with ripple
+    assert "no contact: is the zero right? --tare-s" in " ".join(log.summary(choices))
 
 
 def test_a_log_in_counts_names_the_key_to_set(tmp_path: Path) -> None:
