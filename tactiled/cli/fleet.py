@@ -81,6 +81,10 @@ def bridge(
     if not is_chunk(name):
         raise click.UsageError(f"--host {name!r}: a name without blanks, '/', '*', '$', '?', '#' and '@'")
     checked = bridge_config(config, connect, is_insecure=insecure)
+    if ros2:
+        from tactiled.ros2.zenoh_node import add_timestamps
+
+        add_timestamps(checked)
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.append(1))

@@ -24,8 +24,16 @@ from tactiled.ros2.typehash import rihs01
 _ENCLAVE = "%"
 _NODE_ID = 0
 # reliability : durability : history kind and depth : deadline : lifespan : liveliness; empty: the default.
-_QOS = {"sensor": "2::,5:,:,:,,", "event": "::,100:,:,:,,", "latched": ":1:,1:,:,:,,"}
+# A cache of zenoh has no lifespan: what is repeated each second is not kept, so that nobody receives it old.
+_QOS = {
+    "sensor": "2::,5:,:,:,,", "event": "::,100:,:,:,,", "latched": ":1:,1:,:,:,,", "repeated": "::,1:,:,:,,"
+}  # fmt: skip
 _GID_BYTES = 16
+
+
+def add_timestamps(config: "zenoh.Config") -> None:
+    """Let a session write timestamps, as rmw_zenoh does: the cache of latched topics needs them."""
+    config.insert_json5("timestamping/enabled", "true")
 
 
 class ZenohTopicWriter:
@@ -68,7 +76,7 @@ class ZenohNode:
     Parameters
     ----------
     session : zenoh.Session
-        Closed by its owner.
+        With timestamps (`add_timestamps`); closed by its owner.
     domain_id : int
         ``ROS_DOMAIN_ID``.
     name, namespace : str

@@ -6,6 +6,7 @@ from contextlib import closing
 
 import pytest
 import zenoh
+from messages import CONTACT, STATUS
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk.attachment import Attachment
 from zenoh_ros2_sdk.discovery import get_topic_info, get_topic_names_and_types
@@ -15,10 +16,16 @@ from zenoh_ros2_sdk.utils import get_type_hash
 from zenoh_threads import zenoh_threads
 
 from bench.fleet.routers import free_port, router
-from tactiled.client.over_zenoh import open_session, parse_address
+from tactiled.client import Message
+from tactiled.client.over_zenoh import open_session, parse_address, session_config
+from tactiled.client.parse import message_of
+from tactiled.events import codec
+from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2 import convert
+from tactiled.ros2.bridge import Bridge, BridgeParams
+from tactiled.ros2.cdr import decode
 from tactiled.ros2.standard_types import STANDARD
-from tactiled.ros2.zenoh_node import ZenohNode
+from tactiled.ros2.zenoh_node import ZenohNode, add_timestamps
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 FORCE = {
@@ -74,3 +81,37 @@ def test_another_implementation_finds_and_decodes_our_topics(port: int) -> None:
     wrench = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(heard[0].payload.to_bytes(), WRENCH)
     assert wrench.wrench.force.z == 3.0  # type: ignore[attr-defined]
     assert wrench.header.frame_id == "skin"  # type: ignore[attr-defined]
+
+
+def now(event: Event) -> Message:
+    data = codec.to_map(event, seq=1, board="TS0001", unix_offset_s=time.time())
+    message = message_of(event.topic, data, time.monotonic(), time.time())
+    assert isinstance(message, Message)
+    return message
+
+
+def test_a_board_has_all_topics_and_a_late_subscriber_its_contact(port: int) -> None:
+    address = parse_address(f"zenoh://127.0.0.1:{port}/x")
+    config = session_config(address)
+    add_timestamps(config)
+    came: list[bytes] = []
+    with zenoh.open(config) as ours, open_session(address) as theirs:
+        node = ZenohNode(ours, 4, "tactiled", "tactile")
+        bridge = Bridge(node, BridgeParams(("ipc:///tmp/x",)), lambda _: None)
+        bridge.take("ipc:///tmp/x", now(STATUS))
+        bridge.take("ipc:///tmp/x", now(CONTACT))
+        names = {topic for topic, _ in get_topic_names_and_types(4, "127.0.0.1", port)}
+        late = zenoh.ext.declare_advanced_subscriber(
+            theirs,
+            "4/tactile/TS0001/contact/**",
+            lambda sample: came.append(sample.payload.to_bytes()),
+            history=zenoh.ext.HistoryConfig(),
+        )
+        end_s = time.monotonic() + 10
+        while not came and time.monotonic() < end_s:
+            time.sleep(0.02)
+        late.undeclare()
+        node.close()
+    own = {f"/tactile/TS0001/{topic}" for topic in (*EVENT_TYPES, "wrench", "taxels")}
+    assert names == own | {"/diagnostics"}
+    assert decode("tactiled_msgs/msg/Contact", node.types, came[0])["state"] == CONTACT.state
