@@ -16,6 +16,7 @@ from tactiled.client.over_zenoh import DEFAULT_ROUTER, words_of
 from tactiled.errors import ConfigError
 
 _ENCRYPTED = ("tls", "quic")
+_CHECKED = ("enable_mtls", "verify_name_on_connect")  # settings in a locator come before those of the file
 _OF_THIS_HOST = ("unixsock-stream", "unixpipe", "vsock")
 
 
@@ -76,6 +77,8 @@ def faults_of(config: "zenoh.Config") -> list[str]:
                 )
             elif way == "connect" and tls.get("verify_name_on_connect") is False:
                 faults.append(f"connect/endpoints: {locator}: verify_name_on_connect must not be false")
+            elif hidden := [name for name in _CHECKED if name in locator.partition("#")[2]]:
+                faults.append(f"{way}/endpoints: {locator}: move {hidden[0]} to transport/link/tls")
     if _value(config, "scouting/multicast/enabled") is True:
         faults.append("scouting/multicast/enabled: any host of the network may answer: set it to false")
     return faults

@@ -39,6 +39,21 @@ def test_what_other_hosts_reach(locator: str, wide: bool) -> None:
         ({"mode": "router"}, "tcp/[::]:7447"),
         ({"mode": "router", "listen": {"endpoints": ["tls/[::]:7447"]}}, "enable_mtls"),
         ({"mode": "client", "scouting": {"multicast": {"enabled": True}}}, "multicast"),
+        (
+            {
+                "mode": "router",
+                "listen": {"endpoints": ["tls/[::]:7447#enable_mtls=false"]},
+                "transport": _MTLS,
+            },
+            "move enable_mtls",
+        ),
+        (
+            {
+                "mode": "client",
+                "connect": {"endpoints": ["tls/10.0.0.1:7447#verify_name_on_connect=false"]},
+            },
+            "move verify_name_on_connect",
+        ),
         ({"mode": "client", "connect": {"endpoints": {"client": ["ws/10.0.0.1:80"]}}}, "ws/10.0.0.1"),
     ],
 )
