@@ -26,6 +26,7 @@ from tactiled.errors import ConfigError, OperatorError
 PORT = 7447
 _DAYS = 825  # the longest that TLS libraries of all platforms accept
 _NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}"
+_ADDRESS = r"([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?"
 _CURVE = "prime256v1"
 
 
@@ -61,6 +62,13 @@ def make_fleet(folder: Path, new: FleetMembers) -> list[Path]:
         f"{name!r}: name a member with letters, digits, '_', '.' and '-'"
         for name in new.names
         if not re.fullmatch(_NAME, name) or name == "ca"
+    ]
+    # NAME-key.pem is the secret key of another member, or of the authority.
+    faults += [f"{name!r}: a name must not end in '-key'" for name in new.names if name.endswith("-key")]
+    faults += [
+        f"--router {name}={address}: give ADDRESS or ADDRESS:PORT, and IPv6 in brackets: [fe80::1]:{PORT}"
+        for name, address in new.routers.items()
+        if not re.fullmatch(_ADDRESS, address)
     ]
     everyone = FleetMembers(
         known.routers | new.routers,

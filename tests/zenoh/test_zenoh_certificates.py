@@ -106,4 +106,9 @@ def test_faults_are_reported_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         make_fleet(folder, FleetMembers(robots=["a/b", "x", "x"]))
     assert len(caught.value.faults) == 3
+    with pytest.raises(ConfigError) as caught:  # their certificates would replace keys of others
+        make_fleet(folder, FleetMembers({"hall": "fe80::1"}, ["ca-key", "robot1-key"]))
+    assert [fault.partition(":")[0] for fault in caught.value.faults] == [
+        "'ca-key'", "'robot1-key'", "--router hall=fe80"
+    ]  # fmt: skip
     assert not folder.exists()
