@@ -18,6 +18,7 @@ _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _ANSWER_S = 1.0  # beyond a status of this age, the daemon itself is silent
 _UNKNOWN = "-"
+_UNNAMED = "-"  # stands in topics for a board that has not said its name yet
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,8 @@ def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[F
         if len(parts) == 3 and isinstance(message, Mapping):
             boards.setdefault(parts[1], {})[parts[2]] = message
     rows = []
+    if len(boards) > 1:  # the newest status from before a board said its name is no board of its own
+        boards.pop(_UNNAMED, None)
     for board, newest in boards.items():
         try:
             rows.append(_row(host, board, newest, unix_s))
@@ -133,7 +136,10 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
     silent_s = unix_s - float(status["timestamp"])
     in_contact = grip.get("state", "none") != "none" and abs(unix_s - grip.get("timestamp", 0.0)) < _ANSWER_S
     total = status["scans"] + status["scans_missing"]
-    is_silent = silent_s > _ANSWER_S
+    is_silent = abs(silent_s) > _ANSWER_S  # from the future: a clock was set
+    reason = str(status["reason"] or status["warning"])
+    if is_silent and not reason:
+        reason = f"its status is {silent_s:.1f} s old: no statuses arrive, or the clocks of the hosts differ"
     valid = status["valid"] is True and silent_s < _SILENT_S + _TIMEOUT_S
     return FleetRow(
         host=host,
@@ -146,7 +152,7 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
         firmware=str(info.get("firmware_version", "")),
         recording=str(recording.get("state", "")),
         free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
-        reason=str(status["reason"] or status["warning"]),
+        reason=reason,
     )
 
 

@@ -36,10 +36,26 @@ def test_old_messages_are_not_shown_as_fresh() -> None:
     assert row.age_s == pytest.approx(5.01)
 
 
+@pytest.mark.parametrize("off_s", [-3.0, 3.0])
+def test_clocks_that_differ_are_named(off_s: float) -> None:
+    status = STATUS | {"timestamp": NOW - off_s, "warning": ""}
+    [row] = rows_of("h", reply(status=status), NOW)
+    assert (row.state, row.valid) == ("silent", False)
+    assert f"{off_s} s old" in row.reason
+    assert "clocks" in row.reason
+
+
 @pytest.mark.parametrize("answer", [None, {}, {"messages": 3}])
 def test_a_host_without_an_answer_is_silent(answer: dict[str, Any] | None) -> None:
     [row] = rows_of("h", answer, NOW)
     assert (row.board, row.state, row.valid) == ("", "silent", False)
+
+
+def test_the_time_before_a_board_said_its_name_is_no_board_of_its_own() -> None:
+    unnamed = {"tactile/-/status": STATUS | {"timestamp": NOW - 50, "state": "syncing", "valid": False}}
+    assert [row.board for row in rows_of("h", {"messages": unnamed}, NOW)] == ["-"]
+    named = reply(status=STATUS)["messages"]
+    assert [row.board for row in rows_of("h", {"messages": unnamed | named}, NOW)] == ["B1"]
 
 
 def test_messages_that_cannot_be_read_are_a_row_of_their_own() -> None:
