@@ -410,7 +410,7 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
     Returns
     -------
     dict
-        Replies to ``state`` (protocols/control.md) by host. A host is known by the tokens of its boards.
+        Replies to ``state`` (protocols/control.md) by host. Tokens of bridge and boards make a host known.
     """
     address = parse_address(endpoint, keys)
     session = open_session(address)

@@ -108,6 +108,8 @@ class ZenohBridge:
         self._puts: dict[bytes, Put | None] = {}
         self._due_s: dict[bytes, float] = {}
         self._boards = _LivelyBoards(session, params.host)
+        # There while no board is: lists show the host as silent, and another bridge cannot take its name.
+        self._token = session.liveliness().declare_token(f"tactile/{params.host}/control")
         self._queries: deque[zenoh.Query] = deque()
         self._ended = False
         self._wakeup = WakeUp()
@@ -151,6 +153,7 @@ class ZenohBridge:
         for queryable in self._queryables:
             queryable.undeclare()
         self._boards.close()
+        self._token.undeclare()
         for sock in (self._events, self._control):
             sock.close(linger=0)
         self._context.term()

@@ -221,7 +221,7 @@ def test_a_board_whose_daemon_ended_has_no_token(tmp_path: Path, fleet: Fleet) -
 
         def tokens() -> list[str]:
             found = session.liveliness().get("tactile/robot8/*")
-            return [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
+            return sorted(str(reply.ok.key_expr) for reply in found if reply.ok is not None)
 
         def wait_for(expected: list[str]) -> None:
             end_s = time.monotonic() + 8
@@ -230,8 +230,12 @@ def test_a_board_whose_daemon_ended_has_no_token(tmp_path: Path, fleet: Fleet) -
             assert tokens() == expected
 
         with SimulatedDaemon(endpoint, ("TS0008",), Rates()):
-            wait_for(["tactile/robot8/TS0008"])
-        wait_for([])
+            wait_for(["tactile/robot8/TS0008", "tactile/robot8/control"])
+        wait_for(["tactile/robot8/control"])
+        rows = FleetList(fleet.endpoint.replace("robot7", "robot8")).ask()
+        assert [(row.host, row.board, row.state) for row in rows] == [("robot8", "", "silent")]
+        with pytest.raises(UnavailableError, match="robot8"):
+            ZenohBridge(ZenohBridgeParams(endpoint, "robot8"), session)
 
 
 @pytest.mark.parametrize("how", ["close", "silence"])
