@@ -16,7 +16,7 @@ from tactiled.events.incoming import checked_map
 from tactiled.events.types import EVENT_TYPES
 from tactiled.recording.standard import frame_id
 from tactiled.ros2 import convert
-from tactiled.ros2.freshness import BoardFreshness
+from tactiled.ros2.freshness import BoardFreshness, Level
 from tactiled.ros2.names import name_of_board
 from tactiled.ros2.own_types import PACKAGE, type_name
 from tactiled.ros2.participant import Delivery, Node, ServiceRequest, TopicWriter
@@ -40,6 +40,7 @@ _SERVICES = {
     "mark": f"{PACKAGE}/srv/Mark",
 }
 _ARGUMENTS = {"tare": (), "inhibit": ("duration_s",), "mark": ("text",)}
+DiagnosticsRow: TypeAlias = tuple[str, str, Level, str, Mapping[str, Any]]
 Report = Callable[[dict[str, Any]], None]
 
 
@@ -74,16 +75,20 @@ class BoardTopics:
     def __init__(self, node: AnyNode, board: str, params: BridgeParams) -> None:
         self.freshness = BoardFreshness()
         self.name = f"/{params.namespace}/{name_of_board(board)}"
-        self._frame = params.frames.get(board) or frame_id(board)
+        self.set_board(board, params)
         self._own = {
             topic: node.writer(f"{self.name}/{topic}", f"{PACKAGE}/msg/{type_name(topic)}", _delivery(topic))
             for topic in EVENT_TYPES
         }
         self._wrench = node.writer(f"{self.name}/wrench", "geometry_msgs/msg/WrenchStamped", "sensor")
         self._cloud = node.writer(f"{self.name}/taxels", "sensor_msgs/msg/PointCloud2", "sensor")
-        self._info: Mapping[str, Any] = {}
         self._contact = "unknown"
         self._was_fresh = False
+
+    def set_board(self, board: str, params: BridgeParams) -> None:
+        """Take the frame of a board, the first one or another with the same name in ROS."""
+        self._frame = params.frames.get(board) or frame_id(board)
+        self._info: Mapping[str, Any] = {}
 
     @property
     def topics(self) -> list[str]:
@@ -137,6 +142,7 @@ class Bridge:
         self._node, self._params, self._report = node, params, report
         self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
         self._boards: dict[tuple[str, str], BoardTopics] = {}
+        self._refused: dict[tuple[str, str], tuple[str, float]] = {}  # words, when it was last heard
         self._unnamed = {endpoint: BoardFreshness() for endpoint in params.endpoints}
         self._services: dict[str, tuple[str, str, str]] = {}  # endpoint, board, command
         self._commanders: dict[str, tuple[AsyncCommander, asyncio.Lock]] = {}
@@ -176,25 +182,43 @@ class Bridge:
         except ContractError:
             self._malformed += 1
             return
+        if not _fits(data["v"]) or not _fits(data["run"]):  # repeated later in the contact
+            self._malformed += 1
+            return
         if not message.board:
             self._unnamed[endpoint].admit(message.topic, data, now_s, unix_s)
             return
         key = (endpoint, message.board)
-        if key not in self._boards:
-            self._boards[key] = BoardTopics(self._node, message.board, self._params)
-            self._offer(endpoint, message.board)
-            self._report({"what": "board", "board": message.board, "topics": self._boards[key].topics})
+        if key not in self._boards and not self._admit_board(key, now_s):
+            return
         try:
             self._boards[key].take(message.topic, data, now_s, unix_s)
         except struct.error:  # an integer that ROS's int64 cannot hold
             self._malformed += 1
 
-    def _offer(self, endpoint: str, board: str) -> None:
+    def _admit_board(self, key: tuple[str, str], now_s: float) -> bool:
+        """Give topics and services to a new board; False while another board of the same name has them."""
+        endpoint, board = key
+        name = f"/{self._params.namespace}/{name_of_board(board)}"
+        before = next((each for each, topics in self._boards.items() if topics.name == name), None)
+        if before is None:
+            topics = BoardTopics(self._node, board, self._params)
+        elif self._boards[before].freshness.is_heard(now_s):
+            self._refused[key] = (f"{name} belongs to board {before[1]} of {before[0]}", now_s)
+            return False
+        else:  # the board was moved, or has a successor: its topics stay, with one latched contact
+            topics = self._boards.pop(before)
+            topics.watch(now_s, time.time())  # ends the contact of before
+            topics.set_board(board, self._params)
+        self._refused.pop(key, None)
+        self._boards[key] = topics
         if self._params.allow_commands:
             for command, kind in _SERVICES.items():
-                service = f"{self._boards[endpoint, board].name}/{command}"
-                self._services[service] = (endpoint, board, command)
-                self._node.serve(service, kind)
+                if before is None:
+                    self._node.serve(f"{name}/{command}", kind)
+                self._services[f"{name}/{command}"] = (endpoint, board, command)
+        self._report({"what": "board", "board": board, "topics": topics.topics})
+        return True
 
     async def _watch(self) -> None:
         while True:
@@ -204,9 +228,15 @@ class Bridge:
 
     def diagnose(self) -> None:
         """Publish the diagnostics of all boards, and of endpoints without one."""
-        rows = [
+        rows: list[DiagnosticsRow] = [
             self._row(f"tactiled {board}", board, topics.freshness, topics.refused)
             for (_, board), topics in self._boards.items()
+        ]
+        now_s = time.monotonic()
+        self._refused = {key: why for key, why in self._refused.items() if now_s - why[1] < _DIAGNOSTICS_S}
+        rows += [
+            (f"tactiled {board} ({endpoint})", board, "error", words, {})
+            for (endpoint, board), (words, _) in self._refused.items()
         ]
         for endpoint, freshness in self._unnamed.items():
             boards = [each for each in self._boards if each[0] == endpoint]
@@ -219,7 +249,7 @@ class Bridge:
             self.diagnose()
             await asyncio.sleep(_DIAGNOSTICS_S)
 
-    def _row(self, name: str, board: str, freshness: BoardFreshness, refused: int = 0) -> tuple[Any, ...]:
+    def _row(self, name: str, board: str, freshness: BoardFreshness, refused: int = 0) -> DiagnosticsRow:
         level, text = freshness.level(time.monotonic())
         values = {key: value for key, value in freshness.status.items() if not isinstance(value, dict)}
         counts = {
@@ -279,6 +309,11 @@ def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: R
 
 def _delivery(topic: str) -> Delivery:
     return "sensor" if topic in _SENSOR else _KEPT.get(topic, "event")
+
+
+def _fits(count: int) -> bool:
+    """Return True for a count that an int64 of ROS can hold."""
+    return -(2**63) <= count < 2**63
 
 
 def _write(writer: AnyWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:

@@ -80,6 +80,38 @@ def test_an_integer_that_ros_cannot_hold_is_counted() -> None:
     assert {"key": "messages_malformed", "value": "2"} in entry["values"]
 
 
+@pytest.mark.parametrize("second", [(ENDPOINT, "TS_0001"), ("ipc:///tmp/other.ipc", "TS-0001")])
+def test_two_boards_of_one_name_never_share_topics(
+    second: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.take(ENDPOINT, now(STATUS, "TS-0001"))
+    bridge.take(second[0], now(STATUS, second[1], frames_corrupt=77))
+    sent = [values for topic, values in node.written if topic == "/tactile/TS_0001/status"]
+    assert [values["board"] for values in sent] == ["TS-0001"]
+    bridge.diagnose()
+    words = f"/tactile/TS_0001 belongs to board TS-0001 of {ENDPOINT}"
+    assert (f"tactiled {second[1]} ({second[0]})", 2, words) in entries(node)
+    later_s = time.monotonic() + 5
+    monkeypatch.setattr(time, "monotonic", lambda: later_s)
+    bridge.take(second[0], now(STATUS, second[1], frames_corrupt=78))  # the first one has gone
+    assert [v["frames_corrupt"] for t, v in node.written if t == "/tactile/TS_0001/status"][1:] == [78]
+    bridge.diagnose()
+    assert [(name, level) for name, level, _ in entries(node) if "TS" in name] == [
+        (f"tactiled {second[1]}", 0)
+    ]
+
+
+def test_a_run_that_ros_cannot_hold_ends_nothing() -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.take(ENDPOINT, now(STATUS))
+    bridge.take(ENDPOINT, now(STATUS, run=2**63))
+    bridge.diagnose()
+    assert [values["run"] for topic, values in node.written if topic == "/tactile/TS0001/status"] == [0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
