@@ -18,6 +18,7 @@ _QUESTIONS = ("state", "events")
 _MOST_WAITING = 256  # requests at once; the daemon takes 500 in a second
 _PATIENCE_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
 _LONGEST_WHO = 64
+_LONGEST_BYTES = 16 * 1024 - 256  # the daemon cuts the connection of all for one byte more than 16 kB
 _NO_COMMANDS = "this bridge takes no commands: its owner may start it with --allow-commands"
 
 Respond = Callable[[bytes], None]
@@ -67,6 +68,9 @@ class Relay:
             It came over the key of commands.
         """
         self._expire(now_s)
+        if len(payload) > _LONGEST_BYTES:
+            self._refuse({}, f"longer than {_LONGEST_BYTES} bytes", respond)
+            return
         request = parse_map(payload, "request")
         if isinstance(request, Malformed):
             self._refuse({}, request.reason, respond)

@@ -90,6 +90,13 @@ def test_what_is_never_answered_is_forgotten() -> None:
     assert later == []
 
 
+def test_a_request_for_which_the_daemon_would_cut_the_connection_is_refused() -> None:
+    daemon = Daemon()
+    [refusal] = daemon.request(id="a", do="mark", session="s", text="x" * 16_384)
+    assert "longer than" in msgpack.unpackb(refusal)["reason"]
+    assert daemon.asked == []
+
+
 @given(st.binary(max_size=60))
 def test_any_bytes_are_answered_or_ignored(payload: bytes) -> None:
     daemon, heard = Daemon(), list[bytes]()
