@@ -24,8 +24,8 @@ class GripController(Node):
 
     def on_status(self, status: Status) -> None:
         """Note until when the skin may be trusted."""
-        if status.valid:
-            self.fresh_until = self.get_clock().now() + Duration(seconds=FRESH_S)
+        trusted_s = FRESH_S if status.valid else 0.0
+        self.fresh_until = self.get_clock().now() + Duration(seconds=trusted_s)
 
     def on_slip(self, slip: Slip) -> None:
         """Tighten at each valid onset."""

@@ -18,7 +18,7 @@ public:
     GripController() : Node("grip_controller"), fresh_until_(now()) {
         output_ = create_publisher<std_msgs::msg::Float64>("grip_force", 1);
         status_ = create_subscription<Status>("tactile/TS0001/status", 1, [this](const Status& status) {
-            if (status.valid) fresh_until_ = now() + rclcpp::Duration(FRESH);
+            fresh_until_ = status.valid ? now() + rclcpp::Duration(FRESH) : now();
         });
         slip_ = create_subscription<Slip>("tactile/TS0001/slip", 10, [this](const Slip& slip) {
             if (now() >= fresh_until_ || !slip.valid || slip.state != Slip::STATE_ONSET) return;
