@@ -122,6 +122,7 @@ struct Contact {
     static constexpr const char* STATE_UNKNOWN = "unknown";
     static constexpr const char* STATE_LOADING = "loading";
     static constexpr const char* STATE_HOLDING = "holding";
+    static constexpr const char* STATE_SHEARING = "shearing";
     static constexpr const char* STATE_SLIDING = "sliding";
     std::string state;
     // State until this instant.
@@ -129,6 +130,7 @@ struct Contact {
     static constexpr const char* PREVIOUS_UNKNOWN = "unknown";
     static constexpr const char* PREVIOUS_LOADING = "loading";
     static constexpr const char* PREVIOUS_HOLDING = "holding";
+    static constexpr const char* PREVIOUS_SHEARING = "shearing";
     static constexpr const char* PREVIOUS_SLIDING = "sliding";
     std::string previous;
     // Indices of the taxels in contact.
@@ -623,6 +625,7 @@ struct Status {
     static constexpr const char* CONTACT_UNKNOWN = "unknown";
     static constexpr const char* CONTACT_LOADING = "loading";
     static constexpr const char* CONTACT_HOLDING = "holding";
+    static constexpr const char* CONTACT_SHEARING = "shearing";
     static constexpr const char* CONTACT_SLIDING = "sliding";
     std::string contact;
     // Whether a slip has begun and not ended.

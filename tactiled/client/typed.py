@@ -123,9 +123,9 @@ class ContactData(TypedDict):
     """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
     again. 0 in files.
     """
-    state: Literal["none", "unknown", "loading", "holding", "sliding"]
+    state: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
     """State from this instant on."""
-    previous: Literal["none", "unknown", "loading", "holding", "sliding"]
+    previous: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
     """State until this instant."""
     taxels: list[int]
     """Indices of the taxels in contact."""
@@ -547,7 +547,7 @@ class StatusData(TypedDict):
     """Bytes not yet decided."""
     connects: int
     """How often the port was opened."""
-    contact: Literal["none", "unknown", "loading", "holding", "sliding"]
+    contact: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
     """State of the contact."""
     slipping: bool
     """Whether a slip has begun and not ended."""
