@@ -6,7 +6,10 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, TextureEvent
+
+# Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
+_OPPOSED = 0.7
 
 
 def summary(
@@ -44,8 +47,8 @@ def summary(
     )
     yield _range_used(array, readings)
     contact_s, slip_s = _contact_and_slip_s(events, float(time_s[-1]))
-    is_forces_alone = set(topics) == {"force"}  # no detector of contact has run
-    if (not sliding_is_given and not is_forces_alone) or {"slip", "contact"} & set(topics):
+    # For other topics, no detector of contact has run.
+    if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):
         yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s"
         if contact_s == 0:
             yield (
@@ -54,11 +57,34 @@ def summary(
             )
         elif slip_s == 0 and "slip" in topics and not sliding_is_given:
             yield (
-                "no slip: --sliding says that the log slides"
-                + (", as from its beginning, and --setting fast needs less shear" if array.has_shear else "")
+                "no slip: if the log slides all the same, --sliding says so"
+                + ("; --setting fast needs less shear" if array.has_shear else "")
             )
+    if "grip" in topics and array.has_shear and not any(isinstance(event, GripEvent) for event in events):
+        yield "no grip: the mean load of the taxels must exceed 0.5 % of the array's `range`"
+    if {"slip", "grip"} & set(topics):
+        yield from _opposed_pads(array, readings)
     if "texture" in topics:
         yield from _texture(array, events, rate_hz, speed_mm_s, slip_s > 0 or sliding_is_given)
+
+
+def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
+    """Yield a line for each pad whose shear opposes that of the first one."""
+    weights = array.shear_weights()
+    shear = []
+    for pad in sorted(set(array.pad.tolist())):
+        along = weights[:, array.pad == pad].sum(axis=1)
+        felt = np.nan_to_num((readings - np.nanmedian(readings, axis=0)) @ along.T)
+        shear.append(felt[:, 0] + 1j * felt[:, 1])
+    for number, of_pad in enumerate(shear[1:], start=1):
+        size = float(np.sqrt(np.vdot(of_pad, of_pad).real * np.vdot(shear[0], shear[0]).real))
+        agreement = np.vdot(of_pad, shear[0]) / size if size > 0 else 0.0
+        if abs(agreement) > _OPPOSED and agreement.real < 0:
+            yield (
+                f"shear of pad {number} opposes that of pad 0, and the two cancel: if these are fingers that "
+                f"face each other, turn its axes by about {np.degrees(np.angle(agreement)) % 360:.0f} deg "
+                "(`axes_deg` in its grid)"
+            )
 
 
 def _range_used(array: Array, readings: FloatArray) -> str:
@@ -106,9 +132,12 @@ def _texture(
     if not slides:
         yield "no texture: nothing slides; --sliding or --sliding FROM:TO says what does"
     elif not told:
-        yield "no texture: the log ended before a window was full"
+        yield (
+            "no texture: the slides were too short, or their ripples too weak, for a first answer "
+            "(86 scans of sliding at least)"
+        )
     elif speed_mm_s == 0 and not (array.has_shear and array.has_places):
         yield "no period: without shear channels it needs the sliding speed (--speed)"
     elif speed_mm_s:
         finest_mm = speed_mm_s / (0.45 * rate_hz)
-        yield f"no period: at {rate_hz:.3g} Hz and this speed, grooves must exceed {finest_mm:.2g} mm"
+        yield f"no period: at {rate_hz:.4g} Hz and this speed, grooves must exceed {finest_mm:.2g} mm"

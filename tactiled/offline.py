@@ -303,6 +303,7 @@ def _run_recording(
         raise DataError(foreign)
     if not log.time_s:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
+    _check_sliding(path, np.array(log.time_s), choices.sliding)
 
 
 def _change(pipeline: Pipeline, item: Input) -> None:
@@ -337,6 +338,7 @@ def _run_table(
             f"{choice}"
         )
     _check_range(path, volts, log.array)
+    _check_sliding(path, time_s, choices.sliding)
     log.time_s, log.volts = time_s.tolist(), list(volts)
     suite = choices.suite(log.array, params)
     n_scans = 0
@@ -346,6 +348,15 @@ def _run_table(
             n_scans += len(part) if isinstance(part, ScanBlock) else 0
             if reached is not None:
                 reached(n_scans / len(time_s))
+
+
+def _check_sliding(path: Path, time_s: FloatArray, sliding: KnownSliding | None) -> None:
+    """Refuse a slide that is outside the log: its times are in another unit or clock."""
+    if sliding is None or (sliding.from_s < time_s[-1] and sliding.to_s > time_s[0]):
+        return
+    raise DataError(
+        f"{path}: --sliding lies outside the log, whose times are {time_s[0]:.10g} to {time_s[-1]:.10g} s"
+    )
 
 
 def _check_range(path: Path, readings: FloatArray, array: Array) -> None:

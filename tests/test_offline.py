@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactiled.array import Array, load_array
+from tactiled import log_summary
+from tactiled.array import Array, ArrayFile, build, load_array
 from tactiled.detect.signal.known_sliding import KnownSliding
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -462,3 +463,29 @@ def test_a_layout_that_does_not_fit_is_refused(
             pass
     with pytest.raises(ConfigError, match=fault):
         detect_file(path, array, choices=Choices(layout=layout))
+
+
+def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
+    ridges_under_a_pad(tmp_path / "log.csv")
+    (tmp_path / "pad.toml").write_text(PAD)
+    choices = Choices(time_unit="ms", columns=("tax*",), sliding=KnownSliding(1200.0))
+    with pytest.raises(DataError, match="--sliding lies outside the log, whose times are .* to 8.4"):
+        detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
+
+
+@pytest.mark.parametrize("turned_deg", [0, 180])
+def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
+    """One object between two fingers pulls the pads in opposite directions of their own axes."""
+    pull = np.sin(np.arange(100) / 5)
+    readings = np.outer(pull, [1.0, -1.0]) + np.random.default_rng(0).normal(0, 0.1, (100, 2))
+    table = {
+        "name": "fingers",
+        "grids": [{"x_mm": [0.0], "y_mm": [0.0]}, {"x_mm": [0.0], "y_mm": [0.0], "axes_deg": turned_deg}],
+        "taxel_channels": [{"name": "x", "kind": "shear_x"}],
+    }
+    array = build(parse(table, ArrayFile, "fingers"))
+    time_s = np.arange(100) / 50
+    said = list(log_summary.summary(array, time_s, readings, [], ("slip",), 0.0, sliding_is_given=False))
+    opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
+    assert len(opposed) == (turned_deg == 0)
+    assert all("by about 180 deg" in line for line in opposed)

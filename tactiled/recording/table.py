@@ -44,9 +44,10 @@ def read_table(
     Parameters
     ----------
     path : Path
-        ``.csv``: a header, a column ``time_s``, then one column per channel in channel order; an empty
-        cell or ``nan`` is a missing reading. Without a column of times, `rate_hz` spaces the rows.
-        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``;
+        ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
+        semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any
+        reading a missing scan. Without a column of times, `rate_hz` spaces the rows.
+        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name;
         optional ``valid`` of the shape of ``volts`` is True for valid readings.
         ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants
         is the time whatever its name.
@@ -57,7 +58,8 @@ def read_table(
         Names of the columns of a CSV or Parquet file in channel order, ``*`` for several; all but the time if
         left out.
     time_unit : str, optional
-        Unit of the times: s, ms, us or ns; the column may then be called ``time``, ``t`` or ``timestamp``.
+        Unit of the times: s, ms, us or ns; their column or array may then be called ``time``, ``t`` or
+        ``timestamp``.
 
     Returns
     -------
@@ -76,7 +78,7 @@ def read_table(
             raise ConfigError(
                 "command line", ["--columns is for CSV and Parquet; an npz file has the array volts"]
             )
-        time_s, volts = _read_npz(path)
+        time_s, volts = _read_npz(path, rate_hz, time_unit)
     elif path.suffix == ".parquet":
         time_s, volts = _read_parquet(path, rate_hz, columns, time_unit)
     else:
@@ -93,7 +95,10 @@ def read_table(
     is_known = rate_hz is not None or time_unit is not None
     if fault := _rate_fault(float(np.median(np.diff(time_s))), is_known=is_known):
         raise DataError(f"{path}: {fault}")
-    return time_s, np.where(np.isfinite(volts), volts, np.nan)
+    volts = np.where(np.isfinite(volts), volts, np.nan)
+    is_scan = np.isfinite(volts).any(axis=1)
+    # Rows between scans are missing scans, which detectors bridge; those of a log without any scan stay.
+    return (time_s[is_scan], volts[is_scan]) if is_scan.sum() > 1 else (time_s, volts)
 
 
 def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
@@ -179,36 +184,54 @@ def _scans_between(time_s: FloatArray, rate_hz: float) -> NDArray[np.int64]:
     return steps
 
 
-def _read_npz(path: Path) -> tuple[FloatArray, FloatArray]:
+def _read_npz(path: Path, rate_hz: float | None, time_unit: TimeUnit | None) -> tuple[FloatArray, FloatArray]:
     try:
         with path.open("rb") as stream:
             if not zipfile.is_zipfile(stream):
                 raise DataError(f"{path}: not a complete npz file; write one with numpy.savez")
             stream.seek(0)
-            return _from_archive(path, stream)
+            return _from_archive(path, stream, rate_hz, time_unit)
     except ValueError:  # numpy's message suggests unpickling, which is unsafe
         raise DataError(f"{path}: time_s and volts must be arrays of numbers") from None
     except (OSError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
 
 
-def _from_archive(path: Path, stream: BinaryIO) -> tuple[FloatArray, FloatArray]:
+def _from_archive(
+    path: Path, stream: BinaryIO, rate_hz: float | None, time_unit: TimeUnit | None
+) -> tuple[FloatArray, FloatArray]:
     with np.load(stream, allow_pickle=False) as archive:
-        missing = [name for name in ("time_s", "volts") if name not in archive]
-        if missing:
-            raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}")
-        time_s = archive["time_s"].astype(np.float64, casting="same_kind")
-        volts = archive["volts"].astype(np.float64, casting="same_kind")
+        time_name = next((name for name in _time_names(time_unit) if name in archive), None)
+        others = [name for name in archive.files if name not in (time_name, "valid")]
+        name = "volts" if "volts" in archive else others[0] if len(others) == 1 else None
+        if (time_name is None and rate_hz is None) or name is None:
+            missing = [
+                *(["time_s"] if time_name is None and rate_hz is None else []),
+                *(["volts"] if name is None else []),
+            ]
+            raise DataError(
+                f"{path}: lacks the array {' and '.join(missing)}; it has {archive.files}; an array time, t "
+                "or timestamp needs --time-unit, and a log without times needs --rate"
+            )
+        volts = archive[name].astype(np.float64, casting="same_kind")
+        shape = volts.shape
+        if volts.ndim > 1:  # rows and columns of taxels, and their axes: channel order is that of the array
+            volts = volts.reshape(len(volts), -1)
+        if time_name is None:
+            assert rate_hz is not None
+            time_s = np.arange(len(volts)) / rate_hz / _SECONDS[time_unit or "s"]
+        else:
+            time_s = archive[time_name].astype(np.float64, casting="same_kind")
         if time_s.ndim != 1 or volts.ndim != 2 or len(volts) != len(time_s):
             raise DataError(
-                f"{path}: time_s {time_s.shape} and volts {volts.shape} should be (n,) and (n, channels)"
+                f"{path}: {time_name} {time_s.shape} and {name} {shape} should be (n,) and (n, channels)"
             )
         if "valid" in archive:  # written by tactiled export: invalid readings become NaN
-            if archive["valid"].shape != volts.shape:
+            if archive["valid"].shape != shape:
                 raise DataError(
-                    f"{path}: valid {archive['valid'].shape} should have the shape of volts {volts.shape}"
+                    f"{path}: valid {archive['valid'].shape} should have the shape of {name} {shape}"
                 )
-            volts = np.where(archive["valid"], volts, np.nan)
+            volts = np.where(archive["valid"].reshape(volts.shape), volts, np.nan)
     return time_s, volts
 
 
@@ -218,7 +241,9 @@ def _read_csv(
     rows: list[list[float]] = []
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
+            first_line = stream.readline()
+            stream.seek(0)
+            reader = csv.reader(stream, delimiter=max(",;\t", key=first_line.count))
             header = [name.strip() for name in next(reader, [])]
             time_column = _time_column(path, header, rate_hz, time_unit)
             chosen = _chosen(path, header, columns, time_column)
@@ -290,8 +315,7 @@ def _time_column(
     path: Path, header: list[str], rate_hz: float | None, time_unit: TimeUnit | None
 ) -> int | None:
     """Return the number of the column of times; None where the rate stands for it."""
-    names = ["time_s"] if time_unit is None else ["time_s", f"time_{time_unit}", "time", "t", "timestamp"]
-    for name in names:
+    for name in _time_names(time_unit):
         if name in header:
             return header.index(name)
     if rate_hz is not None:
@@ -301,6 +325,11 @@ def _time_column(
         f"{path}: the header lacks the column time_s (found: {found}); "
         "a column time, t or timestamp needs --time-unit, and a log without times needs --rate"
     )
+
+
+def _time_names(time_unit: TimeUnit | None) -> list[str]:
+    """Return the names that a column of times may have."""
+    return ["time_s"] if time_unit is None else ["time_s", f"time_{time_unit}", "time", "t", "timestamp"]
 
 
 def _chosen(path: Path, header: list[str], columns: Sequence[str], time_column: int | None) -> list[int]:

@@ -27,6 +27,38 @@ def test_csv_and_npz_are_the_same_table(tmp_path: Path) -> None:
         assert np.array_equal(got, volts)
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_tables_with_other_separators_are_read(tmp_path: Path, separator: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time_s,a,b\n0,1,2\n0.01,3,4\n".replace(",", separator))
+    assert read_table(path)[1].tolist() == [[1, 2], [3, 4]]
+
+
+def test_rows_without_readings_are_missing_scans(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 100},{k},nan" if k % 9 else f"{k / 100},," for k in range(30)]
+    path.write_text("\n".join(["time_s,a,b", *rows]))
+    time_s, readings = read_table(path)
+    missing = [
+        item for item in to_blocks(time_s, readings, None, np.isfinite(readings)) if isinstance(item, Gap)
+    ]
+    assert [gap.n_missing for gap in missing] == [1, 1, 1]
+
+
+def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
+    readings = np.arange(24).reshape(2, 4, 3)
+    np.savez(tmp_path / "named.npz", t=[0, 10], taxels=readings)
+    np.savez(tmp_path / "alone.npz", taxels=readings)
+    np.savez(tmp_path / "two.npz", t=[0, 10], left=readings, right=readings)
+    named_s, named = read_table(tmp_path / "named.npz", time_unit="ms")
+    alone_s, alone = read_table(tmp_path / "alone.npz", rate_hz=100.0)
+    assert named_s.tolist() == alone_s.tolist() == [0, 0.01]
+    assert named.tolist() == alone.tolist() == readings.reshape(2, 12).tolist()
+    for name, says in (("named", "lacks the array time_s;"), ("two", "lacks the array volts;")):
+        with pytest.raises(DataError, match=says):
+            read_table(tmp_path / f"{name}.npz", time_unit=None if name == "named" else "ms")
+
+
 def test_holes_in_a_table_become_gaps() -> None:
     time_s = np.delete(np.arange(100) * 0.01, [30, 31, 60])
     items = to_blocks(time_s, np.zeros((97, 2)), None, np.ones((97, 2), dtype=np.bool_))
