@@ -13,7 +13,7 @@ Readings are in the array's own ``unit`` and within its ``range``; its ``zero`` 
 import itertools
 import re
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +37,15 @@ _AXES_DEG = Field(
 )
 
 
+# A robot's whole skin; squares of such places are exact enough.
+_PlaceMm = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
 class Grid(Params):
     """Pad with taxels at every (x, y), numbered row by row."""
 
-    x_mm: list[float] = Field(min_length=1, description="places of the columns")
-    y_mm: list[float] = Field(min_length=1, description="places of the rows")
+    x_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the columns")
+    y_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the rows")
     axes_deg: float = _AXES_DEG
 
     @model_validator(mode="after")
@@ -55,8 +59,8 @@ class Grid(Params):
 class TaxelPlace(Params):
     """Position of a taxel that is in no grid."""
 
-    x_mm: float
-    y_mm: float
+    x_mm: _PlaceMm
+    y_mm: _PlaceMm
     pad: int = Field(default=0, ge=0, description="taxels of one rigid pad share a number")
     axes_deg: float = _AXES_DEG
 
@@ -99,7 +103,12 @@ class Channel(TaxelChannel):
 class ArrayFile(Params):
     """Schema of ``config/arrays/*.toml``."""
 
-    name: str = Field(min_length=1, max_length=24, description="as the board's hello says it")
+    name: str = Field(
+        min_length=1,
+        max_length=24,
+        pattern=r"^[^\x00-\x1f\x7f-\x9f]+$",
+        description="as the board's hello says it",
+    )
     description: str = ""
     unit: Unit = Field(default="V", description="unit of the readings")
     range: tuple[float, float] | None = Field(default=None, description="lowest and highest reading, in unit")

@@ -115,7 +115,10 @@ class Choices:
 
     def params(self) -> DetectParams:
         """Check all parameters: those of the file, replaced by those of the command line."""
-        table = {} if self.config is None else dict(tomlfile.read(self.config).get("detect", {}))
+        file = {} if self.config is None else tomlfile.read(self.config)
+        if self.config is not None and not {"detect", "port", "board"} & set(file):
+            raise ConfigError(str(self.config), ["no table [detect], [port] or [board]: no configuration"])
+        table = dict(file.get("detect", {}))
         motion = {"speed_mm_s": self.speed_mm_s, "direction_deg": self.direction_deg}
         low, high = self.period_mm or (None, None)
         limits = {"min_period_mm": low, "max_period_mm": high, "max_tilt_deg": self.max_tilt_deg}

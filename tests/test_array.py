@@ -159,6 +159,9 @@ def test_a_taxel_alone_is_no_line() -> None:
         ),
         ({"taxel_count": 4}, "give either [[grids]] or [[taxels]], or taxel_count"),
         ({"name": "x" * 25}, "name: "),
+        ({"name": "a\x1b[31m"}, "name: "),
+        ({"grids": [{"x_mm": [0.0, 1e308], "y_mm": [0.0]}]}, "grids[0].x_mm[1]: "),
+        ({"grids": [{"x_mm": [float(k) for k in range(257)], "y_mm": [0.0]}]}, "grids[0].x_mm: "),
     ],
 )
 def test_a_broken_array_file_is_refused_by_its_place(change: dict[str, Any], fault: str) -> None:

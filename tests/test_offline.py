@@ -321,6 +321,9 @@ def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) 
     assert (params.setting, params.slip.least_shear) == ("quiet", 0.2)
     assert (params.texture.speed_mm_s, params.texture.max_period_mm) == (3.0, 3.0)
     assert Choices(config=config, speed_mm_s=4.0, setting="fast").params().texture.speed_mm_s == 4.0
+    (tmp_path / "pad.toml").write_text(PAD)
+    with pytest.raises(ConfigError, match=r"pad\.toml:.*no table \[detect\]"):
+        Choices(config=tmp_path / "pad.toml").params()
     with pytest.raises(ConfigError, match=r"hand\.toml and command line:\s+texture\.max_tilt_deg"):
         Choices(config=config, max_tilt_deg=95.0).params()
 
@@ -469,7 +472,9 @@ def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
     ridges_under_a_pad(tmp_path / "log.csv")
     (tmp_path / "pad.toml").write_text(PAD)
     choices = Choices(time_unit="ms", columns=("tax*",), sliding=KnownSliding(1200.0))
-    with pytest.raises(DataError, match="--sliding lies outside the log, whose times are .* to 8.4"):
+    with pytest.raises(
+        DataError, match=r"--sliding lies outside the log, whose times are 0\.00019 to 8\.39695 s"
+    ):
         detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
 
 

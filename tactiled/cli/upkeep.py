@@ -55,6 +55,7 @@ def check_config(
     Prints one JSON line for each.
 
     Example: tactiled check-config /etc/tactiled/left.toml
+
     Example: tactiled check-config pad.toml --plot pad.png
     """
     if schema:
