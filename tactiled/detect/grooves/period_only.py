@@ -3,8 +3,9 @@
 Without shear channels, with unknown places, or where all channels feel a ripple at once, the phases of a
 window give no wave vector. Its lines (`lines`) still give the frequency f of the ripple, and a known speed v
 bounds the period: grooves whose normal is tilted from the motion by t have the period v cos(t) / f. So the
-period is within ``[v cos(max_tilt_deg) / f, v / f]``; stated is its upper end, which is that of motion across
-the grooves. Without a speed the answer is "ambiguous", with the frequency alone.
+period is within ``[v cos(max_tilt_deg) / f, v / f]`` and within the permitted periods. Stated is the upper
+end, which is that of motion across the grooves where that is permitted. Without a speed the answer is
+"ambiguous", with the frequency alone.
 
 Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
 """
@@ -78,7 +79,7 @@ def fit_line(
     if not lines:
         return WaveFit("low-snr")
     gratings = _fundamentals(lines, _SAME_LINE_PERIODS / duration_s)
-    answers = [_of_line(line, motion, params.max_tilt_deg) for line in gratings]
+    answers = [_of_line(line, motion, params) for line in gratings]
     return replace(answers[0], candidates=_candidates(gratings, answers))
 
 
@@ -128,20 +129,22 @@ def _is_multiple(line: SpectralLine, fundamental: SpectralLine, apart_hz: float)
     return abs(line.frequency_hz - multiple * fundamental.frequency_hz) < apart_hz
 
 
-def _of_line(line: SpectralLine, motion: WaveMotion, max_tilt_deg: float) -> WaveFit:
-    period_mm = motion.speed_mm_s / line.frequency_hz
+def _of_line(line: SpectralLine, motion: WaveMotion, params: WaveParams) -> WaveFit:
     snr_db = float(10 * np.log10(line.power))
     if motion.speed_mm_s == 0:
         return WaveFit("ambiguous", frequency_hz=line.frequency_hz, snr_db=snr_db)
     relative = line.frequency_sd_hz / line.frequency_hz
-    sd_mm = float(np.hypot(period_mm * relative, motion.speed_sd_mm_s / line.frequency_hz))
-    shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, max_tilt_deg)
+    shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
+    sd_mm = float(np.hypot(longest * relative, motion.speed_sd_mm_s / line.frequency_hz))
+    period_mm = min(longest, params.max_period_mm)  # shorter than `longest`: the grooves are tilted
+    low_mm = max(shortest - _INTERVAL_SDS * sd_mm, min(params.min_period_mm, period_mm))
+    high_mm = min(longest + _INTERVAL_SDS * sd_mm, params.max_period_mm)
     return WaveFit(
         "period-only",
         frequency_hz=line.frequency_hz,
         snr_db=snr_db,
         period_mm=period_mm,
-        period_range_mm=(max(0.0, shortest - _INTERVAL_SDS * sd_mm), longest + _INTERVAL_SDS * sd_mm),
+        period_range_mm=(low_mm, high_mm),
         covariance=np.diag([sd_mm**2, np.radians(UNKNOWN_SD_DEG) ** 2, motion.speed_sd_mm_s**2]),
     )
 

@@ -98,6 +98,20 @@ def test_a_known_speed_gives_the_period_as_an_interval() -> None:
     assert shortest == pytest.approx(2.5 * np.cos(np.radians(30)), rel=0.01)
 
 
+def test_the_interval_ends_at_the_permitted_periods() -> None:
+    found = answers(
+        unknown_places(16),
+        [ridges(1, {4.0: 1.0})],
+        speed_mm_s=10.0,
+        max_tilt_deg=75.0,
+        min_period_mm=1.0,
+        max_period_mm=2.0,
+    )
+    event = found[-1]
+    assert (event.status, event.period_mm) == ("period-only", 2.0)
+    assert (event.period_min_mm, event.period_max_mm) == (1.0, 2.0)
+
+
 def test_known_places_without_shear_answer_too() -> None:
     block = ridges(2, {4.0: 1.0})
     readings = 1.0 + (block.volts - 2000) / 1000
