@@ -8,6 +8,9 @@ import numpy as np
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, TextureEvent
 
+# Below a zero which was measured under load: part of the scans, and of the range (less is noise or drift),
+# and of the span of the pressure (less is drift of a sensor that was pressed later).
+_BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
 
@@ -50,6 +53,7 @@ def summary(
     # For other topics, no detector of contact has run.
     if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):
         yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s"
+        yield from _loaded_zero(array, time_s, readings)
         if contact_s == 0:
             yield (
                 "no contact: is the zero right? --tare-s 0.3 takes the first 0.3 s as zero, `sign` in the "
@@ -66,6 +70,21 @@ def summary(
         yield from _opposed_pads(array, readings)
     if "texture" in topics:
         yield from _texture(array, events, rate_hz, speed_mm_s, slip_s > 0 or sliding_is_given)
+
+
+def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
+    """Yield a line where the pressure falls below the zero that was taken from the beginning of the log."""
+    weights = array.normal_weights()
+    first = time_s < time_s[0] + array.zero_first_s
+    if not first.any() or not weights.any() or array.unit == "uT":  # a load may lower a field
+        return
+    pressure = np.nan_to_num(readings - readings[first].mean(axis=0)) @ weights.mean(axis=0)
+    low, high = np.quantile(pressure, [_BELOW_SCANS, 1 - _BELOW_SCANS]).tolist()
+    if -low > max(_BELOW_RANGE * (array.high - array.low), _BELOW_SPAN * (high - low)):
+        yield (
+            f"pressure falls to {-low:.3g} {array.unit} below the zero: was the sensor touched in the first "
+            f"{array.zero_first_s:g} s? Then `zero` must be a number, or one for each channel"
+        )
 
 
 def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:

@@ -494,3 +494,21 @@ def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
     opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
     assert len(opposed) == (turned_deg == 0)
     assert all("by about 180 deg" in line for line in opposed)
+
+
+@pytest.mark.parametrize("begins_pressed", [True, False])
+def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None:
+    load = np.where((np.arange(300) < 100) == begins_pressed, 300.0, 0.0)
+    readings = 1000 + load[:, np.newaxis] + np.random.default_rng(0).normal(0, 2, (300, 16))
+    table = {
+        "name": "pad",
+        "unit": "count",
+        "range": [0, 4095],
+        "zero": "first 0.3 s",
+        "taxel_count": 16,
+        "taxel_channels": [{"name": "N", "kind": "normal"}],
+    }
+    array = build(parse(table, ArrayFile, "pad"))
+    time_s = np.arange(300) / 36
+    said = list(log_summary.summary(array, time_s, readings, [], ("contact",), 0.0, sliding_is_given=False))
+    assert ("was the sensor touched in the first 0.3 s?" in " ".join(said)) == begins_pressed

@@ -202,7 +202,7 @@ def _from_archive(
 ) -> tuple[FloatArray, FloatArray]:
     with np.load(stream, allow_pickle=False) as archive:
         time_name = next((name for name in _time_names(time_unit) if name in archive), None)
-        others = [name for name in archive.files if name not in (time_name, "valid")]
+        others = [name for name in archive.files if name not in (*_time_names("s"), time_name, "valid")]
         name = "volts" if "volts" in archive else others[0] if len(others) == 1 else None
         if (time_name is None and rate_hz is None) or name is None:
             missing = [
