@@ -159,4 +159,7 @@ def _texture(
         yield "no period: without shear channels it needs the sliding speed (--speed)"
     elif speed_mm_s:
         finest_mm = speed_mm_s / (0.45 * rate_hz)
-        yield f"no period: at {rate_hz:.4g} Hz and this speed, grooves must exceed {finest_mm:.2g} mm"
+        yield (
+            f"no period: at {rate_hz:.4g} Hz and this speed, grooves must exceed {finest_mm:.2g} mm, "
+            "and be within --period (0.5:20 if left out)"
+        )
