@@ -156,8 +156,9 @@ def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "l
     """Return what a TOML file describes, by its keys."""
     if "framing" in document or "messages" in document:
         return "layout"
+    of_arrays = {"grids", "taxels", "taxel_channels", "taxel_count"}
     # In a layout file, `channels` is a number.
-    if {"grids", "taxels", "taxel_channels"} & document.keys() or isinstance(document.get("channels"), list):
+    if of_arrays & document.keys() or isinstance(document.get("channels"), list):
         return "array"
     return "calibration" if "largest_reading" in document else "configuration"
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from tactiled import resources
-from tactiled.config import Config, config_files, load_config, load_configs
+from tactiled.config import Config, config_files, kind_of, load_config, load_configs
 from tactiled.errors import ConfigError
 
 SHIPPED = resources.shipped("config", "tactiled.toml")
@@ -257,3 +257,7 @@ def test_an_array_without_a_calibration_has_unknown_forces(tmp_path: Path) -> No
         load_config(board_config(tmp_path, 'array = "skin.toml"\ncalibration = "wang2019-3x3"\n'))
     with pytest.raises(ConfigError, match=r"board\.calibration"):
         load_config(board_config(tmp_path, 'calibration = "missing.toml"\n'))
+
+
+def test_an_array_file_without_channels_is_an_array() -> None:
+    assert kind_of({"name": "pad", "taxel_count": 16}) == "array"
