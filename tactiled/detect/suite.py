@@ -209,7 +209,9 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
     """Make the slip detector; where shear over pressure is not measured, with what sliding itself shows."""
     coherent = CoherentSlip(array, params.slip)
-    has_load = bool(array.normal_weights().any()) and array.unit != "uT"  # a field is no load
+    # Beside shears, a field along z is no load. Sides in uT are: their sum is all that presses.
+    is_field = array.unit == "uT" and any(kind.startswith("shear") for kind in array.channel_kind)
+    has_load = bool(array.normal_weights().any()) and not is_field
     return coherent if array.has_shear and has_load else SlidingSlip(array, coherent)
 
 

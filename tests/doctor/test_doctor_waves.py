@@ -154,7 +154,7 @@ def test_check_config_uses_the_configured_speed_or_any(
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code
-    valid, grooves, speeds = capsys.readouterr().err.splitlines()
+    valid, *_, grooves, speeds = capsys.readouterr().err.splitlines()
     assert "valid" in valid
     assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, resolves 0.5 to 15 mm")
     assert speeds.startswith("sliding speed: ")
