@@ -154,10 +154,11 @@ def test_check_config_uses_the_configured_speed_or_any(
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code
-    valid, *_, grooves, speeds = capsys.readouterr().err.splitlines()
+    valid, grooves, speeds, path_of_scans = capsys.readouterr().err.splitlines()
     assert "valid" in valid
     assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, resolves 0.5 to 15 mm")
     assert speeds.startswith("sliding speed: ")
+    assert path_of_scans.startswith("path of a scan: ")
     path.write_text('[port]\nurl = "/dev/none"\n')
     grooves, speeds = resolved_in_words(load_config(path))
     assert grooves.startswith("grooves: wang2019-3x3, at unknown speed, resolves 0.5 to 20 mm")
