@@ -31,6 +31,7 @@ _DIAGNOSTICS_S = 1.0
 _WATCH_S = 0.1  # period of looking for silence: that of the status
 _REQUESTS_S = 0.01  # period of looking for service requests, and so their longest wait
 _MOST_REQUESTS = 32  # that wait for a daemon: bounds what a caller can make the bridge keep
+_LONGEST_TEXT = 1000  # protocols/control.md; for far longer requests, the daemon would cut the connection
 _COMMAND_S = 2.0  # longest wait for the reply of a daemon
 _SENSOR = frozenset(("scan", "force", "grip"))
 _KEPT: dict[str, Delivery] = {"contact": "latched", "info": "repeated"}  # for late subscribers
@@ -273,6 +274,9 @@ class Bridge:
     async def _answer(self, request: ServiceRequest) -> None:
         endpoint, board, command = self._services[request.service]
         arguments = {name: request.values[name] for name in _ARGUMENTS[command]}
+        if len(arguments.get("text", "")) > _LONGEST_TEXT:
+            self._node.reply(request, success=False, message=f"text: at most {_LONGEST_TEXT} characters")
+            return
         try:
             if endpoint not in self._commanders:
                 made = AsyncCommander(endpoint, "ros2", keys=self._params.keys)

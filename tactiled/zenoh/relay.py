@@ -16,6 +16,7 @@ from tactiled.client.parse import parse_map
 
 _QUESTIONS = ("state", "events")
 _MOST_WAITING = 256  # requests at once; the daemon takes 500 in a second
+_MOST_REPEATS = 32  # of one request: a client repeats a command ten times
 _PATIENCE_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
 _LONGEST_WHO = 64
 _LONGEST_BYTES = 16 * 1024 - 256  # the daemon cuts the connection of all for one byte more than 16 kB
@@ -96,7 +97,7 @@ class Relay:
         waiting = self._waiting.get(id_)
         if waiting is not None and waiting.request != request:
             self._refuse(request, "id: another request with it waits for its reply", respond)
-        elif waiting is None and len(self._waiting) >= _MOST_WAITING:
+        elif self._is_full(waiting):
             respond(b"")  # the client repeats it
         elif self._ask(payload):
             waiting = waiting or self._waiting.setdefault(id_, _Waiting([], 0.0, request))
@@ -111,6 +112,12 @@ class Relay:
         if waiting is not None:
             for respond in waiting.respond:
                 respond(payload)
+
+    def _is_full(self, waiting: _Waiting | None) -> bool:
+        """Return True when a request, new or repeated, is not to be kept."""
+        if waiting is None:
+            return len(self._waiting) >= _MOST_WAITING
+        return len(waiting.respond) >= _MOST_REPEATS
 
     def _expire(self, now_s: float) -> None:
         for id_ in [id_ for id_, waiting in self._waiting.items() if now_s >= waiting.until_s]:

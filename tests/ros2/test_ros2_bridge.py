@@ -1,6 +1,8 @@
 """Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
 
+import asyncio
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from tactiled.client.parse import message_of
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2.bridge import Bridge, BridgeParams
+from tactiled.ros2.participant import ServiceRequest
 
 ENDPOINT = "ipc:///tmp/events.ipc"
 
@@ -101,6 +104,35 @@ def test_two_boards_of_one_name_never_share_topics(
     assert [(name, level) for name, level, _ in entries(node) if "TS" in name] == [
         (f"tactiled {second[1]}", 0)
     ]
+
+
+def test_a_text_for_which_the_daemon_would_cut_the_connection_is_refused() -> None:
+    class NodeWithCalls(FakeNode):
+        def __init__(self) -> None:
+            super().__init__()
+            self.replies: list[tuple[bool, str]] = []
+
+        def serve(self, service: str, kind: str) -> None:
+            pass
+
+        def requests(self) -> list[ServiceRequest]:
+            name = "/tactile/TS0001/mark"
+            return [] if self.replies else [ServiceRequest(name, {"text": "x" * 100_000}, 1, 1)]
+
+        def reply(self, _: ServiceRequest, *, success: bool, message: str) -> None:
+            self.replies.append((success, message))
+
+    async def serve() -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0.2):
+                await bridge.run()
+
+    node = NodeWithCalls()
+    params = BridgeParams((ENDPOINT,), allow_commands=True)
+    bridge = Bridge(node, params, lambda _: None)  # type: ignore[arg-type]
+    bridge.take(ENDPOINT, now(STATUS))
+    asyncio.run(serve())
+    assert node.replies == [(False, "text: at most 1000 characters")]
 
 
 def test_a_run_that_ros_cannot_hold_ends_nothing() -> None:

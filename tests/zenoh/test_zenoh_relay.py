@@ -48,6 +48,15 @@ def test_a_request_that_is_repeated_gets_every_reply() -> None:
     assert heard == [[payload], [payload]]
 
 
+def test_a_request_is_not_repeated_for_ever() -> None:
+    daemon = Daemon()
+    kept = [daemon.request(id="a", do="state") for _ in range(32)]
+    assert daemon.request(id="a", do="state") == [b""]
+    assert len(daemon.asked) == 32
+    payload = daemon.reply("a")
+    assert kept == [[payload]] * 32
+
+
 def test_another_request_with_the_same_id_is_refused() -> None:
     daemon = Daemon()
     daemon.request(id="a", do="state")
