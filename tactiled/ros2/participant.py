@@ -222,6 +222,7 @@ class Node:
             kind.__init__ = _hold
             kind.serialize = _held
             kind.deserialize = classmethod(_holding)
+            kind.deserialize_key = kind.deserialize  # of a writer that leaves
             self._kinds[name] = kind
         return self._kinds[name]
 

@@ -85,3 +85,32 @@ def test_readers_with_their_own_descriptions_match(node: Node) -> None:
     while not (found := readers[0].take(1)) and time.monotonic() < until_s:
         time.sleep(0.02)
     assert (found[0].header.stamp.nanosec, found[0].header.frame_id) == (2, "f")
+
+
+@pytest.mark.parametrize("disposes", [False, True])
+def test_a_client_of_a_service_that_leaves_ends_nothing(node: Node, disposes: bool) -> None:
+    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+    qos: Any = importlib.import_module("cyclonedds.qos")
+    node.serve("/tactile/TS0001/tare", "std_srvs/srv/Trigger")
+    request = struct(
+        "std_srvs.srv", "Trigger_Request",
+        client=kinds.uint64, number=kinds.int64, structure_needs_at_least_one_member=kinds.uint8,
+    )  # fmt: skip
+    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+    topic = importlib.import_module("cyclonedds.topic").Topic(
+        participant, "rq/tactile/TS0001/tareRequest", request
+    )
+    writer = importlib.import_module("cyclonedds.pub").DataWriter(
+        participant, topic, qos.Qos(qos.Policy.WriterDataLifecycle(autodispose=disposes))
+    )
+    assert matches(writer, "matched_sub")
+    writer.write(request(client=7, number=1, structure_needs_at_least_one_member=0))
+    until_s = time.monotonic() + 5.0
+    while not (found := node.requests()) and time.monotonic() < until_s:
+        time.sleep(0.02)
+    assert [(each.client, each.number) for each in found] == [(7, 1)]
+    del writer
+    until_s = time.monotonic() + 0.3
+    while time.monotonic() < until_s:
+        assert node.requests() == []
+        time.sleep(0.02)
