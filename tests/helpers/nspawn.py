@@ -53,7 +53,7 @@ def copy_root(root: Path, to: Path) -> None:
 def make_wheels(folder: Path, version: str) -> None:
     """The checkout as two wheels that say they are `version`."""
     copy = folder / f"source-{version}"
-    for name in ("tactiled", "protocols", "config", "systemd", "packaging"):
+    for name in ("tactiled", "protocols", "config", "systemd", "ros2", "packaging"):
         shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("README.md", "LICENSE", "hatch_build.py", "pyproject.toml"):
         shutil.copy(CHECKOUT / name, copy)
