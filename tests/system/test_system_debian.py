@@ -44,7 +44,7 @@ def found(container: Container) -> set[str]:
 def test_the_package_from_installation_to_purge(container: Container) -> None:
     before = found(container)
     container.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{OLD}_*.deb")
-    assert f"version {OLD} " in container.run("tactiled", "--version")
+    assert container.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {OLD}"
     assert container.run("id", "-gn", "tactiled").strip() == "tactiled"
     assert (container.root / "usr/lib/udev/rules.d/99-tactiled.rules").exists()
     assert container.run("dpkg", "--verify", "tactiled") == ""
@@ -72,7 +72,7 @@ def test_the_package_from_installation_to_purge(container: Container) -> None:
     message_of(container, "scan")
 
     container.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{NEW}_*.deb")
-    assert f"version {NEW} " in container.run("tactiled", "--version")
+    assert container.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {NEW}"
     assert container.shown(unit, "ActiveState") == ["active"]
     assert message_of(container, "info").data["tactiled_version"] == NEW  # restarted by the upgrade
 
