@@ -4,7 +4,7 @@ Readings are averaged over hops. A growth is the mean of the newest hops less th
 lengths, over the noise of each channel. It is evidence of slip where
 
 * it exceeds the largest growth of that length in the hold before, several times: creep, drift and tremor are
-  in the hold,
+  in the hold, and a press is not once 1 s of hold follows it,
 * every one of the newest hops has most of it, so that no tap counts,
 * shear channels have most of it, where there are others: a press changes these more,
 * and no single channel of several has nearly all of it.
@@ -27,11 +27,15 @@ _AGO = 25  # hops: a slow slip must not be compared with its own beginning
 _LEAST_HOLD = 50  # hops, 1 s
 # Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold" and "tug", magnetic pads).
 GROWS = 9.0  # squared growth over the largest of the hold
+# A growth so many times the largest since is a press: creep is a tenth of one. Of 9, 30 and 100, the last
+# adds no slips in tremor that comes in bursts.
+_PRESSES = 100.0
 _STOPS, _STOPS_HOPS = 2.0, 15
 _SHEAR_PART = 0.5  # of the change of a channel in shear over that of a normal channel, squared
 _MANY, _MOST_OF_ONE = 4, 0.9  # channels, and the part of the growth above which one of them is at fault
 _LEAST_NOISE = 1.0 / 12  # variance of rounding to a step
-_REACH = _LENGTHS[-1] + _LENGTHS[-1] // 2
+_SPANS = tuple(length + length // 2 for length in _LENGTHS)  # hops that a growth is of
+_REACH = _SPANS[-1]
 
 
 class GrowthTracker:
@@ -86,14 +90,15 @@ class GrowthTracker:
             self._growths[-1] = growths
         if known.sum() < _LEAST_HOLD:
             return None
-        over = growths / np.maximum(np.nanmax(hold, axis=0), 1e-12)
+        largest = [_largest(hold[:, which], span) for which, span in enumerate(_SPANS)]
+        over = growths / np.maximum(largest, 1e-12)
         if self.slides:
             self._n_slow = self._n_slow + 1 if over[0] < _STOPS else 0
             if self._n_slow >= _STOPS_HOPS:
                 self.slides = False
                 return Change(row, False, float(over[0]), 0)
             return None
-        is_new = self._since_slip >= 1.5 * np.array(_LENGTHS)  # none of the slip before
+        is_new = self._since_slip >= np.array(_SPANS)  # none of the slip before
         if not (found := np.flatnonzero((over > GROWS) & lasts & is_new)).size:
             return None
         self.slides, self._n_slow = True, 0
@@ -124,3 +129,11 @@ class GrowthTracker:
             of_shear = float((grown[shear] ** 2).mean())
             lasts &= of_shear > _SHEAR_PART * float((grown[self._normal] ** 2).mean())
         return squared, lasts
+
+
+def _largest(hold: NDArray[np.float64], span: int) -> float:
+    """Largest growth of a hold (hops,), or of what follows its last press; NaN is unknown."""
+    since = np.fmax.accumulate(hold[::-1])[::-1]
+    n_since = np.isfinite(hold)[::-1].cumsum()[::-1]
+    presses = (hold[:-span] > _PRESSES * since[span:]) & (n_since[span:] >= _LEAST_HOLD)
+    return float(since[np.flatnonzero(presses)[-1] + span] if presses.any() else since[0])

@@ -74,6 +74,15 @@ def test_creep_tremor_and_taps_are_no_slip(kinds: tuple[str, ...], seed: int) ->
     assert slips(detector(kinds).process(held(kinds, seed, taps))) == []
 
 
+@kinds_of
+def test_a_press_in_the_hold_does_not_hide_a_slow_tug(kinds: tuple[str, ...]) -> None:
+    press = 1000 * np.clip((T - 0.5) / 0.5, 0, 1)
+    slow = 100 * np.clip((T - 5.5) / 3, 0, 1)
+    assert slips(detector(kinds).process(held(kinds, 3, press))) == []
+    onset = slips(detector(kinds).process(held(kinds, 3, press + slow)))[0]
+    assert 5.5 < onset.detected_s < 6.5
+
+
 def test_a_press_is_no_slip_where_normal_channels_show_it() -> None:
     press = 150 * np.clip((T - 6) / 0.5, 0, 1)
     assert slips(detector(FIELD).process(held(FIELD, 2, 0.3 * press, press))) == []
