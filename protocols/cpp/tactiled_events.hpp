@@ -185,9 +185,9 @@ struct Grip {
     double slipping_share = 0.0;
     // Probability that gross slip is there or begins within 50 ms, if load and shear go on as they do.
     double p_gross_50ms = 0.0;
-    // The same within 100 ms.
+    // Probability that gross slip begins within 100 ms, at the present trend.
     double p_gross_100ms = 0.0;
-    // The same within 300 ms.
+    // Probability that gross slip begins within 300 ms, at the present trend.
     double p_gross_300ms = 0.0;
     // Normal load of the array, in unit; above 0 presses.
     double load = 0.0;
@@ -422,10 +422,10 @@ struct Texture {
     double speed_mm_s = 0.0;
     // Standard deviation of speed_mm_s, millimetres a second.
     double speed_sd_mm_s = 0.0;
-    // Where status is period-only: shortest period for the permitted tilts of the grooves
+    // Shortest period, where status is period-only, for the permitted tilts of the grooves
     // (texture.max_tilt_deg), less two standard deviations, millimetres; else 0.0.
     double period_min_mm = 0.0;
-    // Where status is period-only: longest period, that of motion across the grooves, plus two standard
+    // Longest period, where status is period-only: that of motion across the grooves, plus two standard
     // deviations, millimetres; else 0.0.
     double period_max_mm = 0.0;
     // given: by the controller or the configuration; estimated: from the signals; none: not known.
@@ -628,7 +628,7 @@ struct Status {
     static constexpr const char* CONTACT_SHEARING = "shearing";
     static constexpr const char* CONTACT_SLIDING = "sliding";
     std::string contact;
-    // Whether a slip has begun and not ended.
+    // True while a slip has begun and not ended.
     bool slipping = false;
     // Time since the daemon started, seconds.
     double uptime_s = 0.0;
@@ -842,7 +842,7 @@ struct Command {
     std::string key;
     // User id of the client, as reported by the kernel; -1 where the transport does not tell it (TCP).
     std::int64_t uid = 0;
-    // Whether the command was carried out.
+    // True where the command was carried out.
     bool ok = false;
     // Why the command was refused; empty where ok.
     std::string reason;

@@ -179,9 +179,9 @@ class GripData(TypedDict):
     p_gross_50ms: float
     """Probability that gross slip is there or begins within 50 ms, if load and shear go on as they do."""
     p_gross_100ms: float
-    """The same within 100 ms."""
+    """Probability that gross slip begins within 100 ms, at the present trend."""
     p_gross_300ms: float
-    """The same within 300 ms."""
+    """Probability that gross slip begins within 300 ms, at the present trend."""
     load: float
     """Normal load of the array, in unit; above 0 presses."""
     shear_x: float
@@ -378,11 +378,11 @@ class TextureData(TypedDict):
     speed_sd_mm_s: float
     """Standard deviation of speed_mm_s, millimetres a second."""
     period_min_mm: float
-    """Where status is period-only: shortest period for the permitted tilts of the grooves
+    """Shortest period, where status is period-only, for the permitted tilts of the grooves
     (texture.max_tilt_deg), less two standard deviations, millimetres; else 0.0.
     """
     period_max_mm: float
-    """Where status is period-only: longest period, that of motion across the grooves, plus two standard
+    """Longest period, where status is period-only: that of motion across the grooves, plus two standard
     deviations, millimetres; else 0.0.
     """
     speed_source: Literal["given", "estimated", "none"]
@@ -550,7 +550,7 @@ class StatusData(TypedDict):
     contact: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
     """State of the contact."""
     slipping: bool
-    """Whether a slip has begun and not ended."""
+    """True while a slip has begun and not ended."""
     uptime_s: float
     """Time since the daemon started, seconds."""
     inhibited_s: float
@@ -721,7 +721,7 @@ class CommandData(TypedDict):
     uid: int
     """User id of the client, as reported by the kernel; -1 where the transport does not tell it (TCP)."""
     ok: bool
-    """Whether the command was carried out."""
+    """True where the command was carried out."""
     reason: str
     """Why the command was refused; empty where ok."""
     scan_index: int

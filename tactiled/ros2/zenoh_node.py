@@ -13,6 +13,7 @@ from typing import Any
 
 import zenoh
 
+from tactiled.errors import ContractError
 from tactiled.ros2 import names
 from tactiled.ros2.cdr import CdrEncoder
 from tactiled.ros2.definitions import parse_types
@@ -103,7 +104,7 @@ class ZenohNode:
 
     def serve(self, service: str, kind: str) -> None:
         """Refuse: commands come over ``tactile/HOST/command``, where routers can tell who may give them."""
-        raise NotImplementedError(f"{service} ({kind}): no services over zenoh")
+        raise ContractError(f"{service} ({kind}): there are no services over zenoh")
 
     def requests(self) -> list[ServiceRequest]:
         """Return none."""
@@ -111,7 +112,7 @@ class ZenohNode:
 
     def reply(self, request: ServiceRequest, *, success: bool, message: str) -> None:
         """Refuse, as `serve`."""
-        raise NotImplementedError(f"{request.service}: {success} {message}")
+        raise ContractError(f"{request.service}: no request came over zenoh ({success}, {message})")
 
     def close(self) -> None:
         """Take back all tokens."""
