@@ -79,6 +79,8 @@ class CatchUp:
         self._number = 0
         self._answered = False
         self._probe_s = now_s if enabled else math.inf
+        self._known: set[str] = set()  # boards of which a status was read
+        self._retained: dict[Key, Message] = {}  # handed on after the next message or status
 
     @property
     def deadline_s(self) -> float:
@@ -137,16 +139,17 @@ class CatchUp:
     def place(self, message: Message, now_s: float) -> list[Item]:
         """Take a received message; return the messages that are in order now."""
         key = (message.board, message.topic)
+        items: list[Item] = []
+        if key in self._retained and self._retained[key].seq < message.seq:
+            items = self._give_retained(key)
         line = self._line(key, message.seq)
-        if line is None:
-            return []
-        if message.seq < line.next_seq:
-            return []  # recovered already
+        if line is None or message.seq < line.next_seq:  # recovered already
+            return items
         line.end_seq = max(line.end_seq, message.seq + 1)
         line.held.append(message)
         if line.hole_end and len(line.held) <= _MOST_HELD:
-            return []
-        return self._settle(key, line, line.hole_end, now_s)
+            return items
+        return items + self._settle(key, line, line.hole_end, now_s)
 
     def expect(self, key: Key, end_seq: int, now_s: float) -> list[Item]:
         """Take note that all messages before `end_seq` were sent, which a status shows."""
@@ -156,12 +159,23 @@ class CatchUp:
         line.end_seq = max(line.end_seq, end_seq)
         return [] if line.hole_end else self._settle(key, line, 0, now_s)
 
+    def status_read(self, board: str) -> list[Item]:
+        """Take note of a status, after `expect`; return retained messages of topics without a newer one.
+
+        A reply overtakes messages that wait to be read. Retained messages that were handed on at once would
+        hide the older ones of their topic, which arrive after the reply.
+        """
+        if len(self._known) < _MOST_TOPICS:
+            self._known.add(board)
+        keys = [key for key in self._retained if key[0] == board]
+        return [item for key in keys for item in self._give_retained(key)]
+
     def answer(self, reply: dict[str, Any], now_s: float, unix_s: float) -> list[Item]:
         """Take a reply; never raises, whatever it contains."""
         id_ = reply.get("id")
         if reply.get("do") == "state" and isinstance(reply.get("messages"), dict):
             first, self._answered, self._probe_s = not self._answered, True, math.inf
-            return self._retained(reply["messages"], now_s, unix_s) if first else []
+            return self._retain(reply["messages"], now_s, unix_s) if first else []
         key = self._asking.pop(id_, None) if isinstance(id_, str) else None
         line = None if key is None else self._lines[key]
         if key is None or line is None or line.asked != id_:
@@ -236,23 +250,29 @@ class CatchUp:
         self.lost += count
         return [Lost(key[1], key[0], count)]
 
-    def _retained(self, messages: dict[str, Any], now_s: float, unix_s: float) -> list[Item]:
-        """Hand on the newest message of each topic to a new subscriber, except scans and statuses."""
+    def _retain(self, messages: dict[Any, Any], now_s: float, unix_s: float) -> list[Item]:
+        """Take the newest message of each topic, and hand on those whose order is known."""
         items: list[Item] = []
         for path, data in messages.items():
             topic = path.rsplit("/", 1)[-1] if isinstance(path, str) else ""
             message = message_of(topic, data, now_s, unix_s) if isinstance(data, dict) else None
-            if not isinstance(message, Message) or topic in ("scan", "status"):
+            if not isinstance(message, Message) or topic in ("scan", "status") or not self.has_room(message):
                 continue
             key = (message.board, topic)
-            if not self.has_room(message):
-                continue
-            same_run = message.data["run"] == self._runs.setdefault(key[0], message.data["run"])
-            line = self._line(key, message.seq + 1) if same_run else None
-            if line is not None and not line.given and line.next_seq == message.seq + 1:
-                line.given = True
-                items.append(Recovered(message))
+            self._retained[key] = message
+            if self.is_patient or message.board in self._known or key in self._lines:
+                items += self._give_retained(key)
         return items
+
+    def _give_retained(self, key: Key) -> list[Item]:
+        """Hand on the newest message of a topic to a new subscriber."""
+        message = self._retained.pop(key)
+        same_run = message.data["run"] == self._runs.setdefault(key[0], message.data["run"])
+        line = self._line(key, message.seq + 1) if same_run else None
+        if line is None or line.given or line.next_seq != message.seq + 1:
+            return []
+        line.given = True
+        return [Recovered(message)]
 
     def _ask_for(self, key: Key, line: _Line, end_seq: int, now_s: float) -> None:
         board, topic = key

@@ -107,6 +107,7 @@ class Inbox:
             for topic, count in self._surely_sent(message).items():
                 if self._is_wanted(topic) and topic not in thinned:
                     items += self.catch_up.expect((message.board, topic), count, now_s)
+            items += filter(self._is_for_us, self.catch_up.status_read(message.board))
         if message.topic in thinned:
             items.append(message)
         elif self._is_wanted(message.topic):

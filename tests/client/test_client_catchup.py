@@ -225,6 +225,23 @@ def test_a_retained_message_is_never_delivered_after_a_newer_one() -> None:
     assert world.story() == [1]
 
 
+@pytest.mark.parametrize("topic", ["slip", "contact"])
+def test_a_reply_that_overtakes_waiting_messages_hides_none_of_them(topic: str) -> None:
+    world = World()
+    world.start()
+    world.inbox = Inbox((topic,), None, 1e9, world.now_s, catch_up=True)
+    world.items = world.inbox.tick(world.now_s)
+    receive, waiting = world.inbox.receive, []
+    world.inbox.receive = lambda *args: waiting.append(args) or []  # type: ignore[method-assign, func-returns-value]
+    event = SLIP if topic == "slip" else CONTACT
+    world.status()
+    for _ in range(3):
+        world.publish(event, heard=True)
+    world.exchange()  # the reply has number 2, and the subscriber has read nothing yet
+    world.items += [item for args in waiting for item in receive(*args)]
+    assert world.story(topic) == [0, 1, 2]
+
+
 def test_after_a_restart_the_new_run_is_fetched_from_its_beginning() -> None:
     world = World()
     for _ in range(3):

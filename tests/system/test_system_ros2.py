@@ -195,9 +195,10 @@ def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
     bridge.until(lambda row: row["what"] == "node", "the node")
     scene = ("--scene", str(robot.folder / "scene.toml"))
     robot.tactiled("emulate", *scene, "--link", str(robot.folder / "board"))
-    bridge.until(lambda row: row["what"] == "board", "the board")
-    peer = robot.peer(program, *TOPICS, services=True)
+    # Subscribed before the board sends: on a slow host a slip can pass while the peer is started.
     with Subscription(robot.endpoint, ("force", "slip", "command")) as subscription:
+        bridge.until(lambda row: row["what"] == "board", "the board")
+        peer = robot.peer(program, *TOPICS, services=True)
         topics_match_what_the_daemon_sends(robot, peer, subscription)
         services_reach_the_daemon(peer, subscription)
     discovery_names_node_and_types(robot, peer)
