@@ -27,10 +27,11 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
-from tactiled.events.types import Candidate, Event, SlipEvent, TextureEvent
+from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
 from tactiled.plots.log import KnownTruth, draw_log
+from tactiled.plots.margin import KnownMargin
 from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml; on a robot, the gripper knows it
@@ -48,6 +49,8 @@ array = "wang2019-3x3"
 endpoints = ["{endpoint}"]
 [detect.texture]
 speed_mm_s = {speed}
+[detect.grip]
+enabled = true
 """
 
 
@@ -185,6 +188,9 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
     if topic == "info":
         seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)
+    if isinstance(event, GripEvent):
+        seen.events.append(event)
+        return
     t0_s = time_s if seen.t0_s is None else seen.t0_s
     if topic == "contact":
         _say(f"{time_s - t0_s:6.2f} s  found: contact", message["state"])
@@ -219,6 +225,8 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
     head = ("topic", "recovered", "v", "timestamp", "seq", "board", "run")
     fields = {name: value for name, value in message.items() if name not in head}
     fields["time_s"] = message["timestamp"] - unix_offset_s
+    if topic == "grip":
+        return GripEvent(**fields)
     if topic == "slip":
         for name in ("onset", "detected"):
             fields[f"{name}_s"] = fields.pop(name) - unix_offset_s
@@ -239,6 +247,9 @@ def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSl
             for slide in slides
         ),
     )
+    instant_s = np.array(seen.time_s) - t0_s
+    played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)
+    shown = replace(shown, margin=KnownMargin(t0_s + instant_s[played], truth.utilisation(instant_s[played])))
     for slide in slides:
         if isinstance(grooves := slide.surface, GroovedPlate):
             turn = math.radians(grooves.angle_deg - (slide.direction_deg or 0.0))

@@ -13,9 +13,10 @@ from tactiled.array import Array
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.wang2019.spectrum import spectrum
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.plots.criterion import draw_criterion
 from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, refusal_reason
+from tactiled.plots.margin import KnownMargin, draw_margin
 from tactiled.plots.palette import CHANNELS, GROOVES, SLIP, TRUTH
 from tactiled.recording.table import to_blocks
 from tactiled.samples.block import ScanBlock
@@ -27,7 +28,7 @@ _SPECTRUM_MARGIN = 4  # times the estimated frequency: its first harmonics
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """Ground truth: slips, and the ripple frequency of the grooves, if any.
+    """Ground truth: slips, the ripple frequency of the grooves and the utilisation, if any.
 
     Attributes
     ----------
@@ -41,6 +42,7 @@ class KnownTruth:
     spans_s: tuple[tuple[float, float], ...] = ()
     frequency_hz: float | None = None
     label: str = ""
+    margin: KnownMargin | None = None
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: KnownTruth | None = None,
 ) -> None:
-    """Draw the readings of a taxel, the slip criterion, groove estimates and their fit.
+    """Draw the readings of a taxel, the slip criterion, the margin to slip, groove estimates and their fit.
 
     Parameters
     ----------
@@ -91,7 +93,13 @@ def draw_log(
     taxel = _most_varying_taxel(array, volts)
     channels = np.flatnonzero(array.channel_taxel == taxel)[: len(CHANNELS)]
     last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
-    rows = ["vv", "cc"] + ["pa", "mf"] * bool(answers) + ["".join((last_row * 2)[:2])] * bool(last_row)
+    grips = [e for e in events if isinstance(e, GripEvent)]
+    rows = (
+        ["vv", "cc"]
+        + ["gg"] * bool(grips)
+        + ["pa", "mf"] * bool(answers)
+        + ["".join((last_row * 2)[:2])] * bool(last_row)
+    )
     figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
     axes = figure.subplot_mosaic("\n".join(rows))
     answer = answer_in_words(textures, onsets)
@@ -101,7 +109,9 @@ def draw_log(
     blocks = [part for part in parts if isinstance(part, ScanBlock)]
     draw_criterion(axes["c"], array, channels, blocks, origin_s, params)
     spans = list(_spans(slips, float(time_s[-1])))
-    for name in "vc":
+    if grips:
+        draw_margin(axes["g"], grips, truth.margin, origin_s)
+    for name in "vcg" if grips else "vc":
         _mark_slips(axes[name], spans, truth, origin_s)
         axes[name].set_xlim(0, float(time_s[-1]) - origin_s)
         axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)

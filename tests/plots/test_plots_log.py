@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.suite import DetectParams
-from tactiled.events.types import SlipEvent, TextureEvent
+from tactiled.events.types import GripEvent, SlipEvent, TextureEvent
 from tactiled.plots import log as log_module
 from tactiled.plots.criterion import shear_growth
-from tactiled.plots.log import draw_log
+from tactiled.plots.log import KnownTruth, draw_log
+from tactiled.plots.margin import KnownMargin
 from tactiled.recording.table import to_blocks
 from tactiled.samples.block import ScanBlock
 
@@ -66,3 +67,26 @@ def test_a_log_with_refused_grooves_shows_slips_and_the_reason(
     assert {text.get_text() for text in legend.get_texts()} >= {"incipient slip", "onset to detection"}
     for axis in figures[0].axes:
         assert len(axis.lines) <= 5 + 3  # channels, and marks of one slip
+
+
+def test_a_log_with_margins_has_a_row_for_them_and_for_the_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Figure] = []
+
+    def kept(*args: Any, **options: Any) -> Figure:
+        figures.append(Figure(*args, **options))
+        return figures[-1]
+
+    monkeypatch.setattr(log_module, "Figure", kept)
+    grips = [
+        GripEvent(time_s=t, utilisation=0.4, state="sticking" if t > 1 else "none", valid=True)
+        for t in TIME_S
+    ]
+    truth = KnownTruth(margin=KnownMargin(TIME_S, np.full(len(TIME_S), 0.5)))
+    draw_log(tmp_path / "a.png", ARRAY, TIME_S, sheared(0.3), grips, DetectParams(), "a", truth=truth)
+    (axis,) = (a for a in figures[0].axes if a.get_ylabel() == "shear over\nfriction limit")
+    lines = {line.get_label(): np.asarray(line.get_ydata(), float) for line in axis.lines}
+    assert set(lines["true"]) == {0.5}
+    assert np.isnan(lines["utilisation"][TIME_S <= 1]).all()
+    assert set(lines["utilisation"][TIME_S > 1]) == {0.4}

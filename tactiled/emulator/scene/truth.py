@@ -140,6 +140,19 @@ class Truth:
         """Forces, slipping shares and motion at instants (n,)."""
         return self.contact.state(time_s - self.t0_s)
 
+    def utilisation(self, time_s: FloatArray) -> FloatArray:
+        """Return the tangential load (n,) over the limit of friction at rest; NaN without contact.
+
+        The limit is that of the phase's plate; friction that a held object changes is not taken into account.
+        """
+        state = self.state(time_s)
+        plates = [self._surface_at(t) for t in time_s - self.t0_s]
+        limit_n = np.array([p.friction * p.static_ratio for p in plates]) * state.normal_n.sum(axis=1)
+        shear_n = np.linalg.norm(state.tangential_n.sum(axis=1), axis=1)
+        used = np.full(len(time_s), np.nan)
+        np.divide(shear_n, limit_n, out=used, where=limit_n > 0)
+        return used
+
     def groove_phase(self, time_s: FloatArray) -> FloatArray:
         """Groove phase of each taxel, radians in [0, 2 pi): (n, taxels); NaN on a flat plate."""
         out = np.full((len(time_s), self.array.n_taxels), np.nan)

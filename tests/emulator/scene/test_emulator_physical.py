@@ -47,6 +47,19 @@ def test_instants_of_slip_follow_mindlin() -> None:
     assert slip.onset_s == slip.incipient_s
 
 
+def test_utilisation_goes_with_the_slipping_share() -> None:
+    truth = Truth(scene({"kind": "rest", "duration_s": 0.5}, PRESS, HOLD, SLIDE), t0_s=100.0)
+    used = truth.utilisation(np.array([100.2, 102.0, 105.0]))
+    np.testing.assert_allclose(used, [np.nan, 0.0, 1.0], atol=1e-6)
+    growing_s = 100.0 + np.arange(2.52, 2.76, 0.02)
+    share = truth.state(growing_s).slipping_share
+    assert 0.02 < share[0] < share[-1] < 1
+    used = truth.utilisation(growing_s)
+    assert (np.diff(used) > 0).all()
+    # Mindlin's relation for a ball on a half-space; the lumped law follows finite elements of the bump.
+    np.testing.assert_allclose(used, 1 - (1 - share) ** 1.5, atol=0.1)
+
+
 def test_no_slip_while_pressing_and_holding() -> None:
     truth = Truth(scene(PRESS, HOLD, {"kind": "press", "duration_s": 0.1, "force_n": 5.0}, HOLD))
     assert truth.episodes == []
