@@ -3,7 +3,6 @@
 import contextlib
 import json
 import subprocess
-import sys
 import tempfile
 import time
 import webbrowser
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import click
 
+from tactiled import child
 from tactiled.demo.play import SCENE, DemoError
 from tactiled.emulator.scene.description import load_scene
 
@@ -84,16 +84,11 @@ def run_page_demo(port: int, *, opens: bool) -> None:
 def _process(folder: Path, name: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
     """Run a tactiled command with its output in files of the folder."""
     with (folder / f"{name}.out").open("wb") as out, (folder / f"{name}.err").open("wb") as words:
-        process = subprocess.Popen([sys.executable, "-m", "tactiled", *arguments], stdout=out, stderr=words)
+        process = child.start(*arguments, stdout=out, stderr=words)
         try:
             yield process
         finally:
-            process.terminate()
-            try:
-                process.wait(5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            child.end(process)
 
 
 def _address(folder: Path, page: "subprocess.Popen[bytes]") -> str:

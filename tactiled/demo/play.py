@@ -6,7 +6,6 @@ import math
 import os
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -20,6 +19,7 @@ from typing import IO, Any
 import click
 import numpy as np
 
+from tactiled import child
 from tactiled.array import load_array
 from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_slides
 from tactiled.detect.suite import DetectParams
@@ -276,9 +276,7 @@ def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) 
     """Run a tactiled command; its JSON lines go to `lines`, and its stderr is printed if it fails."""
     log = folder / f"{name}.log"
     with log.open("w+") as words:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "tactiled", *arguments], stdout=subprocess.PIPE, stderr=words, text=True
-        )
+        process = child.start(*arguments, stdout=subprocess.PIPE, stderr=words, text=True)
         assert process.stdout is not None  # asked for above
         reader = threading.Thread(target=_read, args=(name, process.stdout, lines), daemon=True)
         reader.start()
@@ -286,12 +284,7 @@ def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) 
             yield
         finally:
             failed = process.poll() is not None
-            process.terminate()
-            try:
-                process.wait(5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            child.end(process)
             reader.join(5)
             process.stdout.close()
             if failed:

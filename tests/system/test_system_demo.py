@@ -30,8 +30,8 @@ def test_demo_is_right_and_in_time(tmp_path: Path) -> None:
 
 
 @contextlib.contextmanager
-def demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """A demo whose scene has begun, and the process of its emulated board."""
+def demo(folder: Path, words: str = "true: rest") -> Iterator[subprocess.Popen[str]]:
+    """A demo that has said so much; left out, its scene has begun."""
     said = folder / "err"
     with said.open("w") as err:
         process = subprocess.Popen(
@@ -40,23 +40,29 @@ def demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
         )  # fmt: skip
         try:
             deadline_s = time.monotonic() + 180
-            while "true: rest" not in said.read_text():
+            while words not in said.read_text():
                 assert process.poll() is None, said.read_text()
                 assert time.monotonic() < deadline_s
                 time.sleep(0.05)
-            yield process, board_of(process.pid)
+            yield process
         finally:
             process.terminate()
             process.communicate()
 
 
-def board_of(demo_pid: int) -> int:
-    """Process id of the emulator that a demo started."""
-    for task in Path(f"/proc/{demo_pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            if b"\0emulate\0" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
-    raise AssertionError("the demo has started no emulator")
+def verb_of(pid: int) -> str:
+    """Verb of tactiled that a process runs; empty when the process has ended or runs something else."""
+    with contextlib.suppress(OSError):
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        return words[words.index("-m") + 2] if "-m" in words else ""
+    return ""
+
+
+def children_of(demo_pid: int) -> dict[str, int]:
+    """Process ids of the commands that a demo started, by verb."""
+    tasks = Path(f"/proc/{demo_pid}/task").iterdir()
+    pids = [int(pid) for task in tasks for pid in (task / "children").read_text().split()]
+    return {verb: pid for pid in pids if (verb := verb_of(pid))}
 
 
 def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: Path) -> None:
@@ -64,7 +70,8 @@ def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: P
 
     Where it catches up, the scans are late; where it does not, it misses scan instants. Either is evidence.
     """
-    with demo(tmp_path) as (process, board):
+    with demo(tmp_path) as process:
+        board = children_of(process.pid)["emulate"]
         while process.poll() is None:
             with contextlib.suppress(ProcessLookupError):  # the demo has ended it
                 os.kill(board, signal.SIGSTOP)
@@ -81,7 +88,8 @@ def test_a_host_that_is_too_slow_is_named_and_nothing_is_called_good(tmp_path: P
 
 
 def test_a_demo_that_is_cut_short_names_what_was_not_found(tmp_path: Path) -> None:
-    with demo(tmp_path) as (process, board):
+    with demo(tmp_path) as process:
+        board = children_of(process.pid)["emulate"]
         time.sleep(1.0)
         os.kill(board, signal.SIGKILL)
         process.wait(60)
@@ -90,3 +98,15 @@ def test_a_demo_that_is_cut_short_names_what_was_not_found(tmp_path: Path) -> No
     assert "the demo was cut short: the board process ended after" in said
     for name in ("slip 1, flat", "slip 2, grooves"):
         assert f": {name}: gross at: not reported" in said
+
+
+def test_a_killed_demo_leaves_no_process(tmp_path: Path) -> None:
+    with demo(tmp_path, "board: tactiled emulate") as process:
+        while len(children := children_of(process.pid)) < 3 or "demo" in children:
+            time.sleep(0.01)  # a process that has just been started still looks like the demo
+        assert children.keys() == {"listen", "run", "emulate"}
+        process.kill()
+        until_s = time.monotonic() + 60
+        while left := [verb for verb, pid in children.items() if verb_of(pid) == verb]:
+            assert time.monotonic() < until_s, left
+            time.sleep(0.01)
