@@ -3,11 +3,18 @@
 import os
 import socket
 import time
+from collections import deque
 from collections.abc import Mapping
+
+_STATUS = "STATUS="
+_MOST_WAITING = 16  # messages for a busy manager; of lines of status only the newest waits
 
 
 class Notifier:
     """Send datagrams to the service manager; do nothing where there is none.
+
+    A manager whose queue is full (the kernel holds 10 datagrams by default) gets each message later, from
+    `alive`: a lost READY=1 would let the start fail, and a lost status would show an old one for hours.
 
     Parameters
     ----------
@@ -19,6 +26,7 @@ class Notifier:
         address = environ.get("NOTIFY_SOCKET", "")
         # An abstract address is written with @ and begins with NUL.
         self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._waiting: deque[str] = deque(maxlen=_MOST_WAITING)
         self._socket = None
         if self._address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
@@ -44,13 +52,17 @@ class Notifier:
 
     def status(self, text: str) -> None:
         """Set the line that ``systemctl status`` shows."""
-        self._send(f"STATUS={text}")
+        for older in [message for message in self._waiting if message.startswith(_STATUS)]:
+            self._waiting.remove(older)
+        self._send(_STATUS + text)
 
     def alive(self, now_s: float) -> None:
-        """Report that the data path ran; a watchdog ping is sent when one is due."""
+        """Report that the data path ran; send a watchdog ping when one is due, and what waits."""
+        if self._waiting:
+            self._send_waiting()
         if now_s >= self._next_ping_s and self._ping_every_s < float("inf"):
             self._next_ping_s = now_s + self._ping_every_s
-            self._send("WATCHDOG=1")
+            self._is_taken("WATCHDOG=1")  # never waits: a later one says more
 
     def close(self) -> None:
         """Close the socket."""
@@ -59,9 +71,22 @@ class Notifier:
             self._socket = None
 
     def _send(self, message: str) -> None:
+        if self._socket is not None:
+            self._waiting.append(message)
+            self._send_waiting()
+
+    def _send_waiting(self) -> None:
+        while self._waiting and self._is_taken(self._waiting[0]):
+            self._waiting.popleft()
+
+    def _is_taken(self, message: str) -> bool:
+        """Send a message; return False if it has to wait because the manager is busy."""
         if self._socket is None:
-            return
+            return True
         try:
             self._socket.sendto(message.encode(), self._address)
+        except BlockingIOError:
+            return False
         except OSError:
-            return  # the manager is gone or busy; the daemon continues without it
+            return True  # the manager is gone; the daemon continues without it
+        return True

@@ -89,4 +89,32 @@ def test_a_missing_or_blocked_service_manager_never_blocks(tmp_path: Path) -> No
         for _ in range(5000):  # far more than the kernel queues
             notifier.status("x" * 100)
         assert 0 < len(drain(listening)) < 5000
+    notifier.alive(1.0)  # gone again
     notifier.close()
+
+
+def test_what_a_busy_manager_does_not_take_comes_later_and_in_order(tmp_path: Path) -> None:
+    name = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(name))
+        notifier = Notifier({"NOTIFY_SOCKET": str(name), "WATCHDOG_USEC": "4000000"})
+        for second in range(1000):  # until the queue is full
+            notifier.alive(float(second))
+        notifier.status("board TS0001 running: 100 Hz")
+        notifier.ready()
+        notifier.status("board TS0001 no-device")
+        assert set(drain(listening)) == {"WATCHDOG=1"}
+        notifier.alive(2000.0)
+        assert drain(listening) == ["READY=1", "STATUS=board TS0001 no-device", "WATCHDOG=1"]
+        for n in range(5000):  # what waits is bounded
+            notifier.reloading()
+            notifier.status(str(n))
+        drain(listening)
+        later = []
+        for turn in range(5):
+            notifier.alive(3000.0 + 0.1 * turn)
+            later += drain(listening)
+        reloading = [message for message in later if message.startswith("RELOADING=1")]
+        assert 0 < len(reloading) < 20
+        assert later[-1] == "STATUS=4999"
+        notifier.close()
