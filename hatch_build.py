@@ -1,6 +1,6 @@
 """Hooks of the build: metadata that depend on where the repository is, and the compiled path of a scan.
 
-``python hatch_build.py`` builds the library of the checkout anew, after a change of `tactiled/compiled.c`.
+``python hatch_build.py`` builds the library of the checkout anew, after a change of `tactiled/compiled*.c`.
 """
 
 import hashlib
@@ -49,25 +49,30 @@ def with_absolute_links(text: str, address: str, tag: str) -> str:
     return _LINK.sub(absolute, text)
 
 
-SOURCE, LIBRARY = "tactiled/compiled.c", "tactiled/_compiled.so"
-# No fused multiply-add, which rounds otherwise than numpy; no errno, so that sqrt is one instruction.
-FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared", "-fPIC")
+SOURCES, LIBRARY = ("tactiled/compiled.c", "tactiled/compiled_grip.c"), "tactiled/_compiled.so"
+# No fused multiply-add, which rounds otherwise than numpy; no errno, so that sqrt is one instruction; nobody
+# reads the flags of floating-point exceptions, so that a choice between two values needs no branch.
+FLAGS = (
+    *("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    *("-fvisibility=hidden", "-shared", "-fPIC"),
+)
 
 
 def compile_library(root: Path) -> bool:
-    """Build the library beside its source; return False where there is no C compiler, or it fails."""
-    source, library = root / SOURCE, root / LIBRARY
+    """Build the library beside its sources; return False where there is no C compiler, or it fails."""
+    sources, library = [root / source for source in SOURCES], root / LIBRARY
     new = library.with_suffix(f".{os.getpid()}")
     compiler = shutil.which(os.environ.get("CC", "cc"))
     library.unlink(missing_ok=True)
     if compiler is None:
         print("no C compiler (cc): tactiled runs on numpy, with the same results", file=sys.stderr)
         return False
-    digest = hashlib.sha256(source.read_bytes()).hexdigest()
-    command = [compiler, *FLAGS, f'-DTACTILED_SOURCE="{digest}"', str(source), "-lm", "-o", str(new)]
+    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    names = [str(source) for source in sources]
+    command = [compiler, *FLAGS, f'-DTACTILED_SOURCE="{digest}"', *names, "-lm", "-o", str(new)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        print(f"{source.name} does not compile, tactiled runs on numpy:\n{done.stderr}", file=sys.stderr)
+        print(f"tactiled/compiled*.c do not compile, tactiled runs on numpy:\n{done.stderr}", file=sys.stderr)
         new.unlink(missing_ok=True)
         return False
     new.replace(library)  # at once: a process that has the old one loaded keeps it

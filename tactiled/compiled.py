@@ -1,14 +1,15 @@
-"""Compiled path of a scan: the functions of `compiled.c`, where an installation had a C compiler.
+"""Compiled path of a scan: the functions of `SOURCES`, where an installation had a C compiler.
 
 Classes that have a compiled way beside their numpy one ask `library` for it when they are made. Both ways
-give the same bits. `hatch_build.py` builds the library. The hash of `compiled.c` in it must be that of the
-file beside this module: a stale library is not used. ``TACTILED_COMPILED=0`` in the environment forces numpy.
+give the same bits. `hatch_build.py` builds the library. The hash of the sources in it must be that of the
+files beside this module: a stale library is not used. ``TACTILED_COMPILED=0`` in the environment forces
+numpy.
 """
 
 import ctypes
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SOURCE = Path(__file__).with_name("compiled.c")
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("compiled.c", "compiled_grip.c"))
 LIBRARY = Path(__file__).with_name("_compiled.so")
 SETTING = "TACTILED_COMPILED"
 _octet_of: Callable[[Any], Any] = ctypes.c_char.from_buffer
-# Results and arguments as `compiled.c` declares them: s size, p pointer, r real, i int, b bytes.
+# Results and arguments as the sources declare them: s size, p pointer, r real, i int, b bytes.
 _KINDS = {
     "s": ctypes.c_ssize_t,
     "p": ctypes.c_void_p,
@@ -37,6 +38,7 @@ _DECLARED = {
     "clean": ("i", "sssppsspp"),
     "respond": ("", "srspppp"),
     "evidence": ("", "sppsprrrrrsppppp"),
+    "rings": ("", "sssppppppppsppp"),
 }
 
 
@@ -59,8 +61,8 @@ class CompiledPath(NamedTuple):
         return "compiled" if self.functions is not None else f"numpy ({self.reason})"
 
 
-def load(library: Path = LIBRARY, source: Path = SOURCE) -> CompiledPath:
-    """Load a library that was built from a source file."""
+def load(library: Path = LIBRARY, sources: Sequence[Path] = SOURCES) -> CompiledPath:
+    """Load a library that was built from source files."""
     if os.environ.get(SETTING, "1") == "0":
         return CompiledPath(None, f"{SETTING}=0")
     if not library.exists():
@@ -68,8 +70,8 @@ def load(library: Path = LIBRARY, source: Path = SOURCE) -> CompiledPath:
     try:
         functions = ctypes.CDLL(str(library))
         functions.tactiled_source.restype = ctypes.c_char_p
-        if functions.tactiled_source().decode() != source_hash(source):
-            return CompiledPath(None, f"{library.name} was built from another {source.name}: install again")
+        if functions.tactiled_source().decode() != source_hash(sources):
+            return CompiledPath(None, f"{library.name} was built from other sources: install again")
         for name, (result, arguments) in _DECLARED.items():
             function = getattr(functions, f"tactiled_{name}")
             function.restype = _KINDS.get(result)
@@ -79,9 +81,9 @@ def load(library: Path = LIBRARY, source: Path = SOURCE) -> CompiledPath:
     return CompiledPath(functions, "")
 
 
-def source_hash(source: Path = SOURCE) -> str:
-    """Return the hash by which a library names its source."""
-    return hashlib.sha256(source.read_bytes()).hexdigest()
+def source_hash(sources: Sequence[Path] = SOURCES) -> str:
+    """Return the hash by which a library names its sources."""
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 path = load()

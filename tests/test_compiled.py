@@ -20,6 +20,8 @@ from touches import Touch, pieces, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, load_array
+from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import SwtBank
@@ -144,6 +146,48 @@ def test_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject)
 
 
 @needs_library
+@given(
+    n_taxels=st.one_of(st.integers(1, 10), st.just(64)),
+    n_hypotheses=st.integers(2, 33),
+    is_at_one_place=st.booleans(),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=40, deadline=None)
+def test_contact_mechanics_have_the_bits_of_numpy(
+    n_taxels: int, n_hypotheses: int, is_at_one_place: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    friction = np.geomspace(0.05, 4.0, n_hypotheses)
+    x, y = np.zeros((2, n_taxels)) if is_at_one_place else rng.standard_normal((2, n_taxels))
+    both = of_both(lambda: RingForces(friction, x, y, mindlin_rings()))
+    sizes = np.array([0.0, 1e-300, 1e-12, 1e-3, 1.0, 1.0, 1.0, 1e6, 1e70])
+    for _ in range(8):
+        load = rng.uniform(0.0, 2.0, n_taxels) * rng.choice(sizes)
+        load[rng.random(n_taxels) < 0.2] = rng.choice(sizes)
+        wanted = rng.uniform(-1.0, 1.0, 3) * rng.choice(sizes, 3) * n_taxels
+        for forces in both:
+            forces.advance(load, wanted)
+        assert is_same(both[0].taxel_forces(), both[1].taxel_forces())
+        assert is_same(both[0].sliding_share(), both[1].sliding_share())
+
+
+@needs_library
+@pytest.mark.parametrize("array", [ARRAYS[0], ARRAYS[2]], ids=["wang2019-3x3", "xyz-two-pads-4x4"])
+@given(seed=st.integers(0, 2**32), data=st.data())
+@settings(max_examples=2, deadline=None)
+def test_grip_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
+    block = touched(array, seed)
+    block = block[: round(6 * block.rate_hz)]
+    both = of_both(lambda: GripDetector(array, GripParams(enabled=True)))
+    cuts = data.draw(splits(len(block)))
+    for _ in range(2):  # after `reset` as before
+        found, wanted = (run(detector, pieces(block, cuts)) for detector in both)
+        assert found == wanted
+        for detector in both:
+            detector.reset()
+
+
+@needs_library
 @given(data=st.data())
 @settings(max_examples=100, deadline=None)
 def test_frames_are_those_of_python(data: st.DataObject) -> None:
@@ -192,9 +236,10 @@ def hook() -> ModuleType:
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """Folder with the C source where the hook looks for it."""
+    """Folder with the C sources where the hook looks for them."""
     (tmp_path / "tactiled").mkdir()
-    shutil.copy(compiled.SOURCE, tmp_path / "tactiled")
+    for source in compiled.SOURCES:
+        shutil.copy(source, tmp_path / "tactiled")
     return tmp_path
 
 
@@ -202,11 +247,15 @@ def tree(tmp_path: Path) -> Path:
 def test_the_hook_builds_a_library_that_loads_and_one_of_another_source_is_refused(tree: Path) -> None:
     build = hook()
     assert build.compile_library(tree)
-    library, source = tree / build.LIBRARY, tree / build.SOURCE
-    assert compiled.load(library, source).words == "compiled"
-    source.write_text(source.read_text() + "/* changed */\n")
-    assert "install again" in compiled.load(library, source).words
-    assert build.compile_library(tree)
+    library, sources = tree / build.LIBRARY, [tree / source for source in build.SOURCES]
+    assert [source.name for source in sources] == [source.name for source in compiled.SOURCES]
+    assert compiled.load(library, sources).words == "compiled"
+    for source in sources:
+        text = source.read_text()
+        source.write_text(text + "/* changed */\n")
+        assert "install again" in compiled.load(library, sources).words
+        assert build.compile_library(tree)
+        source.write_text(text)
 
 
 @pytest.mark.parametrize("compiler", ["no-such-compiler", "false"])
@@ -217,9 +266,10 @@ def test_without_a_compiler_the_hook_leaves_no_library(
     (tree / build.LIBRARY).write_bytes(b"of an older build")
     monkeypatch.setenv("CC", compiler)
     assert not build.compile_library(tree)
-    assert [path.name for path in (tree / "tactiled").iterdir()] == ["compiled.c"]
+    left = {path.name for path in (tree / "tactiled").iterdir()}
+    assert left == {source.name for source in compiled.SOURCES}
     assert "numpy" in capsys.readouterr().err
-    assert compiled.load(tree / build.LIBRARY, tree / build.SOURCE).words == (
+    assert compiled.load(tree / build.LIBRARY, compiled.SOURCES).words == (
         "numpy (built without a C compiler)"
     )
 
@@ -227,7 +277,7 @@ def test_without_a_compiler_the_hook_leaves_no_library(
 def test_a_file_that_is_no_library_is_refused(tree: Path) -> None:
     library = tree / "tactiled" / "_compiled.so"
     library.write_bytes(b"\x7fELF of nothing")
-    found = compiled.load(library, tree / "tactiled" / "compiled.c")
+    found = compiled.load(library)
     assert found.functions is None
     assert "does not load" in found.words
 

@@ -11,18 +11,23 @@ first, since its limit grows as P and its stiffness as P^(1/3). All arrays have 
 of the friction coefficient.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from tactiled import compiled
 from tactiled.array import FloatArray
 
 N_RINGS = 10  # leave the curve within 0.002 of mu P
 MINDLIN_POWER = 1.5  # p of Q / mu P = 1 - (1 - x)^p; also its slope at x = 0
 # Near gross slip no ring sticks and the tangent stiffness vanishes; this share of it keeps the step finite.
 _STIFFNESS_FLOOR = 0.02
-_LONGEST_STEP = 0.5  # travels at gross slip that a Newton step may take
+# Travel of a Newton step over load / stiffness and friction: half of the travel at gross slip, which is
+# `MINDLIN_POWER` times limit over stiffness (x = 1).
+_LONGEST_STEP = 0.5 * MINDLIN_POWER
 _N_NEWTON = 2  # a step of 20 ms moves a small part of the travel; the rest is met in the next step
+_STICKS = 1.0 - 1e-9  # of its limit: a ring that rests on it slides, however the last bits are rounded
 _TINY = 1e-12
 
 
@@ -56,6 +61,9 @@ def mindlin_rings(n: int = N_RINGS) -> Rings:
 class RingForces:
     """Forces in the rings of all taxels, for each hypothesis of friction.
 
+    `compiled_grip.c` does the same with the same bits, so that sums over rings and taxels run over a leading
+    axis, where numpy adds one term after the other if there are two hypotheses or more.
+
     Parameters
     ----------
     friction : (hypotheses,) float64
@@ -66,14 +74,31 @@ class RingForces:
     """
 
     def __init__(self, friction: FloatArray, x: FloatArray, y: FloatArray, rings: Rings) -> None:
-        shape = (len(friction), len(x), len(rings.limit))
+        shape = (len(x), len(friction))
+        n_rings = len(rings.limit)
         self._friction = friction
-        self._rings = rings
-        self._x, self._y = x, y
-        self._moments = np.stack([np.ones_like(x), x, y, x**2 + y**2], axis=1)
-        self._turns = bool(np.any(self._moments[:, 3] > 0))
-        self._force = np.zeros((2, *shape))
-        self._sticks = np.ones(shape, dtype=np.bool_)
+        self._limit = rings.limit[:, np.newaxis, np.newaxis]
+        self._stiffness = rings.stiffness[:, np.newaxis, np.newaxis]
+        self._x, self._y = x[:, np.newaxis], y[:, np.newaxis]
+        self._across = float(np.sqrt((x**2 + y**2).max()))
+        self._force = np.zeros((2, n_rings, *shape))
+        self._sums = np.zeros(
+            (3, *shape)
+        )  # forces of the taxels along x and y; share of stiffness that sticks
+        self._sums[2] = 1.0
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            # Arrays whose addresses are bound must live as long as this object.
+            self._bound = (
+                *(compiled.dense(values, np.float64) for values in (friction, x, y, np.stack(rings))),
+                np.array([_STIFFNESS_FLOOR, _LONGEST_STEP, self._across, _STICKS, _TINY]),
+                self._force,
+                self._sums,
+                np.empty((10, len(friction))),
+            )
+            self._compiled = compiled.bind(
+                library.tactiled_rings, len(friction), len(x), n_rings, *self._bound, _N_NEWTON
+            )
 
     def advance(self, load: FloatArray, wanted: FloatArray) -> None:
         """Move the taxels so that their forces sum to the measured total.
@@ -86,60 +111,58 @@ class RingForces:
             Sum of the taxels' forces along x and y, and their moment about the origin of the places, in the
             unit of the loads (and of the places). A hypothesis that cannot bear it slides.
         """
-        cap = (self._friction[:, np.newaxis] * load)[:, :, np.newaxis] * self._rings.limit
         stiffness = np.cbrt(load)
-        spring = stiffness[:, np.newaxis] * self._rings.stiffness
-        # Travel at gross slip is `MINDLIN_POWER` times limit over stiffness (x = 1).
-        reach = (
-            MINDLIN_POWER
-            * self._friction
-            * float(np.max(load / np.maximum(stiffness, _TINY)))
-            * _LONGEST_STEP
-        )
+        if self._compiled is not None:
+            load, wanted = compiled.dense(load, np.float64), compiled.dense(wanted, np.float64)
+            self._compiled(*(compiled.address(values) for values in (load, stiffness, wanted)))
+            return
+        load, stiffness = load[:, np.newaxis], stiffness[:, np.newaxis]
+        cap = self._friction * load * self._limit
+        spring = stiffness * self._stiffness
+        reach = self._friction * (_LONGEST_STEP * float(np.max(load / np.maximum(stiffness, _TINY))))
         self._return_to_limit(cap)
         for _ in range(_N_NEWTON):
             x_step, y_step = self._rigid_step(stiffness, wanted, reach)
-            self._force[0] += spring * x_step[:, :, np.newaxis]
-            self._force[1] += spring * y_step[:, :, np.newaxis]
+            self._force[0] += spring * x_step
+            self._force[1] += spring * y_step
             self._return_to_limit(cap)
 
     def taxel_forces(self) -> FloatArray:
         """Return the tangential forces (2, hypotheses, taxels)."""
-        return np.asarray(self._force.sum(axis=3))
+        return np.ascontiguousarray(self._sums[:2].swapaxes(1, 2))
 
     def sliding_share(self) -> FloatArray:
         """Return the share of the initial stiffness (hypotheses, taxels) whose rings slide.
 
         For a ball it is ``1 - c / a`` of the stick radius c (Mindlin: tangential stiffness goes as c).
         """
-        return np.asarray(1.0 - self._sticks @ self._rings.stiffness)
+        return np.ascontiguousarray(1.0 - self._sums[2].T)
 
     def _return_to_limit(self, cap: FloatArray) -> None:
-        """Shorten the forces that exceed their limits, without turning them (radial return)."""
+        """Shorten the forces that exceed their limits, without turning them (radial return), and sum them."""
         size = np.sqrt(self._force[0] ** 2 + self._force[1] ** 2)
-        np.less(size, cap, out=self._sticks)
-        self._force *= np.minimum(1.0, cap / np.maximum(size, _TINY))
+        sticks = size < _STICKS * cap
+        self._force *= np.minimum(cap / np.maximum(size, _TINY), 1.0)
+        self._sums[:2] = self._force.sum(axis=1)
+        self._sums[2] = (sticks * self._stiffness).sum(axis=0)
 
     def _rigid_step(
         self, stiffness: FloatArray, wanted: FloatArray, reach: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the displacements (hypotheses, taxels) of one Newton step towards the wanted total."""
-        force_x, force_y = self.taxel_forces()
-        lack_x = wanted[0] - force_x.sum(axis=1)
-        lack_y = wanted[1] - force_y.sum(axis=1)
-        lack_m = wanted[2] - (force_y @ self._x - force_x @ self._y)
-        tangent = stiffness * np.maximum(self._sticks @ self._rings.stiffness, _STIFFNESS_FLOOR)
-        k, kx, ky, kr = (tangent @ self._moments).T
-        k = np.maximum(k, _TINY)
+        """Return the displacements (taxels, hypotheses) of one Newton step towards the wanted total."""
+        force_x, force_y, sticking = self._sums
+        lack_x = wanted[0] - force_x.sum(axis=0)
+        lack_y = wanted[1] - force_y.sum(axis=0)
+        lack_m = wanted[2] - (force_y * self._x - force_x * self._y).sum(axis=0)
+        tangent = stiffness * np.maximum(sticking, _STIFFNESS_FLOOR)
+        k = np.maximum(tangent.sum(axis=0), _TINY)
+        kx, ky = (tangent * self._x).sum(axis=0), (tangent * self._y).sum(axis=0)
         turn = np.zeros_like(k)
-        if self._turns:
+        if self._across > 0:
+            kr = (tangent * (self._x**2 + self._y**2)).sum(axis=0)
             about_centre = np.maximum(kr - (kx**2 + ky**2) / k, _TINY)
             turn = (lack_m + (ky * lack_x - kx * lack_y) / k) / about_centre
-        across = np.maximum(np.sqrt(self._moments[:, 3].max()), _TINY)
-        turn = np.clip(turn, -reach / across, reach / across)
+            turn = np.clip(turn, -(reach / self._across), reach / self._across)
         shift_x = np.clip((lack_x + ky * turn) / k, -reach, reach)
         shift_y = np.clip((lack_y - kx * turn) / k, -reach, reach)
-        return (
-            shift_x[:, np.newaxis] - turn[:, np.newaxis] * self._y,
-            shift_y[:, np.newaxis] + turn[:, np.newaxis] * self._x,
-        )
+        return shift_x - turn * self._y, shift_y + turn * self._x

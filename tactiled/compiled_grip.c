@@ -1,0 +1,138 @@
+/* The contact model's part of the path of a scan: arrays in, arrays out, nothing kept here.
+ *
+ * `compiled.c` has the rules, which hold here too: every function does what numpy does beside its call, bit for
+ * bit. The innermost loop runs over the friction hypotheses, whose results do not mix, so that the compiler may
+ * take several at once; sums over taxels and rings add one term after the other, as numpy's sums over a leading
+ * axis do.
+ *
+ * Arrays are dense, with the last index moving fastest. j counts hypotheses, t taxels, k rings.
+ */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#define API __attribute__((visibility("default")))
+
+/* Four numbers at once where the processor can, chosen when the library is loaded; with the same bits. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
+
+typedef double real;
+
+/* numpy's maximum and clip, which keep a value that is not a number. */
+static real at_least(real value, real least) { return least > value ? least : value; }
+static real at_most(real value, real most) { return most < value ? most : value; }
+
+/* Forces along x and y of one ring of one taxel, for each hypothesis: move it, and shorten forces beyond the limit.
+ *
+ * bound (hypotheses) is the friction limit of the taxel; the ring has `limit` and `share` of its limit and
+ * stiffness. Adds the forces to `sum_x` and `sum_y`, and to `sticking` the share where the ring sticks. */
+static WIDE void move_ring(ptrdiff_t hypotheses, const real *restrict bound, real limit, real share, real below,
+                      real tiny, real spring, const real *restrict step_x, const real *restrict step_y,
+                      real *restrict force_x, real *restrict force_y, real *restrict sum_x,
+                      real *restrict sum_y, real *restrict sticking)
+{
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        real x = force_x[j] + spring * step_x[j], y = force_y[j] + spring * step_y[j];
+        real cap = bound[j] * limit, size = sqrt(x * x + y * y);
+        real kept = at_most(cap / at_least(size, tiny), 1);
+        force_x[j] = x *= kept;
+        force_y[j] = y *= kept;
+        sum_x[j] += x;
+        sum_y[j] += y;
+        sticking[j] += size < below * cap ? share : 0;
+    }
+}
+
+/* Bound and displacement of a taxel at (x, y) of this load, from the rigid motion. */
+static WIDE void displace(ptrdiff_t hypotheses, const real *restrict friction, real load, real x, real y,
+                     const real *restrict shift_x, const real *restrict shift_y, const real *restrict turn,
+                     real *restrict bound, real *restrict step_x, real *restrict step_y)
+{
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        bound[j] = friction[j] * load;
+        step_x[j] = shift_x[j] - turn[j] * y;
+        step_y[j] = shift_y[j] + turn[j] * x;
+    }
+}
+
+/* Add a taxel's forces to the totals, and its tangent stiffness with moments to k, kx, ky and kr. */
+static WIDE void add_taxel(ptrdiff_t hypotheses, real stiffness, real floor, real x, real y,
+                      const real *restrict force_x, const real *restrict force_y, const real *restrict sticking,
+                      real *restrict total_x, real *restrict total_y, real *restrict moment, real *restrict k,
+                      real *restrict kx, real *restrict ky, real *restrict kr)
+{
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        real tangent = stiffness * at_least(sticking[j], floor);
+        total_x[j] += force_x[j];
+        total_y[j] += force_y[j];
+        moment[j] += force_y[j] * x - force_x[j] * y;
+        k[j] += tangent;
+        kx[j] += tangent * x;
+        ky[j] += tangent * y;
+        kr[j] += tangent * (x * x + y * y);
+    }
+}
+
+/* Turn totals (x, y, moment) into the rigid motion towards the `wanted` ones, in the same places. */
+static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real longest, real across, real tiny,
+                  const real *restrict wanted, const real *restrict k, const real *restrict kx,
+                  const real *restrict ky, const real *restrict kr, real *restrict x, real *restrict y,
+                  real *restrict turn)
+{
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        real lack_x = wanted[0] - x[j], lack_y = wanted[1] - y[j], lack_m = wanted[2] - turn[j];
+        real reach = friction[j] * longest, whole = at_least(k[j], tiny), angle = 0;
+        if (across > 0) {
+            real centred = at_least(kr[j] - (kx[j] * kx[j] + ky[j] * ky[j]) / whole, tiny);
+            angle = (lack_m + (ky[j] * lack_x - kx[j] * lack_y) / whole) / centred;
+            angle = at_most(at_least(angle, -(reach / across)), reach / across);
+        }
+        turn[j] = angle;
+        x[j] = at_most(at_least((lack_x + ky[j] * angle) / whole, -reach), reach);
+        y[j] = at_most(at_least((lack_y - kx[j] * angle) / whole, -reach), reach);
+    }
+}
+
+/* Forces of all taxels in n Newton steps towards the total `wanted` (x, y, moment): `RingForces` explains them.
+ *
+ * x, y (taxels) are places; `rings` (2, rings) shares of stiffness and limit. `limits` has the floor of the
+ * stiffness, the longest step, the extent of the places (0: no turn), the part of
+ * its limit below which a ring sticks, and the least divisor. force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses)
+ * are the forces of the taxels and the sticking shares of their stiffness. `work` (10, hypotheses) is scratch. */
+API void tactiled_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
+                        const real *x, const real *y, const real *rings, const real *limits, real *force,
+                        real *sums, real *work, ptrdiff_t n_steps, const real *load, const real *stiffness,
+                        const real *wanted)
+{
+    const real floor = limits[0], longest = limits[1], across = limits[2], below = limits[3], tiny = limits[4];
+    const ptrdiff_t n = hypotheses, all = taxels * n;
+    real *shift_x = work, *shift_y = work + n, *turn = work + 2 * n;
+    real *k = work + 3 * n, *kx = work + 4 * n, *ky = work + 5 * n, *kr = work + 6 * n;
+    real *bound = work + 7 * n, *step_x = work + 8 * n, *step_y = work + 9 * n;
+    real *sum_x = sums, *sum_y = sums + all, *sticking = sums + 2 * all;
+    real farthest = 0;
+    for (ptrdiff_t t = 0; t < taxels; t++)
+        farthest = at_least(load[t] / at_least(stiffness[t], tiny), farthest);
+    memset(work, 0, sizeof(real[7 * n]));
+    for (ptrdiff_t step = 0;; step++) {
+        memset(sums, 0, sizeof(real[3 * all]));
+        for (ptrdiff_t t = 0; t < taxels; t++) {
+            displace(n, friction, load[t], x[t], y[t], shift_x, shift_y, turn, bound, step_x, step_y);
+            for (ptrdiff_t r = 0; r < n_rings; r++)
+                move_ring(n, bound, rings[n_rings + r], rings[r], below, tiny, stiffness[t] * rings[r], step_x,
+                          step_y, force + r * all + t * n, force + (n_rings + r) * all + t * n, sum_x + t * n,
+                          sum_y + t * n, sticking + t * n);
+        }
+        if (step == n_steps)
+            return;
+        memset(work, 0, sizeof(real[7 * n]));
+        for (ptrdiff_t t = 0; t < taxels; t++)
+            add_taxel(n, stiffness[t], floor, x[t], y[t], sum_x + t * n, sum_y + t * n, sticking + t * n, shift_x,
+                      shift_y, turn, k, kx, ky, kr);
+        solve(n, friction, longest * farthest, across, tiny, wanted, k, kx, ky, kr, shift_x, shift_y, turn);
+    }
+}
