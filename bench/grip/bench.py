@@ -26,7 +26,6 @@ from bench.grip.score import (
     warned,
     without_falling_friction,
 )
-from bench.grip.slips import COMPARED, SLOW_S, WorldSlips, read_slips, slips_row
 from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, World, draw_worlds
 from bench.report import (
     BENCH_WORKERS,
@@ -60,11 +59,10 @@ _KNOWN_SD = 0.1  # of log friction, where it is known
 
 @dataclass(frozen=True, eq=False)
 class GripFound:
-    """Estimates of all worlds, with friction unknown and with friction known; slip events."""
+    """Estimates of all worlds, with friction unknown and with friction known."""
 
     told: list[GripRecord]
     informed: list[GripRecord]
-    slips: list[WorldSlips]
     cost_us: float
 
     @property
@@ -83,15 +81,13 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     progress.begin(n + n_ablated * (len(ABLATIONS)))
     told: list[GripRecord] = []
     informed: list[GripRecord] = []
-    slips: list[WorldSlips] = []
     cost_us: list[float] = []
     with executor(BENCH_WORKERS, options.dask) as pool:
         seeds = range(REPORTED_FROM, REPORTED_FROM + n)
         batches = [seeds[start : start + _BATCH] for start in range(0, n, _BATCH)]
-        for some, some_informed, some_slips, cost in pool.map(_measure, batches):
+        for some, some_informed, cost in pool.map(_measure, batches):
             told += some
             informed += some_informed
-            slips += some_slips
             cost_us.append(cost)
             for _ in some:
                 progress.advance("world")
@@ -103,7 +99,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             ]
             for part in (ABLATIONS if options.ablate else ())
         }
-    found = GripFound(told, informed, slips, float(np.median(cost_us)))
+    found = GripFound(told, informed, float(np.median(cost_us)))
 
     def draw(path: Path) -> None:
         from bench.grip.picture import draw_grip  # matplotlib is an extra
@@ -125,31 +121,25 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             table(_row(name, some) for name, some in grouped(found.usual, lambda t: t.world.law).items()),
             "Calibration of p_gross_300ms over scans without gross slip.",
             table(_reliability(found.usual)),
-            "Slip events on the same worlds, beside those of the detector of docs/slip.md. Slow slips take "
-            f"{SLOW_S:g} s or more from a tenth of the area to all of it. Nothing slips where less than a "
-            "tenth of the area does.",
-            table(slips_row(name, found.slips) for name in COMPARED),
             *_ablation(ablated),
         ],
         draw=draw,
     )
 
 
-def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], list[WorldSlips], float]:
-    """Run the model over some worlds, twice, and the slip detectors.
+def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], float]:
+    """Run the model over some worlds, twice.
 
     The last value is the processor time of a scan in microseconds, in the first run.
     """
-    worlds = _worlds(seeds)
+    worlds = draw_reported(seeds)
     told = [tell(world, GripParams()) for world in worlds]
     informed = [
         tell(world, GripParams(friction=world.friction, friction_log_sd=_KNOWN_SD)) for world in worlds
     ]
-    slips = [read_slips(world) for world in worlds]
     return (
         told,
         informed,
-        slips,
         1e6 * sum(t.spent_s for t in told) / sum(len(world.block) for world in worlds),
     )
 
@@ -157,10 +147,10 @@ def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord], list[Wor
 def _measure_without(part: str, seeds: range) -> list[GripRecord]:
     """Run the model without a part over some worlds."""
     with without(part):
-        return [tell(world, GripParams()) for world in _worlds(seeds)]
+        return [tell(world, GripParams()) for world in draw_reported(seeds)]
 
 
-def _worlds(seeds: range) -> list[World]:
+def draw_reported(seeds: range) -> list[World]:
     """Draw a batch of worlds; one batch in `_HELD_OUT_EACH` has the law on which nothing was set."""
     is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
     return draw_worlds(seeds, (HELD_OUT_LAW,) if is_held_out else LAWS)

@@ -45,7 +45,7 @@ class RestingLoad(NamedTuple):
 
 def read_load(load: str, seed: int) -> list[RestingLoad]:
     """One of `LOADS`, read at each noise by every detector; nothing where it slips nevertheless."""
-    played = play("rest", lambda seed: _loaded(load, seed), seed)
+    played = play("rest", partial(loaded, load), seed)
     if played.slip is not None:
         return []
     readings = []
@@ -57,7 +57,8 @@ def read_load(load: str, seed: int) -> list[RestingLoad]:
     return readings
 
 
-def _loaded(load: str, seed: int) -> Scene:
+def loaded(load: str, seed: int) -> Scene:
+    """Scene of one of `LOADS`."""
     rng, scene = begin(load, seed)
     scene["held_object"] = {"mass_kg": 0.3}
     part = rng.uniform(*LOADS[load])

@@ -56,6 +56,8 @@ class PlayedScene:
         None where no gross slip happens.
     slipping : tuple of (start_s, end_s)
         From the beginning of shear to the end of each time that a tenth or more of the contact slipped.
+    slipping_share : (n,) float64
+        Share of the contact area that slips, at the begin of each scan.
     """
 
     family: str
@@ -65,6 +67,7 @@ class PlayedScene:
     slip: FirstSlip | None
     slipping: tuple[tuple[float, float], ...]
     announcements: tuple[Announcement, ...]
+    slipping_share: FloatArray
 
     @property
     def duration_s(self) -> float:
@@ -103,12 +106,13 @@ def play(name: str, family: Family, seed: int) -> PlayedScene:
     truth = Truth(scene, 0.0, sensor.contact, ARRAY)
     grid_s = np.arange(0.0, scene.duration_s, GRID_S)
     # Volts and truth in turns: a request older than the newest seconds would play the scene anew.
-    volts, loads_n = [], []
+    volts, loads_n, shares = [], [], []
     bounds = [*range(0, n - _PIECE_SCANS, _PIECE_SCANS), n]
     for start, end in itertools.pairwise(bounds):
         volts.append(sensor.volts(time_s[start:end]))
         until_s = time_s[end, 0] if end < n else np.inf
         loads_n.append(loads_at(truth, grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)]))
+        shares.append(truth.state(time_s[start:end, 0]).slipping_share)
     load = LoadHistory(grid_s, *np.concatenate(loads_n, axis=1))
     return PlayedScene(
         family=name,
@@ -118,6 +122,7 @@ def play(name: str, family: Family, seed: int) -> PlayedScene:
         slip=first_gross_slip(truth, load),
         slipping=tuple((load.shear_s(e), e.end_s) for e in truth.episodes),
         announcements=announcements(scene),
+        slipping_share=np.concatenate(shares),
     )
 
 

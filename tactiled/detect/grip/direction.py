@@ -1,9 +1,15 @@
 """Direction of a slip and its standard deviation, from the growth of the taxels' shear over load.
 
-Shear grows along the motion that loads the skin. On a skin that already bears shear at an angle to it, the
-slip may take another direction, because friction balances the sum of both: an object that is pulled harder
-slides along the sum of all pulls at the friction limit, one that is dragged by a hand follows the hand. The
-direction lies between the growth and the sum at the limit, and its standard deviation reaches to both.
+Shear grows along the motion that loads the skin. Three things make the direction of the growth another than
+that of the slip, and each has its part in the standard deviation:
+
+- Noise and unequal gains turn each taxel on its own: their spread is measured.
+- On a skin that already bears shear at an angle to it, the slip may take another direction, because friction
+  balances the sum of both: an object that is pulled harder slides along the sum of all pulls at the friction
+  limit, one that is dragged by a hand follows the hand. The direction lies between the two.
+- The course of the growth bends. Before gross slip the motion may have turned, so that the bend is
+  uncertainty. Near the friction limit the course bends because sides of taxels are relieved of their whole
+  load and taxels slip one after another: at gross slip the direction is that of the first half of the growth.
 """
 
 import math
@@ -18,9 +24,11 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 
 # Of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.
 _TURNS, _TURNS_SD = 0.4, 0.33
-_SHARED = 1.1  # taxels share some of their error (a tilt of the load), which no spread shows
 _MODEL_SD = 0.05  # radians: resistors that are 5 % unequal turn one taxel by so much
+_FEWEST = 4  # taxels whose spread has a variance: fewer have no more than three degrees of freedom
 _AVERAGED = 3  # scans at each end of the growth
+# Of the angle from the growth to its first half: what that half still has of the bend of the second.
+_BEND_LEFT = 0.2
 
 
 class Direction(NamedTuple):
@@ -44,21 +52,60 @@ def direction(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
     now = shears[-_AVERAGED:].mean(axis=0)
     change = now.sum(axis=1) - totals
     start = int(np.argmax((change**2).sum(axis=1)))
-    grown = now - shears[max(0, start - _AVERAGED + 1) : start + _AVERAGED].mean(axis=0)
-    x, y = grown.sum(axis=1)
-    size = math.hypot(x, y)
+    before = shears[max(0, start - _AVERAGED + 1) : start + _AVERAGED].mean(axis=0)
+    size = float(np.hypot(*(now - before).sum(axis=1)))
     ratio = scan.model.trend.value
     if size <= 1e-9 or math.hypot(ratio[0], ratio[1]) < abs(float(ratio[2])):
         return Direction(0.0, UNKNOWN_SD_DEG)
-    along = np.array([x, y]) / size
-    across = along[0] * grown[1] - along[1] * grown[0]
-    n = len(across)
-    spread = _SHARED * math.sqrt(n / max(n - 1, 1) * float((across**2).sum())) / size
-    limit = float(scan.model.friction.friction @ scan.model.friction.weights)
-    turn = _open_turn(along, now.sum(axis=1), limit)
-    angle = math.atan2(-along[1], -along[0]) + _TURNS * turn
-    sd = math.sqrt(_MODEL_SD**2 / n + spread**2 + (_TURNS_SD * turn) ** 2)
-    return Direction(math.remainder(math.degrees(angle), 360.0), min(UNKNOWN_SD_DEG, math.degrees(sd)))
+    total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
+    slides = scan.grip.p_sliding > 0.5 * scan.grip.p_incipient
+    if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
+        return _opposed_to(total, _spread(now, scan))
+    turn = _open_turn(along, total, float(scan.model.friction.friction @ scan.model.friction.weights))
+    bend = _bend(totals[start:] - before.sum(axis=1), along, size)
+    angle = _TURNS * turn + (bend if slides else 0.0)
+    sd = math.hypot(_spread(now - before, scan), _TURNS_SD * turn, (_BEND_LEFT if slides else 1.0) * bend)
+    cos, sin = math.cos(angle), math.sin(angle)
+    return _opposed_to(np.array([cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]]), sd)
+
+
+def _opposed_to(shear: FloatArray, sd: float) -> Direction:
+    """Return the direction of the motion that a shear opposes; `sd` in radians."""
+    angle_deg = math.degrees(math.atan2(-shear[1], -shear[0]))
+    return Direction(angle_deg, min(UNKNOWN_SD_DEG, math.degrees(sd)))
+
+
+def _spread(shear: FloatArray, scan: ContactScan) -> float:
+    """Return the standard deviation of the direction of the sum of shears (2, taxels), in radians.
+
+    The sum across the direction has Student's t distribution with one degree of freedom less than taxels,
+    whose variance exceeds the estimated one by (n - 1) / (n - 3).
+    """
+    total = shear.sum(axis=1)
+    size = max(math.hypot(total[0], total[1]), 1e-12)
+    n = shear.shape[1]
+    if n < _FEWEST:
+        return math.hypot(_MODEL_SD / math.sqrt(n), math.sqrt(2) * scan.model.trend.value_sd / size)
+    across = (total[0] * shear[1] - total[1] * shear[0]) / size
+    return math.sqrt(n / (n - 3) * float((across**2).sum())) / size
+
+
+def _bend(course: FloatArray, along: FloatArray, size: float) -> float:
+    """Return the angle from a growth of shear to its first half.
+
+    Parameters
+    ----------
+    course : (scans, 2) float64
+        Growth up to each scan.
+    along : (2,) float64
+        Direction of all of it.
+    size : float
+        Length of all of it.
+    """
+    part = course @ along / size
+    middle = int(np.argmin(np.abs(part - 0.5)))
+    near = course[max(0, middle - 1) : middle + 2].mean(axis=0)
+    return math.atan2(2.0 * float(along[0] * near[1] - along[1] * near[0]), size)
 
 
 def _open_turn(along: FloatArray, total: FloatArray, limit: float) -> float:

@@ -1,8 +1,10 @@
 """Slip events as thresholds on the posterior of the contact model.
 
 A slip is incipient where a tenth of the contact area slips with at least some probability, and gross where
-all of it slides with at least some other. Both end by hysteresis. A skin that stops sliding keeps its shear,
-and looks like one that still slides: a gross slip stays open until shear over load has fallen.
+all of it slides with at least some other. An incipient slip ends when its probability has fallen to half and
+the friction limit was hardly met: an end is no reason to open a hand while the skin may slide. A skin that
+stops sliding keeps its shear, and looks like one that still slides: a gross slip stays open until shear over
+load has fallen.
 """
 
 import collections
@@ -20,6 +22,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 DETECTOR = "grip"
 _OFF_S = 0.08  # an incipient slip ends when its probability was below half of p for so long
+_MAY_SLIDE = 0.05  # probability that the limit was met, below which an incipient slip may end
 _HISTORY_S = 1.0  # in which the beginning of a slip is looked for
 # Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
 _RELAXED = 0.85
@@ -91,7 +94,9 @@ class PosteriorSlips:
         if slip.kind == "gross":
             self._largest = max(self._largest, size)
             return not self._slides and size < _RELAXED * self._largest
-        self._n_low = self._n_low + 1 if scan.grip.p_incipient < self._p / 2 else 0
+        friction = scan.model.friction
+        is_low = scan.grip.p_incipient < self._p / 2 and float(friction.weights @ friction.met) < _MAY_SLIDE
+        self._n_low = self._n_low + 1 if is_low else 0
         return self._n_low >= self._n_off and not self._slides
 
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:

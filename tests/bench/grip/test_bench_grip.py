@@ -1,7 +1,5 @@
 """Worlds and scores of the grip bench against what is known of them."""
 
-from typing import Literal
-
 import numpy as np
 import pytest
 
@@ -18,12 +16,8 @@ from bench.grip.score import (
     tell,
     warned,
 )
-from bench.grip.slips import WorldSlips, slips_row
-from bench.grip.slips import gross_told as slips_told
-from bench.grip.slips import rests_called_gross as slips_rests
 from bench.grip.worlds import DURATION_S, HANDS, LAWS, World, draw_worlds
 from tactiled.detect.grip.detector import GripParams
-from tactiled.events.types import SlipEvent
 
 
 @pytest.fixture(scope="module")
@@ -124,47 +118,9 @@ def test_an_alarm_has_hysteresis(worlds: list[World]) -> None:
 
 def test_every_aim_measures_the_model_on_worlds(worlds: list[World]) -> None:
     told = [tell(world, GripParams()) for world in worlds[:4]]
-    found = GripFound(told, told, [], 100.0)
+    found = GripFound(told, told, 100.0)
     for aim in AIMS:
         assert aim.measure(found).verdict in ("met", "open", "MISSED")
-
-
-def event(kind: Literal["incipient", "gross"], detected_s: float, direction_deg: float) -> SlipEvent:
-    return SlipEvent(
-        time_s=detected_s,
-        state="onset",
-        kind=kind,
-        onset_s=detected_s,
-        onset_sd_s=0.0,
-        direction_deg=direction_deg,
-        direction_sd_deg=1.0,
-        confidence=1.0,
-        taxels=(),
-        detector="",
-        statistic=1.0,
-        threshold=1.0,
-        valid=True,
-        detected_s=detected_s,
-    )
-
-
-def test_slips_of_the_truth_are_perfect(worlds: list[World]) -> None:
-    told = []
-    for world in worlds:
-        events = []
-        for tenth_s, gross_s in zip(world.tenth_s[:1], world.gross_s[:1], strict=True):
-            direction_deg = float(world.direction_deg[round(gross_s * world.rate_hz)])
-            events += [event("incipient", tenth_s + 0.05, direction_deg)]
-            events += [event("gross", gross_s, direction_deg)]
-        told.append(WorldSlips(world, {"truth": events, "nothing": []}))
-    row = slips_row("truth", told)
-    n_slips = sum(world.slips for world in worlds)
-    assert sum(slips_told("truth", told, 0.1)) == n_slips > 0
-    assert not any(slips_told("nothing", told, 0.1))
-    assert not any(slips_rests("truth", told))
-    assert row["onsets an hour where nothing slips"] == "0"
-    assert row["direction at gross slip"].startswith("0.0 deg")
-    assert row["direction at gross slip"].endswith("0 reversed")
 
 
 def test_shares_go_from_stiffness_to_load() -> None:

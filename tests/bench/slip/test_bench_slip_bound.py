@@ -143,7 +143,7 @@ def test_the_oracle_has_its_rate_and_is_never_later_than_a_rule(slide: PlayedSce
 
 
 def test_the_oracle_refuses_a_scene_without_slip(slide: PlayedScene) -> None:
-    still = PlayedScene("still", 1, slide.volts, 1.0, None, (), ())
+    still = PlayedScene("still", 1, slide.volts, 1.0, None, (), (), np.zeros(len(slide.volts)))
     with pytest.raises(ContractError, match="none"):
         Oracle(still)
 

@@ -200,7 +200,7 @@ def by_hand(motion_v: NDArray[np.float64]) -> PlayedScene:
     volts = np.full((len(motion_v), 36), 1.0)
     volts[:, 0::4] += motion_v[:, np.newaxis] / 2
     volts[:, 2::4] -= motion_v[:, np.newaxis] / 2
-    return PlayedScene("by-hand", 1, volts, 1.0, None, (), ())
+    return PlayedScene("by-hand", 1, volts, 1.0, None, (), (), np.zeros(len(volts)))
 
 
 def test_exceedances_count_growth_of_shear_within_a_latency() -> None:

@@ -23,7 +23,9 @@ from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 SLIP = FirstSlip(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direction_deg=170.0)
-PLAYED = PlayedScene("by-hand", 1, np.zeros((800, 36)), 1.0, SLIP, ((3.0, 3.5), (5.0, 7.0)), ())
+PLAYED = PlayedScene(
+    "by-hand", 1, np.zeros((800, 36)), 1.0, SLIP, ((3.0, 3.5), (5.0, 7.0)), (), np.zeros(800)
+)
 
 
 def onset(detected_s: float, kind: str = "incipient", **changes: float | bool | str) -> SlipEvent:

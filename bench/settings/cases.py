@@ -1,0 +1,122 @@
+"""Scenes of ``./run bench settings`` from both kinds of worlds, with the truth that events are held to."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.grip.worlds import World
+from bench.slip.resting import LOADS, loaded
+from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, PlayedScene, play
+from tactiled.array import Array, FloatArray
+from tactiled.detect.grip.model import INCIPIENT_USED
+from tactiled.samples.block import ScanBlock
+
+RANDOM = "random worlds"
+SCENE_NOISES_V = (0.3e-3, 1e-3, 3e-3)
+_JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belongs to it
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Scans of one scene and its truth.
+
+    Attributes
+    ----------
+    group : str
+        Kind of world, and noise where it is given.
+    utilisation : (n,) float64
+        Tangential load over its limit; of families, from the slipping share by Mindlin's curve.
+    gross_s, gross_end_s, tenth_s : float
+        First gross slip: from where all of the contact slips until it stops; a tenth of the area slips since.
+        Infinite where there is none.
+    direction_deg : float
+        Of the skin's motion in that slip; NaN where it turns on the spot.
+    shear_s : float
+        Beginning of the shear that leads to it; NaN where it is not known.
+    is_falling : bool
+        Friction falls at constant load.
+    """
+
+    group: str
+    array: Array
+    block: ScanBlock
+    utilisation: FloatArray
+    gross_s: float
+    gross_end_s: float
+    tenth_s: float
+    direction_deg: float
+    shear_s: float = float("nan")
+    is_falling: bool = False
+
+    @property
+    def slips(self) -> bool:
+        """True where gross slip happens."""
+        return bool(np.isfinite(self.gross_s))
+
+    @property
+    def partial(self) -> NDArray[np.bool_]:
+        """Scans (n,) at which a tenth of the area slips."""
+        return self.utilisation >= INCIPIENT_USED
+
+    @property
+    def nothing(self) -> NDArray[np.bool_]:
+        """Scans (n,) at which less than a tenth of the area slips, and did so in the last 0.1 s."""
+        before = round(_JUST_NOW_S * self.block.rate_hz)
+        recent = np.convolve(self.partial, np.ones(before + 1))[: len(self.utilisation)] > 0.5
+        return ~recent
+
+    def utilisation_at(self, time_s: float) -> float:
+        """Utilisation at an instant."""
+        row = round((time_s - float(self.block.time_s[0])) * self.block.rate_hz)
+        return float(self.utilisation[min(max(row, 0), len(self.utilisation) - 1)])
+
+
+def from_world(world: World) -> Case:
+    """Make a case of a random world."""
+    gross_s = world.gross_s[0] if world.slips else np.inf
+    direction_deg, end_s = np.nan, np.inf
+    if world.slips:
+        row = min(round(gross_s * world.rate_hz), len(world.gross) - 1)
+        after = np.flatnonzero(~world.gross[row + 1 :])
+        end_s = float(row + 1 + after[0]) / world.rate_hz if len(after) else np.inf
+        direction_deg = np.nan if world.hand == "twist" else float(world.direction_deg[row])
+    return Case(
+        group=RANDOM,
+        array=world.array,
+        block=world.block,
+        utilisation=np.minimum(world.utilisation, 1.0),
+        gross_s=gross_s,
+        gross_end_s=end_s,
+        tenth_s=world.tenth_s[0] if world.slips else np.inf,
+        direction_deg=direction_deg,
+        is_falling=world.hand == "falling-friction",
+    )
+
+
+SCENES: Mapping[str, Callable[[int], PlayedScene]] = {
+    name: partial(play, name, family)
+    for name, family in (ALL_SLIPPING | ALL_QUIET | {load: partial(loaded, load) for load in LOADS}).items()
+}
+"""Families of `./run bench slip` and its resting loads: seed to a played scene."""
+
+
+def from_scene(played: PlayedScene, noise_v: float) -> Case:
+    """Make a case of a played scene, read with some noise."""
+    slip = played.slip
+    # The sticking share of a ball's area is (1 - utilisation)^(2/3).
+    used = 1.0 - (1.0 - np.clip(played.slipping_share, 0.0, 1.0)) ** 1.5
+    direction_deg = None if slip is None else slip.direction_deg
+    return Case(
+        group=f"{1e3 * noise_v:g} mV",
+        array=ARRAY,
+        block=played.read(noise_v, draw=1),
+        utilisation=used,
+        gross_s=np.inf if slip is None else slip.gross_s,
+        gross_end_s=np.inf if slip is None else slip.end_s,
+        tenth_s=np.inf if slip is None else slip.incipient_s,
+        direction_deg=np.nan if direction_deg is None else direction_deg,
+        shear_s=np.nan if slip is None else slip.shear_s,
+    )

@@ -1,0 +1,140 @@
+"""Slip events of all settings on one case.
+
+The contact model runs once; each of its settings only puts other thresholds on the same posterior. The result
+is that of `GripSlip` with these thresholds (held by a test).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.settings.cases import Case
+from tactiled.array import FloatArray
+from tactiled.detect.grip.detector import ContactScan, GripDetector, GripParams
+from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
+from tactiled.detect.signal.contact import ContactTracker
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.events.types import SlipEvent
+
+INCIPIENT_PS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
+GROSS_PS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
+_OTHER_GROSS_P, _OTHER_INCIPIENT_P = 0.5, 0.9  # while the other probability is varied
+_SURE_GROWTH = 3.0  # standard deviations of the rate
+N_BINS = 10
+
+
+class Thresholds(NamedTuple):
+    """Probabilities from which incipient and gross slip are reported."""
+
+    incipient: float
+    gross: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """Time of contact by the probability told: (bins,) float64 each, in seconds.
+
+    Attributes
+    ----------
+    time_s, said_s, seen_s : (N_BINS,) float64
+        Time; time multiplied by the probability told; time in which it was so.
+    """
+
+    time_s: FloatArray = field(default_factory=lambda: np.zeros(N_BINS))
+    said_s: FloatArray = field(default_factory=lambda: np.zeros(N_BINS))
+    seen_s: FloatArray = field(default_factory=lambda: np.zeros(N_BINS))
+
+    def take(self, p: float, is_true: bool, step_s: float) -> None:
+        """Count a scan."""
+        k = min(int(p * N_BINS), N_BINS - 1)
+        self.time_s[k] += step_s
+        self.said_s[k] += step_s * p
+        self.seen_s[k] += step_s * is_true
+
+    def __add__(self, other: "Reliability") -> "Reliability":
+        return Reliability(self.time_s + other.time_s, self.said_s + other.said_s, self.seen_s + other.seen_s)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseEvents:
+    """Slip events of one case.
+
+    Attributes
+    ----------
+    posterior : mapping of Thresholds to list of SlipEvent
+        Of the contact model.
+    coherent : mapping of str to list of SlipEvent
+        Of the detector of docs/slip.md, by setting.
+    partial : Reliability
+        Probability that a tenth of the area slips, where shear over load certainly grows beyond what was
+        borne before: a contact that rests has slipped, and does not slip.
+    """
+
+    case: Case
+    posterior: Mapping[Thresholds, Sequence[SlipEvent]]
+    coherent: Mapping[str, Sequence[SlipEvent]]
+    partial: Reliability
+
+
+def incipient_curve_at(p: float) -> Thresholds:
+    """Return a point of the curve over the probability of incipient slip."""
+    return Thresholds(p, _OTHER_GROSS_P)
+
+
+def gross_curve_at(p: float) -> Thresholds:
+    """Return a point of the curve over the probability of gross slip."""
+    return Thresholds(_OTHER_INCIPIENT_P, p)
+
+
+def all_thresholds(settings: Sequence[Thresholds]) -> list[Thresholds]:
+    """Return the thresholds of the settings and of both curves."""
+    curves = [*map(incipient_curve_at, INCIPIENT_PS), *map(gross_curve_at, GROSS_PS)]
+    return list(dict.fromkeys([*settings, *curves]))
+
+
+def run_settings(case: Case, thresholds: Sequence[Thresholds]) -> CaseEvents:
+    """Run both detectors over a case."""
+    posterior, reliability = run_posterior(case, thresholds)
+    coherent = {
+        name: [e for e in CoherentSlip(case.array, params).process(case.block) if isinstance(e, SlipEvent)]
+        for name, params in SETTINGS.items()
+    }
+    return CaseEvents(case, posterior, coherent, reliability)
+
+
+def run_posterior(
+    case: Case, thresholds: Sequence[Thresholds]
+) -> tuple[dict[Thresholds, list[SlipEvent]], Reliability]:
+    """Run the contact model once, and all thresholds on its posterior."""
+    block, params = case.block, GripParams()
+    detector, reliability = GripDetector(case.array, params), Reliability()
+    tracker = ContactTracker(case.array, params.contact, block.rate_hz)
+    gate = tracker.measure(block, Quantiser(case.array).process(block)).rows()
+    found: dict[Thresholds, list[SlipEvent]] = {at: [] for at in thresholds}
+    open_slips: dict[Thresholds, PosteriorSlips] = {}
+    partial = case.partial
+    for row, _ in enumerate(detector.scans(block)):
+        tracker.step(*next(gate))
+        scan = detector.contact if tracker.state != "none" else None
+        at = ScanInstant(float(block.time_s[row]), float(block.time_sd_s[row]), bool(block.late[row]))
+        if scan is None:
+            for key, slips in open_slips.items():
+                if slips.open is not None:
+                    found[key].append(slips.end(at.time_s, valid=not at.is_late))
+            open_slips = {}
+            continue
+        if not open_slips:
+            open_slips = {key: PosteriorSlips(*key, block.rate_hz) for key in thresholds}
+        for key, slips in open_slips.items():
+            found[key] += slips.step(scan, at)
+        _count(reliability, scan, bool(partial[row]), 1.0 / block.rate_hz)
+    return found, reliability
+
+
+def _count(reliability: Reliability, scan: ContactScan, is_partial: bool, step_s: float) -> None:
+    trend = scan.model.trend
+    if trend.is_fresh and trend.growth > _SURE_GROWTH * trend.rate_sd:
+        reliability.take(min(scan.grip.p_incipient, 1.0), is_partial, step_s)
