@@ -50,13 +50,13 @@ from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 POSTERIOR_SETTINGS: Mapping[str, Thresholds] = {
-    "fast": Thresholds(0.5, 0.35),
-    "balanced": Thresholds(0.9, 0.35),
-    "quiet": Thresholds(0.98, 0.7),
+    "fast": Thresholds(0.5, 0.25),
+    "balanced": Thresholds(0.9, 0.25),
+    "quiet": Thresholds(0.98, 0.5),
 }
 """Probabilities of the contact model that stand for the names of the settings."""
 
-N_WORLDS, N_QUICK_WORLDS = 240, 48
+N_WORLDS, N_QUICK_WORLDS = 120, 48
 N_SCENES, N_QUICK_SCENES = 3, 1  # seeds of each family
 _BATCH = 12
 _CLEAR = 0.8  # utilisation below which a contact that holds is far from gross slip
@@ -86,7 +86,7 @@ def told_by_coherent(events: Sequence[CaseEvents], setting: str) -> list[Told]:
 def bench_settings(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Rows of both detectors at each setting, and curves over the probabilities of the contact model.
 
-    Quick: 48 random worlds instead of 240, one seed of each family instead of three.
+    Quick: 48 random worlds instead of 120, one seed of each family instead of three.
     """
     n_worlds = N_QUICK_WORLDS if options.quick else N_WORLDS
     n_scenes = N_QUICK_SCENES if options.quick else N_SCENES

@@ -20,7 +20,7 @@ from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.events.types import SlipEvent
 
 INCIPIENT_PS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
-GROSS_PS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
+GROSS_PS = (0.1, 0.25, 0.35, 0.5, 0.7, 0.9)
 _OTHER_GROSS_P, _OTHER_INCIPIENT_P = 0.5, 0.9  # while the other probability is varied
 _SURE_GROWTH = 3.0  # standard deviations of the rate
 N_BINS = 10
@@ -119,11 +119,11 @@ def run_posterior(
     for row, _ in enumerate(detector.scans(block)):
         tracker.step(*next(gate))
         scan = detector.contact if tracker.state != "none" else None
-        at = ScanInstant(float(block.time_s[row]), float(block.time_sd_s[row]), bool(block.late[row]))
+        at = ScanInstant(float(block.time_s[row]), float(block.time_sd_s[row]), not bool(block.late[row]))
         if scan is None:
             for key, slips in open_slips.items():
                 if slips.open is not None:
-                    found[key].append(slips.end(at.time_s, valid=not at.is_late))
+                    found[key].append(slips.end(at.time_s, valid=at.is_valid))
             open_slips = {}
             continue
         if not open_slips:

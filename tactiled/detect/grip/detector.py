@@ -58,10 +58,10 @@ class GripParams(Params):
         default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
     )
     incipient_p: float = Field(
-        default=0.5, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
+        default=0.9, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
     )
     gross_p: float = Field(
-        default=0.35, gt=0, lt=1, description="probability of gross slip from which slip events report it"
+        default=0.25, gt=0, lt=1, description="probability of gross slip from which slip events report it"
     )
     contact: ContactParams = ContactParams()
 
@@ -158,6 +158,11 @@ class GripDetector:
             return None
         return ContactScan(touch.model, touch.grip, touch.shear)
 
+    @property
+    def keeps_enough(self) -> bool:
+        """True where so many taxels can be read that what is said of the contact is valid."""
+        return int(np.count_nonzero(self._dropped)) <= (1 - _LEAST_KEPT) * len(self._dropped)
+
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
 
@@ -198,7 +203,7 @@ class GripDetector:
             self._friction.spread(_DROPPED_SD)
         self._dropped = dropped
         waits = self._responses.taxel_channels[~dropped] @ ~ok
-        return not bool(np.any(waits)) and int(np.count_nonzero(dropped)) <= (1 - _LEAST_KEPT) * len(dropped)
+        return not bool(np.any(waits)) and self.keeps_enough
 
     def _step(
         self, volts: FloatArray, details: FloatArray | None, time_s: float, is_trusted: bool, is_late: bool

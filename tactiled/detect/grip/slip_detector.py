@@ -80,7 +80,8 @@ class GripSlip:
         for row, grip in enumerate(self._grip.scans(item)):
             if change := tracker.step(*next(gate)):
                 events.append(contact_event(item, row, pressure, change))
-            at = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), bool(item.late[row]))
+            is_valid = self._grip.keeps_enough and not bool(item.late[row])
+            at = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), is_valid)
             events += self._slip(at, touches=tracker.state != "none")
             if change := self._follow(tracker):
                 events.append(contact_event(item, row, pressure, change))
@@ -97,7 +98,7 @@ class GripSlip:
                 self._slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
             return self._slips.step(scan, at)
         slips, self._slips = self._slips, None
-        return [slips.end(at.time_s, valid=not at.is_late)] if slips is not None and slips.open else []
+        return [slips.end(at.time_s, valid=at.is_valid)] if slips is not None and slips.open else []
 
     def _follow(self, tracker: ContactTracker) -> ContactTransition | None:
         """Enter or leave the contact states that slips make."""

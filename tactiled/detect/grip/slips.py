@@ -30,11 +30,11 @@ _GROWN = 1.1  # of the smallest ratio since a slip ended, beyond which the next 
 
 
 class ScanInstant(NamedTuple):
-    """Instant of a scan and its standard deviation; `is_late` as in the scan block."""
+    """Instant of a scan with its sd; not valid where the scan came late or too few taxels are read."""
 
     time_s: float
     time_sd_s: float
-    is_late: bool
+    is_valid: bool
 
 
 class PosteriorSlips:
@@ -68,7 +68,7 @@ class PosteriorSlips:
         self._slides = grip.p_sliding > (self._gross_p / 2 if self._slides else self._gross_p)
         events: list[SlipEvent] = []
         if self.open is not None and self._has_ended(self.open, scan, size):
-            events.append(self.end(at.time_s, valid=not at.is_late))
+            events.append(self.end(at.time_s, valid=at.is_valid))
             self._least = size
         if self.open is None and self._may_begin(scan, size):
             self._n_low = 0
@@ -116,7 +116,7 @@ class PosteriorSlips:
             detector=DETECTOR,
             statistic=scan.grip.p_incipient,
             threshold=self._p,
-            valid=not at.is_late,
+            valid=at.is_valid,
             detected_s=at.time_s,
         )
 
@@ -134,10 +134,10 @@ class PosteriorSlips:
             direction_deg=towards.angle_deg,
             direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
             confidence=scan.grip.p_sliding,
-            taxels=tuple(range(scan.shear.shape[1])),
+            taxels=tuple(np.flatnonzero(scan.shear.any(axis=0)).tolist()),  # not those that are out
             statistic=scan.grip.p_sliding,
             threshold=self._gross_p,
-            valid=not at.is_late,
+            valid=at.is_valid,
             detected_s=at.time_s,
         )
 

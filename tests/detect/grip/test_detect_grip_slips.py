@@ -17,15 +17,16 @@ MU = 0.7
 RATE_HZ = 100.0
 PLACES = [-4.0, 0.0, 4.0]
 LOADS = np.array([0.4, 0.8, 0.5, 0.9, 1.8, 1.1, 0.6, 1.2, 0.7])
+ARRAY_CHANNELS = [
+    TaxelChannel(name="x", kind="shear_x"),
+    TaxelChannel(name="y", kind="shear_y"),
+    TaxelChannel(name="z", kind="normal"),
+]
 ARRAY = build(
     ArrayFile(
         name="xyz",
         grids=[Grid(x_mm=PLACES, y_mm=PLACES)],
-        taxel_channels=[
-            TaxelChannel(name="x", kind="shear_x"),
-            TaxelChannel(name="y", kind="shear_y"),
-            TaxelChannel(name="z", kind="normal"),
-        ],
+        taxel_channels=ARRAY_CHANNELS,
         full_scale_volts=8.0,
     )
 )
@@ -110,6 +111,59 @@ def test_a_higher_probability_is_reported_later() -> None:
         for p in (0.05, 0.3, 0.9)
     ]
     assert detected_s == sorted(set(detected_s))
+
+
+def without(block: ScanBlock, channels: list[int], from_row: int = 0) -> ScanBlock:
+    """Return the block with channels that cannot be read from a scan on."""
+    volts, valid = block.volts.copy(), np.ones(block.volts.shape, dtype=np.bool_)
+    volts[from_row:, channels], valid[from_row:, channels] = np.nan, False
+    return regular_block(volts, RATE_HZ, valid=valid)
+
+
+@pytest.mark.parametrize("from_row", [0, 220])
+def test_a_taxel_that_is_lost_does_not_slip_and_the_rest_is_reported(from_row: int) -> None:
+    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), [4], from_row)))
+    assert [(event.state, event.kind, event.valid) for event in told] == [
+        ("onset", "incipient", True),
+        ("onset", "gross", True),
+        ("end", "gross", True),
+    ]
+    assert told[1].taxels == (0, 2, 3, 4, 5, 6, 7, 8)
+
+
+def test_slips_of_a_pad_that_has_lost_a_third_are_not_valid() -> None:
+    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), [1, 12, 23])))
+    assert told
+    assert not any(event.valid for event in told)
+
+
+def test_one_taxel_tells_incipient_slip_and_its_direction() -> None:
+    array = build(
+        ArrayFile(
+            name="one",
+            grids=[Grid(x_mm=[0.0], y_mm=[0.0])],
+            taxel_channels=ARRAY_CHANNELS,
+            full_scale_volts=8.0,
+        )
+    )
+    volts = slide().volts.reshape(-1, 9, 3).sum(axis=1) / 2
+    told = slips(GripSlip(array).process(regular_block(volts, RATE_HZ)))
+    assert (told[0].state, told[0].kind) == ("onset", "incipient")
+    assert 2.0 < told[0].detected_s < SLIPS_S
+    assert abs(told[0].direction_deg - 30.0) < 2 * told[0].direction_sd_deg < 10
+
+
+def test_an_array_without_shear_has_contact_events_only() -> None:
+    array = build(
+        ArrayFile(
+            name="z",
+            grids=[Grid(x_mm=PLACES, y_mm=PLACES)],
+            taxel_channels=[TaxelChannel(name="z", kind="normal")],
+            full_scale_volts=8.0,
+        )
+    )
+    events = GripSlip(array).process(regular_block(slide().volts[:, 2::3], RATE_HZ))
+    assert {event.topic for event in events} == {"contact"}
 
 
 def test_a_gap_ends_a_slip_with_an_event_that_is_not_valid() -> None:
