@@ -45,16 +45,15 @@ from bench.settings.score import (
     usual,
 )
 from bench.slip.bench import REPORT_SEED
+from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 POSTERIOR_SETTINGS: Mapping[str, Thresholds] = {
-    "fast": Thresholds(0.5, 0.25),
-    "balanced": Thresholds(0.9, 0.25),
-    "quiet": Thresholds(0.98, 0.5),
+    name: Thresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
 }
-"""Probabilities of the contact model that stand for the names of the settings."""
+"""Settings of the contact model."""
 
 N_WORLDS, N_QUICK_WORLDS = 120, 48
 N_SCENES, N_QUICK_SCENES = 3, 1  # seeds of each family
@@ -167,10 +166,10 @@ QUESTIONS: Mapping[str, Question] = {
 def settings_table(events: Sequence[CaseEvents]) -> str:
     """Answers to all questions, a column for each setting."""
     columns = {
-        f"{name}: p {at.incipient:g} / {at.gross:g}": told_by_posterior(events, at)
+        f"{name}, p {at.incipient:g} / {at.gross:g}": told_by_posterior(events, at)
         for name, at in POSTERIOR_SETTINGS.items()
     }
-    columns |= {f"{name} of docs/slip.md": told_by_coherent(events, name) for name in SETTINGS}
+    columns |= {name: told_by_coherent(events, name) for name in SETTINGS}
     return table(
         {"question": question} | {name: answer(told) for name, told in columns.items()}
         for question, answer in QUESTIONS.items()
@@ -188,7 +187,7 @@ def _curve_rows(events: Sequence[CaseEvents]) -> Iterator[dict[str, str]]:
     for p in GROSS_PS:
         yield _curve_row(f"gross at p {p:g}", told_by_posterior(events, gross_curve_at(p)))
     for name in SETTINGS:
-        yield _curve_row(f"{name} of docs/slip.md", told_by_coherent(events, name))
+        yield _curve_row(name, told_by_coherent(events, name))
 
 
 def _curve_row(name: str, told: Sequence[Told]) -> dict[str, str]:

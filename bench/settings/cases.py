@@ -59,14 +59,14 @@ class Case:
     @property
     def partial(self) -> NDArray[np.bool_]:
         """Scans (n,) at which a tenth of the area slips."""
-        return self.utilisation >= INCIPIENT_USED
+        return np.asarray(self.utilisation >= INCIPIENT_USED)
 
     @property
     def nothing(self) -> NDArray[np.bool_]:
         """Scans (n,) at which less than a tenth of the area slips, and did so in the last 0.1 s."""
         before = round(_JUST_NOW_S * self.block.rate_hz)
         recent = np.convolve(self.partial, np.ones(before + 1))[: len(self.utilisation)] > 0.5
-        return ~recent
+        return np.asarray(~recent)
 
     def utilisation_at(self, time_s: float) -> float:
         """Utilisation at an instant."""

@@ -40,15 +40,19 @@ Score = Callable[[Sequence[Told]], float]
 
 
 def _ahead(told: Sequence[Told]) -> float:
-    return 100 * float(np.mean(slow_told_ahead(usual(told)) or [np.nan]))
+    return _percent(slow_told_ahead(usual(told)))
 
 
 def _gross(told: Sequence[Told]) -> float:
-    return 100 * float(np.mean(gross_told(usual(told), 0.1) or [np.nan]))
+    return _percent(gross_told(usual(told), 0.1))
 
 
 def _rests(told: Sequence[Told]) -> float:
-    return 100 * float(np.mean(rests_called_gross(told) or [np.nan]))
+    return _percent(rests_called_gross(told))
+
+
+def _percent(cases: Sequence[bool]) -> float:
+    return 100 * float(np.mean(cases)) if cases else float("nan")
 
 
 def draw_settings(path: Path, found: SettingsFound) -> None:
@@ -61,8 +65,8 @@ def draw_settings(path: Path, found: SettingsFound) -> None:
         _draw(incipient, events, curve, (false_onsets_per_hour, _ahead), colour, label)
         curve = [gross_curve_at(p) for p in GROSS_PS]
         _draw(gross, events, curve, (_rests, _gross), colour, label)
-    for marker, name in zip(_MARKERS, SETTINGS, strict=True):
-        incipient.plot([], [], marker, color="#555555", label=f"{name}; hollow: of the contact model")
+    for marker, name, grip in zip(_MARKERS, SETTINGS, POSTERIOR_SETTINGS, strict=True):
+        incipient.plot([], [], marker, color="#555555", label=f"{name}; hollow: {grip}")
     incipient.set(xscale="symlog", xlabel="onsets an hour where nothing slips")
     incipient.set(ylabel="slow slips told 100 ms ahead (%)", ylim=(0, 103), title="Incipient slip")
     gross.set(xlabel="rests called gross (%)", ylabel="gross slips told within 100 ms (%)", ylim=(0, 103))
@@ -94,5 +98,5 @@ def _draw(
     axes.plot(x, y, "-", color=colour, lw=1.5, label=label)
     for marker, name in zip(_MARKERS, SETTINGS, strict=True):
         axes.plot(*point(told_by_coherent(events, name)), marker, color=colour, ms=8)
-        at = POSTERIOR_SETTINGS[name]
+    for marker, at in zip(_MARKERS, POSTERIOR_SETTINGS.values(), strict=True):
         axes.plot(*point(told_by_posterior(events, at)), marker, color=colour, ms=8, mfc="none")

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grip.slip_detector import GripSlip
+from tactiled.detect.grip.slip_detector import GRIP_SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
@@ -28,7 +28,7 @@ from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
-Setting = Literal["fast", "balanced", "quiet", "grip", "wang2019"]
+Setting = Literal["fast", "balanced", "quiet", "grip", "grip-fast", "grip-quiet", "wang2019"]
 
 
 class Wang2019Params(Params):
@@ -43,8 +43,8 @@ class DetectParams(Params):
 
     setting: Setting = Field(
         default="balanced",
-        description="trade of latency against false alarms; grip: slips from the contact model; "
-        "wang2019: the published methods, as published",
+        description="trade of latency against false alarms; grip, grip-fast, grip-quiet: slips from the "
+        "contact model, by probability; wang2019: the published methods, as published",
     )
     slip: CoherentParams = Field(default=CoherentParams(), description="default: the values of the setting")
     texture: JointParams = JointParams()
@@ -54,15 +54,17 @@ class DetectParams(Params):
     @model_validator(mode="before")
     @classmethod
     def _as_the_setting_says(cls, document: Any) -> Any:
-        """Complete the table `slip` with the values of the setting."""
+        """Complete the tables `slip` and `grip` with the values of the setting."""
         if not isinstance(document, Mapping):
             return document
-        named = SETTINGS.get(str(document.get("setting", "balanced")))
-        return (
-            document
-            if named is None
-            else {**document, "slip": _over(named.model_dump(), document.get("slip", {}))}
-        )
+        setting = str(document.get("setting", "balanced"))
+        named: dict[str, Params | None] = {"slip": SETTINGS.get(setting), "grip": GRIP_SETTINGS.get(setting)}
+        completed = {
+            table: _over(values.model_dump(), document.get(table, {}))
+            for table, values in named.items()
+            if values is not None
+        }
+        return {**document, **completed}
 
     @property
     def in_use(self) -> str:
@@ -231,6 +233,8 @@ REGISTRY: Mapping[Setting, DetectorFactories] = {
     "balanced": _COHERENT,
     "quiet": _COHERENT,
     "grip": _GRIP,
+    "grip-fast": _GRIP,
+    "grip-quiet": _GRIP,
     "wang2019": _WANG2019,
 }
 """Detectors of each setting; settings that share detectors differ in their parameters."""

@@ -1,5 +1,7 @@
 """Contact and slip events from the contact model, as a detector of the suite."""
 
+from collections.abc import Mapping
+
 from tactiled.array import Array
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
@@ -12,6 +14,13 @@ from tactiled.detect.signal.contact import (
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
+
+GRIP_SETTINGS: Mapping[str, GripParams] = {
+    "grip-fast": GripParams(incipient_p=0.5),
+    "grip": GripParams(),
+    "grip-quiet": GripParams(incipient_p=0.98, gross_p=0.5),
+}
+"""Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 
 
 class GripSlip:

@@ -184,3 +184,11 @@ def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
     assert sum(event.topic == "grip" for event in events) == len(
         {e.time_s for e in events if e.topic == "grip"}
     )
+
+
+def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
+    quiet = DetectParams.model_validate({"setting": "grip-quiet"}).grip
+    assert (quiet.incipient_p, quiet.gross_p) == (0.98, 0.5)
+    given = DetectParams.model_validate({"setting": "grip-fast", "grip": {"gross_p": 0.4}}).grip
+    assert (given.incipient_p, given.gross_p) == (0.5, 0.4)
+    assert DetectParams.model_validate({"setting": "grip"}).grip == GripParams()
