@@ -38,7 +38,7 @@ class Direction(NamedTuple):
     sd_deg: float
 
 
-def direction(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
+def direction(scan: ContactScan, past: Sequence[FloatArray], *, is_gross: bool) -> Direction:
     """Return the direction of a slip; the sd is `UNKNOWN_SD_DEG` where the skin turns on the spot.
 
     Parameters
@@ -46,6 +46,8 @@ def direction(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
     scan : ContactScan
     past : sequence of (2, taxels) float64
         Shear over the total load, of the newest scans up to this one.
+    is_gross : bool
+        The slip is reported as gross.
     """
     shears = np.array(past)  # (scans, 2, taxels)
     totals = shears.sum(axis=2)
@@ -58,7 +60,7 @@ def direction(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
     if size <= 1e-9 or math.hypot(ratio[0], ratio[1]) < abs(float(ratio[2])):
         return Direction(0.0, UNKNOWN_SD_DEG)
     total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
-    slides = scan.grip.p_sliding > 0.5 * scan.grip.p_incipient
+    slides = is_gross or scan.grip.p_sliding > 0.5 * scan.grip.p_incipient
     if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
         return _opposed_to(total, _spread(now, scan))
     turn = _open_turn(along, total, float(scan.model.friction.friction @ scan.model.friction.weights))

@@ -102,7 +102,7 @@ class PosteriorSlips:
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
         began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
-        towards = direction(scan, [shear for _, _, shear in self._past])
+        towards = direction(scan, [shear for _, _, shear in self._past], is_gross=False)
         return SlipEvent(
             time_s=began_s,
             state="onset",
@@ -123,7 +123,7 @@ class PosteriorSlips:
     def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
         began_s, sd_s = self._began(friction.friction, friction.weights * friction.met, scan)
-        towards = direction(scan, [shear for _, _, shear in self._past])
+        towards = direction(scan, [shear for _, _, shear in self._past], is_gross=True)
         began_s = max(began_s, slip.onset_s)
         return dataclasses.replace(
             slip,

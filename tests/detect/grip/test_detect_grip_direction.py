@@ -14,7 +14,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 N_TAXELS = 9
 
 
-def found(course: FloatArray, *, slides: bool = False, spread: float = 0.0, n: int = N_TAXELS) -> Direction:
+def found(course: FloatArray, *, is_gross: bool = False, spread: float = 0.0, n: int = N_TAXELS) -> Direction:
     """Direction after a course (scans, 2) of total shear over load, shared by n taxels of unequal gain."""
     rng = np.random.default_rng(5)
     gains = 1 + spread * rng.normal(size=(2, n))
@@ -23,8 +23,10 @@ def found(course: FloatArray, *, slides: bool = False, spread: float = 0.0, n: i
         trend=SimpleNamespace(value=np.array([*course[-1], 0.0]), value_sd=1e-4),
         friction=SimpleNamespace(friction=np.array([0.8]), weights=np.array([1.0])),
     )
-    grip = SimpleNamespace(p_sliding=0.9 if slides else 0.0, p_incipient=0.9)
-    return direction(cast(ContactScan, cast(Any, SimpleNamespace(model=model, grip=grip))), past)
+    grip = SimpleNamespace(p_sliding=0.3 if is_gross else 0.0, p_incipient=0.9)
+    return direction(
+        cast(ContactScan, cast(Any, SimpleNamespace(model=model, grip=grip))), past, is_gross=is_gross
+    )
 
 
 def arc(turn_deg: float, size: float = 0.6, n: int = 60) -> FloatArray:
@@ -46,7 +48,7 @@ def test_unequal_gains_widen_the_standard_deviation_in_proportion() -> None:
 
 
 def test_a_bend_is_uncertainty_before_gross_slip_and_its_first_half_counts_after() -> None:
-    before, after = found(arc(20.0)), found(arc(20.0), slides=True)
+    before, after = found(arc(20.0)), found(arc(20.0), is_gross=True)
     assert before.sd_deg == pytest.approx(5.0, abs=1.0)  # the halves are 5 degrees from the whole
     # Away from the growth the sum at the limit has its part; its turn is the same in both.
     turned_deg = (after.angle_deg - before.angle_deg + 180) % 360 - 180
@@ -57,7 +59,7 @@ def test_a_bend_is_uncertainty_before_gross_slip_and_its_first_half_counts_after
 def test_shear_that_falls_while_all_slides_opposes_the_slip() -> None:
     rises, falls = np.linspace(0, 0.6, 30), np.linspace(0.6, 0.3, 90)
     course = np.stack([np.concatenate([rises, falls])[30:], np.zeros(90)], axis=1)
-    assert abs(abs(found(course, slides=True).angle_deg) - 180.0) < 1e-6
+    assert abs(abs(found(course, is_gross=True).angle_deg) - 180.0) < 1e-6
     assert abs(found(course).angle_deg) < 90.0  # of a contact that holds, the growth counts
 
 
