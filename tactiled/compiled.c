@@ -39,37 +39,56 @@ static unsigned crc16(unsigned crc, const uint8_t *octets, size_t n)
     return crc;
 }
 
-/* Decode the good COBS frames at the beginning of `in`, each closed by a zero and ended by its CRC (little-endian
- * where `little`). Stops before the first chunk that is empty, longer than `limit` - 1 octets or no good frame,
- * before an incomplete one, and after `n_most` frames. Bodies without CRC go to `out`. Returns
- * the number of frames; `ends` (frames, 2) are the ends of each in `in` and of its body in `out`. */
-API ptrdiff_t tactiled_frames(const uint8_t *in, ptrdiff_t n, ptrdiff_t limit, unsigned crc, int little,
-                              uint8_t *out, int64_t *ends, ptrdiff_t n_most)
+/* Scan message of a layout. Numbers of octets and places are those in the body, which is type and fields. */
+typedef struct {
+    int64_t limit;             /* octets before which a delimiter must come */
+    int64_t crc, is_little;    /* first remainder; byte order of all numbers */
+    int64_t type, type_width, body;
+    int64_t at[3], width[3];   /* sequence, ticks, flags; width 0: the layout has no such field */
+    int64_t counts_at, counts_width, counts_signed, channels;
+} scan_message;
+
+static int64_t number(const uint8_t *octets, int64_t width, int64_t is_little)
 {
-    ptrdiff_t n_frames = 0, at = 0, size = 0;
-    while (n_frames < n_most && at < n) {
-        const uint8_t *zero = memchr(in + at, 0, (size_t)(n - at < limit ? n - at : limit));
-        ptrdiff_t end = zero ? zero - in : at, body = size, k = at;
+    uint64_t value = 0;
+    for (int64_t k = 0; k < width; k++)
+        value = value << 8 | octets[is_little ? width - 1 - k : k];
+    return (int64_t)value;
+}
+
+/* Read the good scans at the beginning of `in`: COBS frames that end with their CRC and a zero. Stops before the
+ * first frame that is anything else, before an incomplete one, and after `n_most` scans. `body` has room for `limit`
+ * octets. Returns the number of scans; heads (scans, 4) are the end of each in `in`, sequence, ticks and flags. */
+API ptrdiff_t tactiled_scans(const scan_message *scan, uint8_t *body, ptrdiff_t n_most, int64_t *heads,
+                             int64_t *counts, const uint8_t *in, ptrdiff_t n)
+{
+    ptrdiff_t n_scans = 0, at = 0;
+    for (; n_scans < n_most && at < n; n_scans++) {
+        const uint8_t *zero = memchr(in + at, 0, (size_t)(n - at < scan->limit ? n - at : scan->limit));
+        ptrdiff_t end = zero ? zero - in : at, size = 0, k = at;
         while (k < end) {
             ptrdiff_t code = in[k];
             if (k + code > end)
                 break;
-            memcpy(out + body, in + k + 1, (size_t)(code - 1));
-            body += code - 1;
+            memcpy(body + size, in + k + 1, (size_t)(code - 1));
+            size += code - 1;
             k += code;
             if (code < 255 && k < end)
-                out[body++] = 0;
+                body[size++] = 0;
         }
-        if (!zero || end == at || k != end || body < size + 3)
+        if (!zero || k != end || (size -= 2) != scan->body ||
+            number(body, scan->type_width, scan->is_little) != scan->type ||
+            number(body + size, 2, scan->is_little) != crc16((unsigned)scan->crc, body, (size_t)size))
             break;
-        unsigned tail = little ? out[body - 2] | out[body - 1] << 8 : out[body - 2] << 8 | out[body - 1];
-        if (crc16(crc, out + size, (size_t)(body - 2 - size)) != tail)
-            break;
-        *ends++ = at = end + 1;
-        *ends++ = size = body - 2;
-        n_frames++;
+        *heads++ = at = end + 1;
+        for (int field = 0; field < 3; field++)
+            *heads++ = number(body + scan->at[field], scan->width[field], scan->is_little);
+        int64_t sign = scan->counts_signed ? (int64_t)1 << (8 * scan->counts_width - 1) : 0;
+        const uint8_t *octets = body + scan->counts_at;
+        for (ptrdiff_t c = 0; c < scan->channels; c++, octets += scan->counts_width)
+            *counts++ = (number(octets, scan->counts_width, scan->is_little) ^ sign) - sign;
     }
-    return n_frames;
+    return n_scans;
 }
 
 /* ---- readings (tactiled.detect.signal) ---------------------------------------------------------------------- */

@@ -30,7 +30,7 @@ _KINDS = {
     "b": ctypes.c_char_p,
 }
 _DECLARED = {
-    "frames": ("s", "bssiipps"),
+    "scans": ("s", "ppsppbs"),
     "hold": ("i", "srrpspppp"),
     "bank": ("", "ssppspp"),
     "contact": ("", "ssssppppprrrrspppppippppppp"),
@@ -68,7 +68,9 @@ def load(library: Path = LIBRARY, sources: Sequence[Path] = SOURCES) -> Compiled
     if not library.exists():
         return CompiledPath(None, "built without a C compiler")
     try:
-        functions = ctypes.CDLL(str(library))
+        # Not CDLL, which gives the interpreter lock away at each call: a groove fit would take it, and keep
+        # it for longer than any call takes.
+        functions = ctypes.PyDLL(str(library))
         functions.tactiled_source.restype = ctypes.c_char_p
         if functions.tactiled_source().decode() != source_hash(sources):
             return CompiledPath(None, f"{library.name} was built from other sources: install again")

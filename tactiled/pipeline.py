@@ -152,7 +152,10 @@ class Pipeline:
         now_s : float
             Time at which the bytes were handed over, host monotonic seconds.
         """
-        return self.receive_reads([(data, now_s)])[0]
+        out: list[Output] = []
+        self._receive(data, now_s, out, as_blocks=False)
+        self._finish(as_blocks=False)
+        return out
 
     def receive_reads(self, reads: Sequence[tuple[bytes, float]]) -> list[list[Output]]:
         """Process reads at the speed of blocks, and return the outputs of each, as `receive_data` gives them.
@@ -165,9 +168,7 @@ class Pipeline:
         outputs: list[list[Output]] = [[] for _ in reads]
         for (data, now_s), out in zip(reads, outputs, strict=True):
             self._receive(data, now_s, out, as_blocks=False)
-        self._flush(as_blocks=False)
-        self.late_fits = self.tuning.take_late_fits()
-        self._fits_late += len(self.late_fits)
+        self._finish(as_blocks=False)
         return outputs
 
     def receive_blocks(self, reads: Sequence[tuple[bytes, float]]) -> list[BlockOutput]:
@@ -175,10 +176,14 @@ class Pipeline:
         out: list[BlockOutput] = []
         for data, now_s in reads:
             self._receive(data, now_s, out, as_blocks=True)
-        self._flush(as_blocks=True)
+        self._finish(as_blocks=True)
+        return out
+
+    def _finish(self, *, as_blocks: bool) -> None:
+        """Run the detectors on what was received, and count the fits that were late."""
+        self._flush(as_blocks=as_blocks)
         self.late_fits = self.tuning.take_late_fits()
         self._fits_late += len(self.late_fits)
-        return out
 
     def _receive(self, data: bytes, now_s: float, out: list[Any], *, as_blocks: bool) -> None:
         """Process a read, up to the detectors; its outputs go to `out`, by now or with `_flush`."""

@@ -31,8 +31,9 @@ from tactiled.detect.slip.segments import TaxelSetSegment
 from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.samples.block import ScanBlock, regular_block
 from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.frames import Scan
-from tactiled.wire.layout import load_layout
+from tactiled.wire.frames import Acknowledge, Scan
+from tactiled.wire.framing import make_framer
+from tactiled.wire.layout import Layout, load_layout
 
 ROOT = Path(__file__).resolve().parent.parent
 ARRAYS = [load_array(name) for name in ("wang2019-3x3", "normal-4x4", "xyz-two-pads-4x4")]
@@ -145,6 +146,20 @@ def test_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject)
     assert run(detector, pieces(block, data.draw(splits(len(block))))) == plain.process(block)
 
 
+@pytest.fixture(scope="module")
+def layouts(tmp_path_factory: pytest.TempPathFactory) -> list[Layout]:
+    """Layout of the board, and one with another byte order, narrow and signed numbers and no ticks."""
+    text = (ROOT / "protocols" / "board-v1.toml").read_text()
+    scan, rest = text.split('name = "scan"')[1].split("[[messages]]", 1)
+    for old, new in (("u16", "u8"), ("u32", "u16"), ('"counts", type = "u8"', '"counts", type = "i16"')):
+        scan = scan.replace(old, new)
+    scan = "\n".join(line for line in scan.splitlines() if '"ticks"' not in line)
+    text = text.split('name = "scan"')[0] + f'name = "scan"{scan}\n[[messages]]{rest}'
+    path = tmp_path_factory.mktemp("layouts") / "other.toml"
+    path.write_text(text.replace('"little"', '"big"').replace("ibm-3740", "xmodem"))
+    return [load_layout("board-v1"), load_layout(str(path))]
+
+
 @needs_library
 @given(
     n_taxels=st.one_of(st.integers(1, 10), st.just(64)),
@@ -190,15 +205,23 @@ def test_grip_events_are_those_of_numpy(array: Array, seed: int, data: st.DataOb
 @needs_library
 @given(data=st.data())
 @settings(max_examples=100, deadline=None)
-def test_frames_are_those_of_python(data: st.DataObject) -> None:
-    layout = load_layout("board-v1")
+def test_frames_are_those_of_python(layouts: list[Layout], data: st.DataObject) -> None:
+    layout = data.draw(st.sampled_from(layouts))
     decoders = of_both(lambda: Decoder(layout))
-    stream = data.draw(streams())
+    stream = data.draw(streams(layout))
     for piece in data.draw(st.lists(st.integers(0, max(len(stream), 1))).map(lambda cuts: cut(stream, cuts))):
         found, wanted = (decoder.feed(piece) for decoder in decoders)
         assert found == wanted
     counted = [(d.bytes_in, d.bytes_framed, d.bytes_discarded, d.bytes_pending) for d in decoders]
     assert counted[0] == counted[1]
+
+
+@needs_library
+def test_the_library_reads_the_scans_of_both_layouts(layouts: list[Layout]) -> None:
+    for layout in layouts:
+        scan = Scan(200, np.arange(36), None if layout.tick_s is None else 7, 5)
+        framer = make_framer(layout, "board-to-host")
+        assert list(framer.feed(2 * Encoder(layout).encode(scan))) == [scan, scan]
 
 
 def cut(stream: bytes, cuts: list[int]) -> list[bytes]:
@@ -207,19 +230,23 @@ def cut(stream: bytes, cuts: list[int]) -> list[bytes]:
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> bytes:
+def streams(draw: st.DrawFn, layout: Layout) -> bytes:
     """Draw good frames, damaged ones, and noise."""
-    encoder = Encoder(load_layout("board-v1"))
-    counts = st.lists(st.sampled_from([0, 1, 255, 256, 4095]), min_size=36, max_size=36)
+    encoder = Encoder(layout)
+    least = -1 if layout.messages["scan"].dtype["counts"].base.kind == "i" else 0
+    counts = st.lists(st.sampled_from([least, 0, 1, 255, 256, 4095]), min_size=36, max_size=36)
+    answer = encoder.encode(Acknowledge(1, "ping", "ok", ticks=5))
     parts = []
     for number in range(draw(st.integers(0, 6))):
         frame = encoder.encode(Scan(number, np.array(draw(counts)), ticks=number * 1000))
-        kind = draw(st.sampled_from(["good", "damaged", "short", "noise", "idle"]))
+        kind = draw(st.sampled_from(["good", "answered", "damaged", "short", "noise", "idle"]))
         if kind == "damaged":
             at = draw(st.integers(0, len(frame) - 1))
             frame = frame[:at] + bytes([draw(st.integers(0, 255))]) + frame[at + 1 :]
         elif kind == "short":
             frame = frame[: draw(st.integers(0, len(frame)))]
+        elif kind == "answered":
+            frame += answer
         parts.append(draw(st.binary(max_size=200)) if kind == "noise" else b"\0" if kind == "idle" else frame)
     return b"".join(parts)
 

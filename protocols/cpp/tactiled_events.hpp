@@ -646,6 +646,11 @@ struct Status {
     bool loss_known = false;
     // False where the frames of the board have no checksum: a damaged reading may then pass as a good one.
     bool damage_known = false;
+    // Path of a scan through the daemon: compiled C code, or numpy where it was installed without a C
+    // compiler; the results are the same, numpy takes more processor time.
+    static constexpr const char* PATH_COMPILED = "compiled";
+    static constexpr const char* PATH_NUMPY = "numpy";
+    std::string path;
     // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     // some.
     Sent sent;
@@ -684,6 +689,7 @@ template <class Json> void from_json(const Json& map, Status& out) {
     map.at("fits_late").get_to(out.fits_late);
     map.at("loss_known").get_to(out.loss_known);
     map.at("damage_known").get_to(out.damage_known);
+    map.at("path").get_to(out.path);
     map.at("sent").get_to(out.sent);
 }
 

@@ -6,6 +6,7 @@ else: what one of them meets (no port, noise, a wrong board, a full disk, an exc
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ from tactiled.wire.codec import Encoder
 logger = logging.getLogger(__name__)
 
 STATUS_PERIOD_S = 0.1
+# A status that is due so soon is published directly behind a scan. On its own, it would now and then hold up
+# the next scan of a board at 100 Hz or more.
+_EARLY_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ class BoardRunner:
         self._recorder = recorder = board.recorder
         self._shared = shared
         self._phase_s = phase_s
+        self._status_s = math.inf  # when the next status is due
         pipeline = self._pipeline = board.make_pipeline()
         self._layout = pipeline.layout
         link = make_link(pipeline, params.session, self._baud, other_layouts(pipeline.layout), shared.turns)
@@ -98,7 +103,7 @@ class BoardRunner:
         """State of the board and its reason, as logged; empty before the first."""
         self._path = DataPath(
             link, connection, Encoder(pipeline.layout), self._outlets, shared.turns,
-            self._changed, self._failed,
+            self._changed, self._handled, self._failed,
         )  # fmt: skip
 
     @property
@@ -195,18 +200,28 @@ class BoardRunner:
 
     async def _watch(self) -> None:
         """Check the line and publish the status, at 10 Hz in every state."""
-        turns = self._shared.turns
         await asyncio.sleep(self._phase_s)
-        next_s = time.monotonic()
+        self._status_s = time.monotonic()
+        self._look(self._status_s)
         while True:
-            now_s = time.monotonic()
-            self._path.watch(now_s)
-            self._report.regular(now_s)
-            self._shared.watched(now_s)
-            next_s = max(next_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ticks are skipped
-            await asyncio.sleep(next_s - time.monotonic())
-            now_s = time.monotonic()
-            turns.add(now_s, now_s - next_s)
+            due_s = self._status_s
+            await asyncio.sleep(due_s - time.monotonic())
+            if due_s == self._status_s:  # there was no scan shortly before
+                now_s = time.monotonic()
+                self._shared.turns.add(now_s, now_s - due_s)
+                self._look(now_s)
+
+    def _look(self, now_s: float) -> None:
+        """Check the line and publish the status."""
+        self._status_s = max(self._status_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ones are skipped
+        self._path.watch(now_s)
+        self._report.regular(now_s)
+        self._shared.watched(now_s)
+
+    def _handled(self, now_s: float) -> None:
+        """Publish the status behind a scan if it is due soon."""
+        if now_s >= self._status_s - _EARLY_S:
+            self._look(now_s)
 
     def _changed(self, now_s: float) -> None:
         self._report.changed(now_s, leaving=self._end.done())

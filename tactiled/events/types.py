@@ -244,6 +244,9 @@ class Sent:
 BoardState = Literal["no-device", "syncing", "running", "stalled", "fault"]
 
 
+ScanPath = Literal["compiled", "numpy"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class StatusEvent(Event):
     """State of board, line and daemon; published at 10 Hz in every state."""
@@ -286,6 +289,8 @@ class StatusEvent(Event):
     """False where frames have no sequence number: lost scans are then not counted."""
     damage_known: bool = True
     """False where frames have no checksum: a damaged reading may then pass as a good one."""
+    path: ScanPath = "compiled"
+    """Compiled code, or numpy where the library is missing; the results are the same."""
     sent: Sent = Sent()
     """Messages that a subscriber without losses has received by now."""
 

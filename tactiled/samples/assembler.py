@@ -51,7 +51,7 @@ class SampleCounts:
     restarts: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class SoleScan:
     """The only scan since the last flush, before its block is made; names as in `ScanBlock`."""
 
@@ -200,6 +200,8 @@ class Assembler:
         self._per_count = 1.0 if self._in_counts else hello.volts_per_count
         self._full_count = 2**hello.adc_bits - 1
         self._offset_s = np.array(offsets)
+        period_s = 1 / hello.rate_hz
+        self._spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)
         if old is not None:
             same_board = hello.board_serial == old.board_serial
             same_run = same_board and hello.boot_count == old.boot_count
@@ -322,9 +324,7 @@ class Assembler:
             return False
         self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
         waited_s = self._waited_s if self._queued_s <= 0 else np.inf
-        period_s = 1 / self._hello.rate_hz
-        spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)
-        self._queued_s = max(0.0, self._queued_s - step.n_scans * spare_s)
+        self._queued_s = max(0.0, self._queued_s - step.n_scans * self._spare_s)
         self._fit.add(self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
         time_s, sd_s = self._fit.time_of(self._counter.board_s)
         # A better fit may move instants back, but instants of successive scans never decrease.
@@ -367,6 +367,9 @@ class Assembler:
         Before an overrun, each damaged frame may have been a scan that the board did take, and so may every
         scan lost in an interruption; the flag shows that the board missed at least one.
         """
+        if n_scans == 1 and not (overrun or self._pending_gap or self._n_corrupt):
+            self._index += 1
+            return
         n_missing = n_scans - 1
         cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
         is_unknown = self._n_corrupt > 0 and not self._layout.counts_scans

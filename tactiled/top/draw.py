@@ -131,7 +131,9 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
                 "",
             )
         )
-        rows.append(("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms", ""))
+        rows.append(
+            ("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path", "")
+        )
     if recording is not None:
         rows.append(("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB", ""))
     return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]

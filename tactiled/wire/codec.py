@@ -66,7 +66,11 @@ class Decoder:
         type, ``"0x7f"``, because the board must refuse it with its token.
         """
         return [
-            self._unknown(item) if isinstance(item, Corrupt) else self._frame(item)
+            item
+            if isinstance(item, Scan)
+            else self._unknown(item)
+            if isinstance(item, Corrupt)
+            else self._frame(item)
             for item in self._framer.feed(data)
         ]
 

@@ -29,7 +29,7 @@ import numpy as np
 from tactiled import compiled
 from tactiled.wire import cobs
 from tactiled.wire.fixed import FixedCommandFramer
-from tactiled.wire.frames import Corrupt
+from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
 from tactiled.wire.lines import LineFramer
 from tactiled.wire.schema import Direction
@@ -49,8 +49,8 @@ class Framer(Protocol):
         """Bytes of a frame that is not complete yet."""
         ...
 
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the bodies and corruptions that `data` completes, in order."""
+    def feed(self, data: bytes) -> Iterator[bytes | Scan | Corrupt]:
+        """Yield what `data` completes, in order: bodies, scans that were read already, and corruptions."""
         ...
 
 
@@ -89,41 +89,53 @@ class _Checker:
 _LEAST_TAKEN = 32
 
 
-class _GoodFrames:
-    """Compiled decoder of the good COBS frames at the beginning of a buffer.
+class _GoodScans:
+    """Compiled reader of the good scans at the beginning of a buffer of COBS frames.
 
     Parameters
     ----------
     library : ctypes.CDLL
     layout : Layout
     crc16_start : int
+    limit : int
+        Bytes before which the delimiter of a frame must come.
     """
 
-    MOST_BYTES, MOST_FRAMES = 1 << 16, 1024  # of one call
+    MOST_BYTES, MOST_SCANS = 1 << 16, 1024  # of one call
 
-    def __init__(self, library: Any, layout: Layout, crc16_start: int) -> None:
-        self._frames = library.tactiled_frames
-        self._start, self._is_little = crc16_start, layout.byte_order == "little"
-        self._bodies = np.empty(self.MOST_BYTES, dtype=np.uint8)
-        self._ends = np.empty((self.MOST_FRAMES, 2), dtype=np.int64)
-        self._out = compiled.address(self._bodies), compiled.address(self._ends)
+    def __init__(self, library: Any, layout: Layout, crc16_start: int, limit: int) -> None:
+        scan = layout.messages["scan"]
+        fields = {name: field[:2] for name, field in (scan.dtype.fields or {}).items()}
+        heads = [fields.get(name) for name in ("sequence", "ticks", "flags")]
+        places = [0 if head is None else head[1] + layout.type_bytes for head in heads]
+        widths = [0 if head is None else head[0].itemsize for head in heads]
+        counts, counts_at = fields["counts"]
+        numbers = [
+            limit, crc16_start, layout.byte_order == "little",
+            scan.id, layout.type_bytes, layout.body_bytes(scan), *places, *widths,
+            counts_at + layout.type_bytes, counts.base.itemsize, counts.base.kind == "i", layout.n_channels,
+        ]  # fmt: skip
+        self._message = np.array(numbers, dtype=np.int64)
+        self._has_ticks = "ticks" in fields
+        self._body = np.empty(limit, dtype=np.uint8)
+        self._heads = np.empty((self.MOST_SCANS, 4), dtype=np.int64)
+        self._counts = np.empty((self.MOST_SCANS, layout.n_channels), dtype=np.int64)
+        self._read = compiled.bind(
+            library.tactiled_scans, self._message, self._body, self.MOST_SCANS, self._heads, self._counts
+        )
 
-    def take(self, buffer: bytearray, limit: int, checker: "_Checker") -> tuple[list[bytes], int]:
-        """Return the bodies of the good frames at the beginning, and the bytes that they take."""
+    def take(self, buffer: bytearray) -> tuple[list[Scan], int]:
+        """Return the good scans at the beginning, and the bytes that they take."""
         data = bytes(buffer) if len(buffer) <= self.MOST_BYTES else bytes(buffer[: self.MOST_BYTES])
-        n = self._frames(data, len(data), limit, self._start, self._is_little, *self._out, self.MOST_FRAMES)
-        bodies: list[bytes] = []
-        used = start = 0
-        if n:
-            ends = self._ends[:n].tolist()
-            decoded = self._bodies[: ends[-1][1]].tobytes()
-            for next_used, end in ends:
-                body = decoded[start:end]
-                if not checker.knows(body):
-                    break
-                bodies.append(body)
-                used, start = next_used, end
-        return bodies, used
+        n = self._read(data, len(data))
+        if not n:
+            return [], 0
+        heads = self._heads[:n].tolist()
+        scans = [
+            Scan(sequence, row, ticks if self._has_ticks else None, flags)
+            for (_, sequence, ticks, flags), row in zip(heads, self._counts[:n].copy(), strict=True)
+        ]
+        return scans, heads[-1][0]
 
 
 class CobsFramer:
@@ -143,11 +155,11 @@ class CobsFramer:
         # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
-        crc16_start = layout.checksum.crc16_start
-        library = compiled.library()
-        self._good: _GoodFrames | None = None
-        if library is not None and crc16_start is not None and not layout.covers_length:
-            self._good = _GoodFrames(library, layout, crc16_start)
+        self._scans: _GoodScans | None = None
+        library, crc16_start = compiled.library(), layout.checksum.crc16_start
+        is_plain = not (layout.covers_length or layout.carries_units or layout.channel_places is not None)
+        if library is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
+            self._scans = _GoodScans(library, layout, crc16_start, self._limit)
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
@@ -155,19 +167,19 @@ class CobsFramer:
         """Bytes of a frame that is not complete yet."""
         return len(self._buffer)
 
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the bodies and corruptions that `data` completes, in order."""
+    def feed(self, data: bytes) -> Iterator[bytes | Scan | Corrupt]:
+        """Yield the bodies and corruptions that `data` completes, in order; with a library, scans as such."""
         self.bytes_in += len(data)
         buffer = self._buffer
         buffer += data
         limit = self._limit
         while buffer:
-            if self._good is not None:
-                bodies, used = self._good.take(buffer, limit, self._checker)
-                self.bytes_framed += used
-                del buffer[:used]
-                yield from bodies
+            if self._scans is not None:
+                scans, used = self._scans.take(buffer)
                 if used:
+                    self.bytes_framed += used
+                    del buffer[:used]
+                    yield from scans
                     continue
             end = buffer.find(0, 0, limit)
             if end < 0 and len(buffer) < limit:

@@ -1,6 +1,6 @@
 """Status and info events, made from session, pipeline counters, layout and array."""
 
-from tactiled import __version__
+from tactiled import __version__, compiled
 from tactiled.array import Array
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import InfoEvent, StatusEvent
@@ -63,6 +63,7 @@ def status_event(
         fits_late=health.fits_late,
         loss_known=health.loss_known,
         damage_known=health.damage_known,
+        path="numpy" if compiled.path.functions is None else "compiled",
     )
 
 

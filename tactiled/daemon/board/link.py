@@ -33,6 +33,10 @@ def _record_nothing(data: bytes, outputs: Sequence[Output], now_s: float) -> Non
     del data, outputs, now_s
 
 
+def _go_on() -> None:
+    pass
+
+
 class BoardLink:
     """Connect pipeline, session and line diagnosis of one board.
 
@@ -69,6 +73,7 @@ class BoardLink:
         now_s: float,
         publish: Callable[[Event], None],
         record: RecordRead = _record_nothing,
+        announced: Callable[[], None] = _go_on,
     ) -> list[Command]:
         """Process the bytes of one read of the port.
 
@@ -83,6 +88,8 @@ class BoardLink:
         record : callable, optional
             See `RecordRead`; called before any other event is published, and also when the pipeline raises,
             because the bytes that made it fail are the ones to look at later.
+        announced : callable, optional
+            Called after a scan that came alone was published, before the detectors run.
 
         Returns
         -------
@@ -97,6 +104,7 @@ class BoardLink:
             if session.accepted:
                 published = scan
                 publish(scan)
+                announced()
 
         self.pipeline.announce = announce
         try:

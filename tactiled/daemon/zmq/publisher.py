@@ -164,7 +164,6 @@ class Publisher:
         seq = self._next_seq[key]
         self._next_seq[key] = seq + 1
         frames = codec.encode(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=self.run)
-        self.store.add(board, event.topic, seq, frames[1])
         for sock in self._sockets.values():
             try:
                 # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
@@ -172,6 +171,7 @@ class Publisher:
                 sock.send(frames[1], _PAYLOAD_FLAGS)
             except zmq.Again:
                 self.dropped[board] += 1
+        self.store.add(board, event.topic, seq, frames[1])
 
     def sent(self, board: str) -> Sent:
         """Return the numbers of messages of a board so far, by topic."""
