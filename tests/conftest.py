@@ -11,6 +11,7 @@ A test fails when it leaves an asyncio task, a thread or a file descriptor behin
 import asyncio
 import gc
 import multiprocessing.resource_tracker
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -33,7 +34,7 @@ settings.load_profile("same")
 collect_ignore = ["helpers", "system/vm"]
 
 _SYSTEM_TIMEOUT_S = 600
-_GRACE_S = 2.0  # for threads and descriptors whose end was asked for in the test
+_GRACE_S = 20.0  # for threads and descriptors whose end was asked for in the test
 # Made by `open_port_in_thread` for a host that may not answer. It ends with the connection attempt, which
 # nobody waits for, by design.
 _DETACHED_THREADS = ("open-port",)
@@ -47,7 +48,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure() -> None:
-    """Start what Python starts with the first worker process and keeps until the end."""
+    """Start what Python starts with the first worker process and keeps until the end.
+
+    Processes that tests start must end at Ctrl-C, also where a script that runs the tests in the background
+    has made them ignore it.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     multiprocessing.resource_tracker.ensure_running()
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import pyarrow.parquet
 import pytest
+from patience import PATIENCE_S
 from recordings import record, simulated_reads
 
 from tactiled.archive import detect
@@ -218,7 +219,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         assert parent.stdout is not None
         worker = int(parent.stdout.readline())
         parent.kill()
-    end_s = time.monotonic() + 10
+    end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s and is_alive(worker):
         time.sleep(0.02)
     assert not is_alive(worker)

@@ -11,12 +11,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
 import zmq
+from patience import PATIENCE_S
 
 from tactiled.client import (
     Client,
@@ -83,7 +85,7 @@ def publisher(endpoint: str) -> Iterator[Publisher]:
 
 
 @contextmanager
-def limit(seconds: int = 10) -> Iterator[None]:
+def limit(seconds: int = round(PATIENCE_S)) -> Iterator[None]:
     """Blocking reads have no timeout of their own: break them off."""
 
     def out_of_time(*_: object) -> None:
@@ -100,7 +102,7 @@ def limit(seconds: int = 10) -> Iterator[None]:
 
 async def collect(client: Client, enough: Callable[[Item], bool]) -> list[Item]:
     items: list[Item] = []
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         async for item in client:
             items.append(item)
             if enough(item):
@@ -113,16 +115,15 @@ def test_asyncio_client_from_fresh_over_loss_and_silence_to_restart(endpoint: st
         publisher = Publisher(endpoint)
         try:
             async with Client(endpoint, topics=("slip",)) as client:
-                items = await collect(client, lambda item: isinstance(item, Message))
-                assert Fresh() in items or client.fresh
+                await collect(client, lambda item: isinstance(item, Message))
                 await collect(client, lambda _: client.fresh)
                 publisher.skip = 7
                 lost = (await collect(client, lambda item: isinstance(item, Lost)))[-1]
                 assert lost == Lost("slip", "TS0001", 7)
                 publisher.silent = True
-                stale = (await collect(client, lambda item: isinstance(item, Stale)))[-1]
-                assert isinstance(stale, Stale)
-                assert not client.fresh
+                while client.fresh:
+                    items = await collect(client, lambda item: isinstance(item, Stale))
+                    assert isinstance(items[-1], Stale)
                 await asyncio.to_thread(publisher.close)
                 publisher = Publisher(endpoint, run=2)
                 items = await collect(client, lambda item: isinstance(item, Fresh))
@@ -151,22 +152,21 @@ def test_a_cancelled_wait_loses_nothing(endpoint: str) -> None:
             assert seen == list(range(seen[0], seen[0] + 10))
             assert client.lost == 0
 
-    asyncio.run(asyncio.wait_for(scenario(), 10))
+    asyncio.run(asyncio.wait_for(scenario(), PATIENCE_S))
 
 
 @pytest.mark.usefixtures("publisher")
 def test_blocking_iterator(endpoint: str) -> None:
     with limit(), closing(subscribe(endpoint, topics=("slip",), board="TS0001")) as items:  # type: ignore[type-var]
-        messages = [item for item, _ in zip(items, range(12), strict=False) if isinstance(item, Message)]
-    assert len(messages) >= 8
+        messages = list(islice((item for item in items if isinstance(item, Message)), 8))
     assert {m.topic for m in messages} == {"slip"}
-    assert 0.0 <= messages[0].age_s < 10.0
+    assert 0.0 <= messages[0].age_s < PATIENCE_S
 
 
 def test_a_wait_of_limited_length(endpoint: str) -> None:
     began_s = time.monotonic()
     with limit(), Subscription(endpoint, stale_after_s=0.1) as subscription:
-        assert isinstance(subscription.next_item(began_s + 5), Stale)
+        assert isinstance(subscription.next_item(began_s + PATIENCE_S), Stale)
         assert subscription.next_item(time.monotonic() + 0.05) is None
         assert time.monotonic() - began_s >= 0.15
 
@@ -199,7 +199,7 @@ def test_an_invalid_endpoint_is_a_config_error(endpoint: str) -> None:
 def test_listen_prints_json_lines_until_it_has_its_count(endpoint: str) -> None:
     out, err = io.StringIO(), io.StringIO()
     with limit():
-        assert listen(endpoint, ("slip",), count=3, timeout_s=8, out=out, err=err) == 0
+        assert listen(endpoint, ("slip",), count=3, timeout_s=PATIENCE_S, out=out, err=err) == 0
     rows = [json.loads(line) for line in out.getvalue().splitlines()]
     assert [row["topic"] for row in rows] == ["slip"] * 3
     assert rows[0]["state"] == "onset"
@@ -209,10 +209,12 @@ def test_listen_prints_json_lines_until_it_has_its_count(endpoint: str) -> None:
 def test_listen_ends_when_the_time_is_up(endpoint: str) -> None:
     out, err = io.StringIO(), io.StringIO()
     with limit():
-        assert listen(endpoint, ("texture",), timeout_s=0.7, out=out, err=err) == 1
-        assert listen(endpoint, ("slip",), timeout_s=0.7, out=out, err=err) == 0
+        assert listen(endpoint, ("texture",), timeout_s=0.3, out=out, err=err) == 1
+        duration_s = 0.5
+        while listen(endpoint, ("slip",), timeout_s=duration_s, out=out, err=err) == 1:
+            duration_s *= 2  # nothing came yet on this host
         assert listen(endpoint, ("slip",), count=10_000, timeout_s=0.3, out=out, err=err) == 1
-    assert "0 messages in 0.7 s" in err.getvalue()
+    assert "0 messages in 0.3 s" in err.getvalue()
     assert "fresh" in err.getvalue()
 
 
@@ -246,7 +248,7 @@ def test_listen_ends_when_its_reader_closes_the_pipe(endpoint: str) -> None:
         assert json.loads(child.stdout.readline())["topic"] == "slip"
         child.stdout.close()
         words = child.stderr.read()
-        assert child.wait(10) == 0
+        assert child.wait(PATIENCE_S) == 0
     assert "Traceback" not in words
     assert "Exception" not in words
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE_S
 
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink, TcpLink, make_link
@@ -29,25 +30,33 @@ from tactiled.wire.layout import Layout, compile_layout, load_layout
 V1 = load_layout("board-v1")
 DEMO = load_scene("prescribed")
 START = Encoder(V1).encode(Command("start", 1))
-PATIENCE_S = 10.0
 
 Reports = list[dict[str, Any]]
 
 
 @contextlib.contextmanager
-def running(link: PtyLink | TcpLink, layout: Layout = V1, **options: Any) -> Iterator[Reports]:
-    """An emulator in a thread; yields what it reports."""
+def emulated(
+    link: PtyLink | TcpLink, layout: Layout = V1, **options: Any
+) -> Iterator[tuple[Emulator, Reports]]:
+    """An emulator in a thread, and what it reports."""
     reports: Reports = []
     emulator = Emulator(DEMO, layout, link, report=reports.append, **options)
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:
         wait_for(lambda: bool(reports), "ready")
-        yield reports
+        yield emulator, reports
     finally:
         emulator.stop()
         thread.join(PATIENCE_S)
         assert not thread.is_alive()
+
+
+@contextlib.contextmanager
+def running(link: PtyLink | TcpLink, layout: Layout = V1, **options: Any) -> Iterator[Reports]:
+    """An emulator in a thread; yields what it reports."""
+    with emulated(link, layout, **options) as (_, reports):
+        yield reports
 
 
 def wait_for(condition: Callable[[], bool], what: str) -> None:
@@ -105,15 +114,15 @@ def scans(items: list[Any]) -> list[Scan]:
 def test_a_pty_under_its_link_is_paced_by_the_clock(tmp_path: Path) -> None:
     link = tmp_path / "board"
     with running(PtyLink(link), with_scans=True) as reports, opened(link) as host:
-        host.start()
         before_s = time.monotonic()
+        host.start()
         items = host.read(lambda items: len(scans(items)) >= 100)
-        took_s = time.monotonic() - before_s
+        after_s = time.monotonic()
     assert isinstance(items[0], Acknowledge)
     assert [s.sequence for s in scans(items)][:100] == list(range(100))
-    assert 0.9 < took_s < 3.0  # 100 scans at 100 Hz, on whatever machine this is
+    assert after_s - before_s > 0.99  # 100 scans at 100 Hz
     (scene,) = what(reports, "scene")
-    assert abs(scene["t0_s"] - before_s) < 1.0
+    assert before_s < scene["t0_s"] < after_s - 0.99
     assert scene["slips"][0]["onset_s"] == scene["t0_s"] + 6.0
     truths = what(reports, "scan")
     assert truths[0]["began_s"] == pytest.approx(scene["t0_s"])
@@ -125,16 +134,16 @@ def test_a_pty_under_its_link_is_paced_by_the_clock(tmp_path: Path) -> None:
 
 def test_unplugging_closes_the_port_and_brings_it_back_under_the_same_name(tmp_path: Path) -> None:
     link = tmp_path / "board"
-    faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 0.5}], "unplug_s": 0.5})
-    with running(PtyLink(link), faults=faults) as reports:
+    with emulated(PtyLink(link), faults=FaultParams(unplug_s=0.5)) as (emulator, reports):
         with opened(link) as host:
             host.start()
-            first = scans(host.read(lambda _: False))  # until the port is gone
+            first = scans(host.read(lambda items: len(scans(items)) > 5))
+            emulator.inflict("unplug")
+            first += scans(host.read(lambda _: False))  # until the port is gone
         wait_for(lambda: bool(what(reports, "unplugged")), "unplugging")
         wait_for(lambda: bool(what(reports, "plugged")), "replugging")
         with opened(link) as host:
             again = scans(host.read(lambda items: len(scans(items)) > 5))
-    assert first
     assert again[0].sequence > first[-1].sequence + 20  # the board ran on meanwhile
     assert [report["what"] for report in reports if report["what"] != "scene"] == [
         "ready", "unplugged", "plugged", "end",
@@ -186,11 +195,13 @@ def test_a_tcp_port_serves_one_host_at_a_time() -> None:
 
 
 def test_unplugging_a_tcp_port_hangs_up_and_listens_again() -> None:
-    faults = FaultParams.model_validate({"at": [{"kind": "unplug", "at_s": 0.4}], "unplug_s": 0.3})
-    with running(TcpLink("127.0.0.1", 0), faults=faults) as reports:
+    with emulated(TcpLink("127.0.0.1", 0), faults=FaultParams(unplug_s=0.3)) as (emulator, reports):
         port = int(reports[0]["link"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as connection:
-            Host(connection.fileno()).read(lambda _: False)
+            host = Host(connection.fileno())
+            host.read(lambda items: bool(items))  # the hello
+            emulator.inflict("unplug")
+            host.read(lambda _: False)
         wait_for(lambda: bool(what(reports, "plugged")), "replugging")
         assert what(reports, "plugged")[0]["link"] == reports[0]["link"]
         with socket.create_connection(("127.0.0.1", port)) as connection:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import zmq
 from messages import SLIP, STATUS
+from patience import PATIENCE_S
 
 from tactiled import resources
 from tactiled.events import codec
@@ -24,7 +25,7 @@ def test_the_subscriber_in_the_documentation_works(tmp_path: Path) -> None:
         script = code.replace("tcp://127.0.0.1:9872", endpoint)
         subscriber = subprocess.Popen([sys.executable, "-c", script], stdout=out)
         try:
-            seq, deadline_s = 0, time.monotonic() + 30
+            seq, deadline_s = 0, time.monotonic() + PATIENCE_S
             while "onset gross 30.0 lost 1" not in heard.read_text() and time.monotonic() < deadline_s:
                 for event in (STATUS, SLIP):
                     frames = codec.encode(event, seq=seq, board="hand", unix_offset_s=time.time())

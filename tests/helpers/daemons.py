@@ -10,6 +10,7 @@ import msgpack
 import zmq
 import zmq.asyncio
 from boards import LAYOUT, descriptors
+from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.daemon.board.terms import SessionParams
@@ -65,7 +66,7 @@ class Daemon:
 
     async def until(self, condition: Callable[[], bool], what: str) -> None:
         try:
-            async with asyncio.timeout(8):
+            async with asyncio.timeout(PATIENCE_S):
                 while not condition():
                     self._changed.clear()
                     await self._changed.wait()
@@ -79,6 +80,15 @@ class Daemon:
             ),
             f"{state} {words}",
         )
+
+    async def until_ended(self, n_boards: int = 1) -> None:
+        """Wait for the last statuses: they may still be on their way when the service has ended."""
+
+        def has_ended() -> bool:
+            newest = {row["board"] if n_boards > 1 else "": row["state"] for row in self.rows("status")}
+            return [*newest.values()].count("no-device") >= min(n_boards, len(newest))
+
+        await self.until(has_ended, "the last status")
 
     async def until_scans(self, n: int = 3) -> None:
         goal = len(self.rows("scan")) + n
@@ -105,7 +115,7 @@ def play(
         finally:
             service.stop()
             await serving
-            await asyncio.sleep(0.05)
+            await daemon.until_ended()
             listening.cancel()
             await asyncio.gather(listening, return_exceptions=True)
         assert asyncio.all_tasks() == {asyncio.current_task()}

@@ -7,13 +7,12 @@ import tty
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 from recordings import record, simulated_reads
 
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.contents import Read
 from tactiled.recording.playback import PlaybackResult, play
-
-PATIENCE_S = 20.0
 
 
 @pytest.fixture(scope="module")

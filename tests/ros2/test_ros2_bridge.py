@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from messages import CONTACT, STATUS, anything
 from nodes import FakeNode
+from patience import PATIENCE_S
 
 from tactiled.cli.ros2 import ros2
 from tactiled.client import Message
@@ -123,9 +124,13 @@ def test_a_text_for_which_the_daemon_would_cut_the_connection_is_refused() -> No
             self.replies.append((success, message))
 
     async def serve() -> None:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(0.2):
-                await bridge.run()
+        serving = asyncio.create_task(bridge.run())
+        async with asyncio.timeout(PATIENCE_S):
+            while not node.replies:
+                await asyncio.sleep(0.01)
+        serving.cancel()
+        with suppress(asyncio.CancelledError):
+            await serving
 
     node = NodeWithCalls()
     params = BridgeParams((ENDPOINT,), allow_commands=True)

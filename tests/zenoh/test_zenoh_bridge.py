@@ -11,6 +11,7 @@ from pathlib import Path
 import msgpack
 import pytest
 import zenoh
+from patience import PATIENCE_S
 from zenoh_threads import zenoh_threads
 
 from bench.fleet.routers import TwoRouters, free_port, router, two_routers
@@ -69,15 +70,15 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
         yield fleet
 
 
-def until(subscription: Subscription, is_last: Callable[[Item], bool], within_s: float = 10.0) -> list[Item]:
+def until(subscription: Subscription, is_last: Callable[[Item], bool]) -> list[Item]:
     """Items up to the first of a kind."""
     items: list[Item] = []
-    end_s = time.monotonic() + within_s
+    end_s = time.monotonic() + PATIENCE_S
     while (item := subscription.next_item(end_s)) is not None:
         items.append(item)
         if is_last(item):
             return items
-    raise AssertionError(f"not within {within_s} s, but {[type(item).__name__ for item in items][-9:]}")
+    raise AssertionError(f"not within {PATIENCE_S} s, but {[type(item).__name__ for item in items][-9:]}")
 
 
 def during(subscription: Subscription, duration_s: float) -> list[Item]:
@@ -97,28 +98,31 @@ def numbers(items: list[Item], topic: str) -> list[int]:
 
 def test_a_subscriber_gets_every_slip_once_and_in_order(fleet: Fleet) -> None:
     with Subscription(fleet.endpoint, ("slip",), "TS0001") as subscription:
-        items = until(subscription, is_fresh) + during(subscription, 1.0)
+        items = until(subscription, is_fresh)
         assert subscription.fresh
-    slips = numbers(items, "slip")
+        while len(slips := numbers(items, "slip")) <= 10:
+            items += during(subscription, 0.5)
     assert slips == list(range(slips[0], slips[0] + len(slips)))
-    assert len(slips) > 10
     assert all(item.board == "TS0001" for item in items if isinstance(item, Message))
 
 
 def test_what_the_bridge_thins_is_no_loss(fleet: Fleet) -> None:
     with Subscription(fleet.endpoint, ("scan", "contact"), "TS0002") as subscription:
-        until(subscription, is_fresh)
-        items = during(subscription, 1.5)
+        items = until(subscription, is_fresh)
+        while True:
+            items += during(subscription, 0.5)
+            sent_s = [item.timestamp for item in items if isinstance(item, Message) and item.topic == "scan"]
+            if sent_s and (span_s := sent_s[-1] - sent_s[0]) > 1.0:
+                break
         assert subscription.lost == 0
-    scans = [item for item in items if isinstance(item, Message) and item.topic == "scan"]
-    assert 5 <= len(scans) <= 1.5 * THINNED_HZ + 2
+    assert 3 <= len(sent_s) <= span_s * THINNED_HZ + 3
     assert not [item for item in items if isinstance(item, Lost)]
     assert not [item for item in items if isinstance(item, Recovered) and item.message.topic == "scan"]
 
 
 def test_the_asyncio_client_gets_the_same_items(fleet: Fleet) -> None:
     async def first_slip() -> Message:
-        async with asyncio.timeout(10), Client(fleet.endpoint, ("slip",), "TS0001") as client:
+        async with asyncio.timeout(PATIENCE_S), Client(fleet.endpoint, ("slip",), "TS0001") as client:
             async for item in client:
                 if isinstance(item, Message) and client.fresh:
                     return item
@@ -143,7 +147,7 @@ def test_a_command_reaches_the_daemon_once_with_its_origin(fleet: Fleet) -> None
     with closing(Caller(fleet.endpoint, None)) as caller:
         for _ in range(2):
             caller.send(request)
-            reply = msgpack.unpackb(caller.receive(5.0) or b"\x80")
+            reply = msgpack.unpackb(caller.receive(PATIENCE_S) or b"\x80")
             assert reply["ok"] is True
     [command] = fleet.daemon.commands[done:]
     assert command.who == "gripper zenoh"
@@ -181,7 +185,7 @@ def test_an_advanced_subscriber_of_zenoh_that_comes_late_gets_the_slips_before(f
             recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
         )
         sent = fleet.daemon.slips["TS0001"]
-        end_s = time.monotonic() + 5
+        end_s = time.monotonic() + PATIENCE_S
         while len(heard) < 10 and time.monotonic() < end_s:
             time.sleep(0.02)
         subscriber.undeclare()
@@ -197,7 +201,7 @@ def test_the_list_of_boards(fleet: Fleet) -> None:
     assert rows[0].firmware == "1.4.2"
     assert rows[0].free_mb == pytest.approx(45678.0)
     assert rows[0].loss_ppm == pytest.approx(1e6 * 2 / 123458)
-    assert 0 <= rows[0].age_s < 3
+    assert 0 <= rows[0].age_s < PATIENCE_S
 
 
 def test_all_hosts_become_an_endpoint_each(fleet: Fleet) -> None:
@@ -224,7 +228,7 @@ def test_a_board_whose_daemon_ended_has_no_token(tmp_path: Path, fleet: Fleet) -
             return sorted(str(reply.ok.key_expr) for reply in found if reply.ok is not None)
 
         def wait_for(expected: list[str]) -> None:
-            end_s = time.monotonic() + 8
+            end_s = time.monotonic() + PATIENCE_S
             while tokens() != expected and time.monotonic() < end_s:
                 time.sleep(0.05)
             assert tokens() == expected
@@ -249,11 +253,11 @@ def test_nothing_is_lost_while_the_line_between_routers_is_cut(tmp_path: Path, h
         fleet.routers.line.mend()
         items += until(subscription, is_fresh) + during(subscription, 1.0)
         fleet.daemon.stop_slips()
-        items += during(subscription, 0.7)
-        sent = fleet.daemon.slips["TS0001"]
+        while numbers(items, "slip")[-1:] != [fleet.daemon.slips["TS0001"] - 1]:
+            items += during(subscription, 0.1)
         assert subscription.lost == 0
     slips = numbers(items, "slip")
-    assert slips == list(range(slips[0], sent))
+    assert slips == list(range(slips[0], slips[0] + len(slips)))
 
 
 def test_a_subscriber_waits_for_its_router_and_outlives_it(tmp_path: Path) -> None:

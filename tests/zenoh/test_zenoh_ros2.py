@@ -7,6 +7,7 @@ from contextlib import closing
 import pytest
 import zenoh
 from messages import CONTACT, STATUS
+from patience import PATIENCE_S
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk.attachment import Attachment
 from zenoh_ros2_sdk.discovery import get_topic_info, get_topic_names_and_types
@@ -58,7 +59,7 @@ def test_another_implementation_finds_and_decodes_our_topics(port: int) -> None:
         hash_ = get_type_hash(WRENCH, STANDARD[WRENCH], dict(STANDARD))
         key = topic_keyexpr(3, "/tactile/left/wrench", "geometry_msgs::msg::dds_::WrenchStamped_", hash_)
         theirs.declare_subscriber(key, heard.append)
-        end_s = time.monotonic() + 10
+        end_s = time.monotonic() + PATIENCE_S
         while len(heard) < 2 and time.monotonic() < end_s:
             if writer.is_wanted:
                 writer.write(values)
@@ -107,7 +108,7 @@ def test_a_board_has_all_topics_and_a_late_subscriber_its_contact(port: int) -> 
             lambda sample: came.append(sample.payload.to_bytes()),
             history=zenoh.ext.HistoryConfig(),
         )
-        end_s = time.monotonic() + 10
+        end_s = time.monotonic() + PATIENCE_S
         while not came and time.monotonic() < end_s:
             time.sleep(0.02)
         late.undeclare()

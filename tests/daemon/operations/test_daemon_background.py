@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from patience import PATIENCE_S
 from recordings import SOURCE, simulated_reads
 
 from tactiled.daemon.operations.background import BackgroundWorker
@@ -22,7 +23,7 @@ PARAMS = PipelineParams(detect=DetectParams.model_validate({"texture": {"preset"
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    deadline_s = time.monotonic() + 20
+    deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline_s, what
         time.sleep(0.001)

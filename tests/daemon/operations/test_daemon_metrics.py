@@ -13,6 +13,7 @@ from boards import LAYOUT, PtyBoard
 from daemons import ARRAY, Daemon, play
 from hypothesis import given
 from hypothesis import strategies as st
+from patience import PATIENCE_S
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -177,7 +178,7 @@ def serve(
         exporter = Exporter(MetricsParams(port=port), text)
         serving = asyncio.create_task(exporter.run())
         try:
-            await asyncio.wait_for(story(port), 10)
+            await asyncio.wait_for(story(port), PATIENCE_S)
         finally:
             serving.cancel()
             await asyncio.gather(serving, return_exceptions=True)
@@ -216,6 +217,7 @@ def test_a_request_without_end_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
                 writer.write(request)
                 with pytest.raises((ConnectionError, EOFError)):
                     await reader.readexactly(1)
+        monkeypatch.setattr(exporter_module, "_PATIENCE_S", PATIENCE_S)
         assert (await scrape(port))[1] == "x 1\n"
 
     serve(story)
@@ -224,46 +226,68 @@ def test_a_request_without_end_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_client_that_does_not_read_is_disconnected_without_effect_on_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 1.5)
+    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.5)
+    answered = 0
+
+    def text() -> str:
+        nonlocal answered
+        answered += 1
+        return "x" * 20_000_000
 
     async def story(port: int) -> None:
+        served = len(asyncio.all_tasks())
         with socket.create_connection(("127.0.0.1", port)) as lazy:
             lazy.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+            while not answered:
+                await asyncio.sleep(0.01)
+            monkeypatch.setattr(exporter_module, "_PATIENCE_S", PATIENCE_S)  # of the next request
             _, body = await scrape(port)
             assert len(body) == 20_000_000
-            await asyncio.sleep(1.8)
-            lazy.settimeout(5)
+            while len(asyncio.all_tasks()) > served:  # until the connection was given up
+                await asyncio.sleep(0.01)
+            lazy.settimeout(PATIENCE_S)
             received = 0
             with suppress(ConnectionError):
                 while data := lazy.recv(1 << 20):
                     received += len(data)
             assert received < 20_000_000
 
-    serve(story, lambda: "x" * 20_000_000)
+    serve(story, text)
+
+
+async def head_of_a_page(port: int) -> str:
+    """Head of the first page that is served."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            with suppress(ConnectionError):
+                head, _ = await scrape(port)
+                if head:
+                    return head
+            await asyncio.sleep(0.01)
 
 
 def test_excess_clients_are_refused_until_others_leave(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exporter_module, "_PATIENCE_S", 0.3)
+    monkeypatch.setattr(exporter_module, "_PATIENCE_S", PATIENCE_S)
 
     async def story(port: int) -> None:
         async with AsyncExitStack() as held:
             for _ in range(12):
                 await held.enter_async_context(connected(port))
-            await asyncio.sleep(0.1)
             with suppress(ConnectionError):
                 assert await scrape(port) == ("", "")
-            await asyncio.sleep(0.4)
-            assert "200" in (await scrape(port))[0]
+        assert "200" in await head_of_a_page(port)
 
     serve(story)
 
 
 def test_open_clients_do_not_hold_up_the_end() -> None:
     async def story(port: int) -> None:
+        served = len(asyncio.all_tasks())
         for _ in range(3):
             _, writer = await held.enter_async_context(connected(port))
             writer.write(b"GET")
-        await asyncio.sleep(0.05)
+        while len(asyncio.all_tasks()) < served + 3:
+            await asyncio.sleep(0)
 
     held = AsyncExitStack()
     serve(story, after=held.aclose)
@@ -279,10 +303,13 @@ def test_a_port_in_use_is_logged_once_and_bound_when_free(
             port = taken.getsockname()[1]
             exporter = Exporter(MetricsParams(port=port), lambda: "x 1\n")
             serving = asyncio.create_task(exporter.run())
-            await asyncio.sleep(0.3)
-        assert caplog.text.count(f"metrics.port: 127.0.0.1:{port} cannot be had") == 1
-        await asyncio.sleep(0.3)
-        assert "200" in (await scrape(port))[0]
+            words = f"metrics.port: 127.0.0.1:{port} cannot be had"
+            async with asyncio.timeout(PATIENCE_S):
+                while words not in caplog.text:
+                    await asyncio.sleep(0.01)
+            await asyncio.sleep(0.2)  # it is tried again
+        assert caplog.text.count(words) == 1
+        assert "200" in await head_of_a_page(port)
         serving.cancel()
         await asyncio.gather(serving, return_exceptions=True)
         exporter.close()

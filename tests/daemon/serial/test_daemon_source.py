@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import serial
 from boards import descriptors
+from patience import PATIENCE_S
 
 from tactiled.daemon.serial import port as source
 from tactiled.daemon.serial.port import check_url, open_port, open_port_in_thread
@@ -51,7 +52,7 @@ class Heard:
         self.changed.set()
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             while not condition():
                 self.changed.clear()
                 await self.changed.wait()

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from boards import LAYOUT, PtyBoard, SimBoard, descriptors
+from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
@@ -58,7 +59,7 @@ class Setup:
 
     async def until(self, condition: Callable[[], bool], what: str) -> None:
         try:
-            async with asyncio.timeout(8):
+            async with asyncio.timeout(PATIENCE_S):
                 while not condition():
                     await asyncio.sleep(0.01)
         except TimeoutError:
@@ -87,7 +88,7 @@ def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> No
         serving = asyncio.create_task(service.run())
         listening = asyncio.create_task(setup.listen())
         try:
-            async with AsyncCommander(setup.endpoint, who="test") as daemon, asyncio.timeout(20):
+            async with AsyncCommander(setup.endpoint, who="test") as daemon, asyncio.timeout(3 * PATIENCE_S):
                 await story(daemon)
             assert not serving.done()
         finally:
@@ -288,7 +289,7 @@ def test_a_restart_is_reported_and_no_message_of_either_run_is_lost(tmp_path: Pa
         listening.cancel()
         await asyncio.gather(listening, return_exceptions=True)
 
-    asyncio.run(asyncio.wait_for(main(), 20))
+    asyncio.run(asyncio.wait_for(main(), 3 * PATIENCE_S))
     scans = setup.heard["scan"]
     runs = list(dict.fromkeys(row["run"] for row in scans))
     assert len(runs) == 2

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from patience import PATIENCE_S
+
 from tactiled import resources
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
@@ -30,7 +32,7 @@ def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> N
         with heard.open("w") as out:
             child = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stdout=out)
         try:
-            async with asyncio.timeout(30):
+            async with asyncio.timeout(PATIENCE_S):
                 while "now contact" not in heard.read_text():
                     network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
                     await asyncio.sleep(0.02)
@@ -80,7 +82,7 @@ def test_the_command_in_the_documentation_is_done_exactly_once(
                 child = await asyncio.create_subprocess_exec(
                     sys.executable, "-c", script, stdout=asyncio.subprocess.PIPE
                 )
-                assert (await asyncio.wait_for(child.communicate(), 30))[0] == b"True \n"
+                assert (await asyncio.wait_for(child.communicate(), PATIENCE_S))[0] == b"True \n"
         finally:
             serving.cancel()
             await asyncio.gather(serving, return_exceptions=True)

@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+from patience import PATIENCE_S
+
 from tactiled.client import AsyncCommander
 
 FLOODING_PUBLISHER = """
@@ -68,7 +70,7 @@ def test_a_suspended_subscriber_survives_its_publisher(tmp_path: Path) -> None:
             subscriber.stdin.write("\n")
             subscriber.stdin.flush()
             assert subscriber.stdout.readline() == "awake True\n"
-            assert subscriber.wait(10) == 0
+            assert subscriber.wait(PATIENCE_S) == 0
         finally:
             publisher.kill()
             subscriber.kill()
@@ -90,7 +92,7 @@ def test_a_server_survives_clients_that_flood_it_and_leave(tmp_path: Path) -> No
 
             async def ask() -> bool:
                 async with AsyncCommander(endpoint) as daemon:
-                    return (await daemon.send("state", timeout_s=20)).ok
+                    return (await daemon.send("state", timeout_s=PATIENCE_S)).ok
 
             assert asyncio.run(ask())
         finally:

@@ -2,13 +2,14 @@
 
 import asyncio
 import os
-import socket
 import stat
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE_S
+from ports import free_pair
 
 from tactiled.client import AsyncCommander
 from tactiled.daemon.zmq.network import Network, uid_of
@@ -35,7 +36,7 @@ class Server:
         async def main() -> None:
             serving = asyncio.create_task(self.network.run())
             try:
-                async with asyncio.timeout(20):
+                async with asyncio.timeout(PATIENCE_S):
                     await story()
                 assert not serving.done()
             finally:
@@ -44,15 +45,6 @@ class Server:
                 self.network.close()
 
         asyncio.run(main())
-
-
-def free_ports() -> int:
-    """A free port, after which another one is free too."""
-    with socket.socket() as probe, socket.socket() as next_one:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
-        next_one.bind(("127.0.0.1", port + 1))
-        return port
 
 
 def test_a_command_over_ipc_carries_the_user(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -85,7 +77,7 @@ def test_commands_over_tcp_are_refused_unless_allowed_but_queries_are_answered(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, allowed: bool
 ) -> None:
     """One ROUTER serves both ways: it knows from whom each request came."""
-    port = free_ports()
+    port = free_pair()
     endpoint = f"tcp://127.0.0.1:{port}"
     control = f"ipc://{tmp_path}/control.ipc"
     server = Server(
@@ -109,7 +101,7 @@ def test_commands_over_tcp_are_refused_unless_allowed_but_queries_are_answered(
 
 
 def test_an_endpoint_on_a_private_network_accepts_commands() -> None:
-    port = free_ports()
+    port = free_pair()
     endpoint = f"tcp://0.0.0.0:{port}"
     server = Server(endpoints=(endpoint,), allow_plaintext_on_network=True)
 

@@ -12,6 +12,7 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
+from patience import PATIENCE_S
 
 from tactiled import tomlfile
 from tactiled.daemon.zmq.endpoints import runtime_directory
@@ -51,20 +52,22 @@ CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 
 def subscriber(endpoint: str) -> Iterator["zmq.Socket[Any]"]:
     with zmq.Context() as context, context.socket(zmq.SUB) as sub:
         sub.linger = 0
-        sub.rcvtimeo = 5000
+        sub.rcvtimeo = round(1000 * PATIENCE_S)
         sub.subscribe("")
         sub.connect(endpoint)
         yield sub
 
 
-def until_heard(publisher: Publisher, sub: "zmq.Socket[Any]") -> None:
-    """Wait for the subscription: PUB drops what comes before it."""
-    deadline_s = time.monotonic() + 5
-    while not sub.poll(10):
+def until_heard(publisher: Publisher, *subs: "zmq.Socket[Any]") -> None:
+    """Wait for the subscriptions, because PUB drops what comes before them, and read all up to now."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not all(sub.poll(10) for sub in subs):
         assert time.monotonic() < deadline_s
         publisher.send(CONTACT, board="warm-up", unix_offset_s=0.0)
-    while sub.poll(50):
-        sub.recv_multipart()
+    publisher.send(CONTACT, board="warmed-up", unix_offset_s=0.0)
+    for sub in subs:
+        while sub.recv_multipart()[0] != b"tactile/warmed-up/contact":
+            pass
 
 
 @pytest.fixture
@@ -94,15 +97,14 @@ def test_a_suspended_subscriber_never_blocks_the_publisher_or_others(
 ) -> None:
     publisher, endpoint = ipc
     with subscriber(endpoint) as sleeper, subscriber(endpoint) as awake:
-        until_heard(publisher, sleeper)
-        until_heard(publisher, awake)
+        until_heard(publisher, sleeper, awake)
         numbers = []
         for index in range(10_000):  # 80 s of scans, far above what is queued for one
             publisher.send(scan(index), board="TS0001", unix_offset_s=0.0)
             if index % 100 == 99:
                 numbers += [msgpack.unpackb(awake.recv_multipart()[1])["seq"] for _ in range(100)]
-        slept = []
-        while sleeper.poll(100):
+        slept: list[int] = []
+        while len(slept) < 2000 or sleeper.poll(100):
             slept.append(msgpack.unpackb(sleeper.recv_multipart()[1])["seq"])
     assert numbers == list(range(10_000))
     assert slept[:2000] == list(range(2000))  # the queue that we promise, and then a gap that shows

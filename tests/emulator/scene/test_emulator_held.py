@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.emulator.control import ControlLines, control_link
@@ -227,7 +228,7 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:
-        assert ready.wait(5)
+        assert ready.wait(PATIENCE_S)
         place = reports[0]["control"]
         if kind == "unix":
             peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -235,10 +236,10 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
         else:
             host, port = place.removeprefix("socket://").split(":")
             peer = socket.create_connection((host, int(port)))
-        peer.settimeout(5)
+        peer.settimeout(PATIENCE_S)
         board = os.open(reports[0]["device"], os.O_RDWR | os.O_NOCTTY)
         with peer, peer.makefile("rwb") as lines:
-            grip_n, end_s = 0.0, time.monotonic() + 10
+            grip_n, end_s = 0.0, time.monotonic() + PATIENCE_S
             while grip_n != 21.0 and time.monotonic() < end_s:  # 0.1 s after the scene has begun
                 os.write(board, Encoder(V1).encode(Command("start", 1)))  # unheard while the board boots
                 lines.write(b'{"grip_n": 21.0}\n')
@@ -251,7 +252,7 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
         os.close(board)
     finally:
         emulator.stop()
-        thread.join(5)
+        thread.join(PATIENCE_S)
     assert not thread.is_alive()
     assert not (tmp_path / "control").exists()
 
