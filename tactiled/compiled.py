@@ -38,6 +38,9 @@ _DECLARED = {
     "clean": ("i", "sssppsspp"),
     "respond": ("", "srspppp"),
     "evidence": ("", "sppsprrrrrsppppp"),
+    "loads": ("", "sspppp"),
+    "load_noise": ("", "sspppp"),
+    "floor": ("", "ssrrrpppprrpp"),
     "rings": ("", "sssppppppppsppp"),
 }
 

@@ -9,6 +9,7 @@
  */
 #include <math.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 
 #define API __attribute__((visibility("default")))
@@ -25,6 +26,69 @@ typedef double real;
 /* numpy's maximum and clip, which keep a value that is not a number. */
 static real at_least(real value, real least) { return least > value ? least : value; }
 static real at_most(real value, real most) { return most < value ? most : value; }
+
+/* ---- readings (tactiled.detect.grip.observe) ---------------------------------------------------------------- */
+
+/* Responses (3, taxels) of readings (channels): `weights` of the channels `own`, both (n, 3, taxels). */
+API void tactiled_loads(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *volts,
+                        real *out)
+{
+    for (ptrdiff_t i = 0; i < 3 * taxels; i++) {
+        real sum = 0;
+        for (ptrdiff_t k = i; k < 3 * taxels * n; k += 3 * taxels)
+            sum += weights[k] * volts[own[k]];
+        out[i] = sum;
+    }
+}
+
+/* Variances of the totals of load, shear x and shear y (3), from the noise of the channels. */
+API void tactiled_load_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights,
+                             const real *channel_sd, real *out)
+{
+    for (ptrdiff_t kind = 0; kind < 3; kind++) {
+        out[kind] = 0;
+        for (ptrdiff_t i = kind * taxels; i < (kind + 1) * taxels; i++) {
+            real sum = 0;
+            for (ptrdiff_t k = i; k < 3 * taxels * n; k += 3 * taxels) {
+                real sd = weights[k] * channel_sd[own[k]];
+                sum += sd * sd;
+            }
+            out[kind] += sum;
+        }
+    }
+}
+
+static real noise_of(real mean_abs, real per_sd, real step, real per_rounding, real floor)
+{
+    real noise = mean_abs / per_sd, rounding = (step < INFINITY ? step : 0) / per_rounding;
+    return at_least(sqrt(noise * noise + rounding * rounding), floor);
+}
+
+/* Noise floor after a scan: `NoiseFloor.take`. mean_abs (levels, channels), last, step and sd (channels) are kept;
+ * details (levels, channels). */
+API void tactiled_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real per_rounding, real floor,
+                        real *mean_abs, real *last, real *step, real *sd, real part, real clip, const real *volts,
+                        const real *details)
+{
+    for (ptrdiff_t c = 0; c < channels; c++) {
+        real moved = fabs(volts[c] - last[c]), largest = 0;
+        last[c] = volts[c];
+        if (moved > 0 && moved < step[c])
+            step[c] = moved;
+        for (ptrdiff_t k = 0; k < levels; k++)
+            largest = at_least(mean_abs[k * channels + c], largest);
+        real most = clip * noise_of(largest, per_sd, step[c], per_rounding, floor);
+        largest = 0;
+        for (ptrdiff_t k = 0; k < levels; k++) {
+            real *mean = mean_abs + k * channels + c;
+            *mean += part * (at_most(fabs(details[k * channels + c]), most) - *mean);
+            largest = at_least(*mean, largest);
+        }
+        sd[c] = noise_of(largest, per_sd, step[c], per_rounding, floor);
+    }
+}
+
+/* ---- mechanics (tactiled.detect.grip.rings) ------------------------------------------------------------------ */
 
 /* Forces along x and y of one ring of one taxel, for each hypothesis: move it, and shorten forces beyond the limit.
  *

@@ -21,6 +21,7 @@ from touches import Touch, pieces, run, splits
 from tactiled import compiled
 from tactiled.array import Array, load_array
 from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.observe import FLOOR_LEVELS, NoiseFloor, Responses
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
@@ -184,6 +185,25 @@ def test_contact_mechanics_have_the_bits_of_numpy(
             forces.advance(load, wanted)
         assert is_same(both[0].taxel_forces(), both[1].taxel_forces())
         assert is_same(both[0].sliding_share(), both[1].sliding_share())
+
+
+@needs_library
+@every_array
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=10, deadline=None)
+def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(array: Array, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    responses = of_both(lambda: Responses(array))
+    floors = of_both(lambda: NoiseFloor(array.n_channels, 2.0**-20))
+    size = rng.choice([0.0, 2.0**-20, 1e-3, 8.0], array.n_channels)
+    for _ in range(40):
+        volts = np.rint(size * rng.standard_normal(array.n_channels) * 2**20) / 2**20
+        details = size * rng.standard_normal((FLOOR_LEVELS, array.n_channels))
+        for floor in floors:
+            floor.take(volts, details, 35.7)
+        assert is_same(floors[0].sd(), floors[1].sd())
+        assert is_same(responses[0].of(volts), responses[1].of(volts))
+        assert responses[0].noise(floors[0].sd()) == responses[1].noise(floors[1].sd())
 
 
 @needs_library

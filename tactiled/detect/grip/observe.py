@@ -9,10 +9,12 @@ energy, so that white noise has the same standard deviation in each.
 
 import functools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pywt
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.wavelet import delay_scans, taps
 
@@ -75,6 +77,9 @@ def noise_gain(level: int) -> float:
 class Responses:
     """Weights that make loads and shears of the taxels out of readings.
 
+    `compiled_grip.c` does the same with the same bits, here and in `NoiseFloor`, so that sums over channels
+    and taxels run over a leading axis, where numpy adds one term after the other.
+
     Parameters
     ----------
     array : Array
@@ -90,24 +95,46 @@ class Responses:
 
     def __init__(self, array: Array) -> None:
         self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
-        self._flat = self.weights.reshape(-1, array.n_channels)
-        self._squares = self.weights**2
+        n_taxels = self.weights.shape[1]
+        # Few channels make a response: their indices and weights (channels of a response, 3, taxels).
+        n_most = max(1, int(np.count_nonzero(self.weights, axis=2).max()))
+        self._own = np.argsort(self.weights == 0, axis=2, kind="stable")[..., :n_most]
+        own_weights = np.take_along_axis(self.weights, self._own, axis=2)
+        self._own = np.ascontiguousarray(self._own.transpose(2, 0, 1), dtype=np.int64)
+        self._own_weights = np.ascontiguousarray(own_weights.transpose(2, 0, 1))
+        self._compiled: Callable[..., None] | None = None
+        self._compiled_noise: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            fixed = n_taxels, n_most, self._own, self._own_weights
+            self._compiled = compiled.bind(library.tactiled_loads, *fixed)
+            self._compiled_noise = compiled.bind(library.tactiled_load_noise, *fixed)
         self.taxel_channels = np.any(self.weights != 0, axis=0)
         self.senses_load = bool(np.any(self.weights[0] != 0))
         self.senses_shear = array.has_shear
 
     def of(self, volts: FloatArray) -> FloatArray:
         """Return load, shear x and shear y (3, taxels) of one scan (channels,)."""
-        return np.asarray((self._flat @ volts).reshape(self.weights.shape[:2]))
+        if self._compiled is not None:
+            out = np.empty(self._own.shape[1:])
+            self._compiled(compiled.address(compiled.dense(volts, np.float64)), compiled.address(out))
+            return out
+        return np.asarray((self._own_weights * volts[self._own]).sum(axis=0))
 
     def noise(self, channel_sd: FloatArray) -> tuple[float, float, float]:
         """Return standard deviations of a taxel's shear, of the total shear and of the mean load."""
-        variances = self._squares @ channel_sd**2  # (3, taxels)
-        shear = variances[1:]
+        n_taxels = self._own.shape[2]
+        if self._compiled_noise is not None:
+            sums = np.empty(3)
+            channel_sd = compiled.dense(channel_sd, np.float64)
+            self._compiled_noise(compiled.address(channel_sd), compiled.address(sums))
+        else:
+            variances = ((self._own_weights * channel_sd[self._own]) ** 2).sum(axis=0)
+            sums = np.ascontiguousarray(variances.T).sum(axis=0)
+        load, shear_x, shear_y = sums.tolist()
         return (
-            math.sqrt(float(shear.mean())),
-            math.sqrt(float(shear.sum()) / 2),
-            math.sqrt(float(variances[0].sum())) / variances.shape[1],
+            math.sqrt((shear_x + shear_y) / (2 * n_taxels)),
+            math.sqrt((shear_x + shear_y) / 2),
+            math.sqrt(load) / n_taxels,
         )
 
 
@@ -124,22 +151,32 @@ class NoiseFloor:
     def __init__(self, n_channels: int, volts_per_step: float) -> None:
         self._mean_abs = np.zeros((FLOOR_LEVELS, n_channels))
         self._least = volts_per_step
-        self._last: FloatArray | None = None
+        self._last = np.full(n_channels, np.nan)
         self._step = np.full(n_channels, np.inf)
+        self._sd = np.full(n_channels, volts_per_step)
         self._n = 0
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            kept = self._mean_abs, self._last, self._step, self._sd
+            self._compiled = compiled.bind(
+                library.tactiled_floor, n_channels, FLOOR_LEVELS, _MEAN_ABS, _ROUNDING, volts_per_step, *kept
+            )
 
     def take(self, volts: FloatArray, details: FloatArray, rate_hz: float) -> None:
         """Take readings (channels,) and details (FLOOR_LEVELS, channels) of a scan whose filters are full."""
-        if self._last is not None:
-            step = np.abs(volts - self._last)
-            self._step = np.minimum(self._step, np.where(step > 0, step, np.inf))
-        self._last = volts
         self._n += 1
         part = 1.0 / min(self._n, max(2.0, _FLOOR_S * rate_hz))
-        size = np.abs(details)
-        if self._n > 20:  # before, the mean is too uncertain to clip by
-            size = np.minimum(size, _CLIP * np.maximum(self.sd()[np.newaxis], self._least))
+        clip = _CLIP if self._n > 20 else math.inf  # before, the mean is too uncertain to clip by
+        if self._compiled is not None:
+            volts, details = compiled.dense(volts, np.float64), compiled.dense(details, np.float64)
+            self._compiled(part, clip, compiled.address(volts), compiled.address(details))
+            return
+        step = np.abs(volts - self._last)
+        self._step[:] = np.minimum(np.where(step > 0, step, np.inf), self._step)
+        self._last[:] = volts
+        size = np.minimum(np.abs(details), clip * self._known_sd())
         self._mean_abs += part * (size - self._mean_abs)
+        self._sd[:] = self._known_sd()
 
     def sd(self) -> FloatArray:
         """Return the noise (channels,) in volts.
@@ -147,8 +184,12 @@ class NoiseFloor:
         It is no less than the rounding of the converter, whose step is the smallest between two readings:
         at rest a coarse converter shows no noise, and in motion it shows its steps.
         """
+        return self._sd.copy()
+
+    def _known_sd(self) -> FloatArray:
         rounding = np.where(np.isfinite(self._step), self._step, 0.0) / _ROUNDING
-        return np.asarray(np.maximum(np.hypot(self._mean_abs.max(axis=0) / _MEAN_ABS, rounding), self._least))
+        noise = self._mean_abs.max(axis=0) / _MEAN_ABS
+        return np.asarray(np.maximum(np.sqrt(noise**2 + rounding**2), self._least))
 
 
 def history_scans(rate_hz: float) -> int:
