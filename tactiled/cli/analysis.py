@@ -1,5 +1,6 @@
 """Commands on the user's own data: detect events in a file, and tune slip parameters."""
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +188,7 @@ def detect(
     from tactiled.detect.signal.known_sliding import KnownSliding
     from tactiled.offline import Choices, detect_file
 
+    gc.freeze()  # a full collection of the objects of all modules takes as long as 10 s of a file
     asked = Choices(
         sliding=None if sliding is None else KnownSliding(*sliding),
         topics=topics or _TOPICS,

@@ -124,6 +124,7 @@ class Assembler:
             byte_s = 10 / (baud or layout.file.baud)
             self._line_s = {name: byte_s * layout.wire_bytes(name) for name in layout.messages}
         self._frame_s = self._line_s.get("scan", 0.0)
+        self._counts_scans = layout.counts_scans
         self._fault_flag = layout.flag("reference_fault")
         self._overrun_flag = layout.flag("overrun")
         self._start_flag = layout.flag("first_after_start")
@@ -304,20 +305,21 @@ class Assembler:
             read_s, n_bytes = self._begun
             whole_by_s = min(now_s, read_s + self._frame_s * (1 - n_bytes / self._layout.wire_bytes("scan")))
             self._begun = None
-        if self._hello is None or self._fit is None:
+        hello, fit, counter = self._hello, self._fit, self._counter
+        if hello is None or fit is None:
             raise ContractError("Assembler.scan before Assembler.board")
         if scan.flags & self._start_flag and self._index >= 0:
             self.interrupt("start")
-            self._counter.forget_sequence()
-        if self._layout.counts_scans:
-            step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+            counter.forget_sequence()
+        if self._counts_scans:
+            step = counter.step(scan.sequence, scan.ticks, now_s, hello.rate_hz)
         else:
-            step = self._counter.follow(now_s, self._hello.rate_hz)
+            step = counter.follow(now_s, hello.rate_hz)
         if step.kind == "restart":
             self._count(restarts=1)
             self._restart_seen = True
             self._new_run("restart")
-            step = self._counter.step(scan.sequence, scan.ticks, now_s, self._hello.rate_hz)
+            step = counter.step(scan.sequence, scan.ticks, now_s, hello.rate_hz)
         if step.kind == "duplicate":
             self._count(duplicate=1)
             self.other("scan")
@@ -325,8 +327,9 @@ class Assembler:
         self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
         waited_s = self._waited_s if self._queued_s <= 0 else np.inf
         self._queued_s = max(0.0, self._queued_s - step.n_scans * self._spare_s)
-        self._fit.add(self._counter.board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
-        time_s, sd_s = self._fit.time_of(self._counter.board_s)
+        board_s = counter.board_s
+        fit.add(board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
+        time_s, sd_s = fit.time_of(board_s)
         # A better fit may move instants back, but instants of successive scans never decrease.
         time_s = max(time_s, self._not_before_s)
         self._not_before_s = time_s + self.LEAST_STEP_S

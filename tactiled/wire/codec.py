@@ -65,14 +65,10 @@ class Decoder:
         In the direction to the board, an intact frame of an unknown type becomes a `Command` named by its
         type, ``"0x7f"``, because the board must refuse it with its token.
         """
-        return [
-            item
-            if isinstance(item, Scan)
-            else self._unknown(item)
-            if isinstance(item, Corrupt)
-            else self._frame(item)
-            for item in self._framer.feed(data)
-        ]
+        return [item if isinstance(item, Scan) else self._decoded(item) for item in self._framer.feed(data)]
+
+    def _decoded(self, item: bytes | Corrupt) -> Frame | Corrupt:
+        return self._unknown(item) if isinstance(item, Corrupt) else self._frame(item)
 
     def _unknown(self, item: Corrupt) -> Command | Corrupt:
         width, order = self.layout.type_bytes, self.layout.byte_order

@@ -20,8 +20,9 @@ any CRC-16 accepts at the place of the frame itself (2^-16 = 1.5e-5 of the frame
 surely detects).
 """
 
+import itertools
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -49,8 +50,8 @@ class Framer(Protocol):
         """Bytes of a frame that is not complete yet."""
         ...
 
-    def feed(self, data: bytes) -> Iterator[bytes | Scan | Corrupt]:
-        """Yield what `data` completes, in order: bodies, scans that were read already, and corruptions."""
+    def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
+        """Return what `data` completes, in order: bodies, scans that were read already, corruptions."""
         ...
 
 
@@ -124,10 +125,9 @@ class _GoodScans:
             library.tactiled_scans, self._message, self._body, self.MOST_SCANS, self._heads, self._counts
         )
 
-    def take(self, buffer: bytearray) -> tuple[list[Scan], int]:
+    def take(self, data: bytes) -> tuple[list[Scan], int]:
         """Return the good scans at the beginning, and the bytes that they take."""
-        data = bytes(buffer) if len(buffer) <= self.MOST_BYTES else bytes(buffer[: self.MOST_BYTES])
-        n = self._read(data, len(data))
+        n = self._read(data, min(len(data), self.MOST_BYTES))
         if not n:
             return [], 0
         heads = self._heads[:n].tolist()
@@ -167,15 +167,25 @@ class CobsFramer:
         """Bytes of a frame that is not complete yet."""
         return len(self._buffer)
 
-    def feed(self, data: bytes) -> Iterator[bytes | Scan | Corrupt]:
-        """Yield the bodies and corruptions that `data` completes, in order; with a library, scans as such."""
+    def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
+        """Return what `data` completes, in order: bodies, scans where a library reads them, corruptions."""
         self.bytes_in += len(data)
-        buffer = self._buffer
-        buffer += data
-        limit = self._limit
+        scans: list[Scan] = []
+        if self._scans is not None and not self._buffer:
+            scans, used = self._scans.take(data)
+            self.bytes_framed += used
+            if used == len(data):  # as most reads of a live board
+                return scans
+            data = data[used:]
+        self._buffer += data
+        return itertools.chain(scans, self._search())
+
+    def _search(self) -> Iterator[bytes | Scan | Corrupt]:
+        """Yield what the buffer completes, in order."""
+        buffer, limit = self._buffer, self._limit
         while buffer:
             if self._scans is not None:
-                scans, used = self._scans.take(buffer)
+                scans, used = self._scans.take(bytes(buffer[: self._scans.MOST_BYTES]))
                 if used:
                     self.bytes_framed += used
                     del buffer[:used]
