@@ -41,6 +41,8 @@ _DECLARED = {
     "loads": ("", "sspppp"),
     "load_noise": ("", "sspppp"),
     "floor": ("", "ssrrrpppprrpp"),
+    "bear": ("", "sppppprr"),
+    "grip": ("i", "sppppppprrriip"),
     "rings": ("", "sssppppppppsppp"),
 }
 

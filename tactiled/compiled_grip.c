@@ -1,9 +1,10 @@
 /* The contact model's part of the path of a scan: arrays in, arrays out, nothing kept here.
  *
  * `compiled.c` has the rules, which hold here too: every function does what numpy does beside its call, bit for
- * bit. The innermost loop runs over the friction hypotheses, whose results do not mix, so that the compiler may
- * take several at once; sums over taxels and rings add one term after the other, as numpy's sums over a leading
- * axis do.
+ * bit. Logarithms, exponentials and powers are those of the C library, which Python's `math` calls too
+ * (`elementary.py`). In the mechanics the innermost loop runs over the friction hypotheses, whose results do not
+ * mix, so that the compiler may take several at once; sums over taxels and rings add one term after the other, as
+ * numpy's sums over a leading axis do.
  *
  * Arrays are dense, with the last index moving fastest. j counts hypotheses, t taxels, k rings.
  */
@@ -86,6 +87,117 @@ API void tactiled_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real 
         }
         sd[c] = noise_of(largest, per_sd, step[c], per_rounding, floor);
     }
+}
+
+/* ---- friction and forecast (tactiled.detect.grip.friction, .forecast, .model) ---------------------------------- */
+
+/* Take the ratio that the contact bears: `FrictionPosterior.bear`. weights, met and penalty (n) are kept.
+ * `numbers`: least ratio, log of the ratio at the limit, logs over which it is met, log of the kinetic part, mean
+ * duration of sliding, spread of the excess. */
+API void tactiled_bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
+                       real *penalty, real ratio, real step_s)
+{
+    const real log_ratio = log(at_least(ratio, numbers[0])), kept = exp(-step_s / numbers[4]);
+    real most = -INFINITY, sum = 0, found[n];
+    int refutes = 0;
+    for (ptrdiff_t j = 0; j < n; j++) {
+        real above = log_ratio - log_friction[j], excess = at_least(above, 0) / numbers[5];
+        real meets = at_most(at_least((above - numbers[1]) / numbers[2] + 0.5, 0), 1);
+        real more = at_least(0.5 * (excess * excess), penalty[j]);
+        met[j] = at_least(above > numbers[3] ? met[j] * kept : 0, meets);
+        refutes |= more > penalty[j];
+        found[j] = penalty[j] - more;
+        penalty[j] = more;
+        most = at_least(found[j], most);
+    }
+    if (!refutes)
+        return;
+    for (ptrdiff_t j = 0; j < n; j++)
+        sum += weights[j] *= exp(found[j] - most);
+    for (ptrdiff_t j = 0; j < n; j++)
+        weights[j] /= sum;
+}
+
+/* Sum of weights (n). */
+static real sum_of(ptrdiff_t n, const real *weights)
+{
+    real sum = 0;
+    for (ptrdiff_t j = 0; j < n; j++)
+        sum += weights[j];
+    return sum;
+}
+
+/* Quantile of log friction: where the weights (n) of cells from `lowest` on reach a part of their sum. */
+static real log_quantile(ptrdiff_t n, const real *weights, real part, real lowest, real cell)
+{
+    real wanted = part * sum_of(n, weights), below = 0;
+    ptrdiff_t j = 0;
+    for (; j < n - 1 && below + weights[j] < wanted; j++)
+        below += weights[j];
+    return lowest + cell * ((real)j + (wanted - below) / at_least(weights[j], 1e-300));
+}
+
+/* Constants of `tactiled_grip`, in the order in which `ContactModel` and `forecast_numbers` have them. */
+enum { THREE = 3 };
+struct grip_numbers {
+    real least_logged, log_full, lowest, cell, least_ratio, gross_on, gross_off, incipient_share, incipient_used;
+    real quantiles[THREE];
+    real least_rate, least_gap, time_power, e_folds, fresh, revisited;
+    real rate_nodes[THREE], node_weights[THREE], soon[THREE], unseen[THREE];
+};
+
+/* Posterior after a scan: `ContactModel.grip`. weights, met, sticking and area (n). out (12): utilisation,
+ * friction, p_gross (three each), slipping share, p_sliding, p_incipient. Returns whether all slides. */
+API int tactiled_grip(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
+                      const real *weights, const real *met, const real *sticking, const real *area, real size,
+                      real growth, real rate_sd, int is_fresh, int was_gross, real *out)
+{
+    real sticks[n], holds[n], slow[THREE], sliding = 0, stuck = 0, slides = 0, slipping = 0, incipient = 0;
+    const real log_ratio = log(at_least(size, with->least_logged)), scale = at_least(size, with->least_ratio);
+    for (ptrdiff_t j = 0; j < n; j++) {
+        holds[j] = weights[j] * (1 - met[j]);
+        sticks[j] = holds[j] * sticking[j];
+        sliding += weights[j] * met[j];
+        stuck += sticks[j];
+    }
+    for (ptrdiff_t j = 0; j < n; j++) {
+        int partial = area[j] >= with->incipient_share ||
+                      (is_fresh && growth > 0 && size > with->incipient_used * friction[j]);
+        sticks[j] /= sliding + stuck;
+        slides += weights[j] * met[j] / (sliding + stuck);
+        slipping += sticks[j] * area[j];
+        incipient += partial ? sticks[j] : 0;
+    }
+    int is_gross = slides > (was_gross ? with->gross_off : with->gross_on);
+    const real *rests = is_gross ? sticks : holds;
+    real mass = at_least(sum_of(n, rests), 1e-12);
+    for (int k = 0; k < THREE; k++) {
+        real tail = with->quantiles[k] / mass, part = at_most(at_least(1 - tail, 0), 1);
+        real limit = exp(log_quantile(n, rests, part, with->lowest, with->cell));
+        real rate = (growth / scale) + rate_sd / scale * with->rate_nodes[k];
+        out[k] = tail >= 1 ? 1 : at_most(size / limit, 1);
+        out[THREE + k] = exp(log_quantile(n, weights, with->quantiles[k], with->lowest, with->cell));
+        out[2 * THREE + k] = 0;
+        slow[k] = pow(at_least(rate, with->least_rate), -with->time_power);
+    }
+    for (ptrdiff_t j = 0; j < n; j++) {
+        real log_used = log_ratio - log_friction[j] - with->log_full;
+        real gap = pow(at_least(expm1(-log_used), with->least_gap), with->time_power);
+        real arrives = holds[j] * exp(with->e_folds * at_most(log_used, 0));
+        for (int k = 0; k < THREE; k++) {
+            real in_time = 0;
+            for (int node = 0; node < THREE; node++)
+                in_time += with->node_weights[node] / (1 + gap * slow[node] * with->soon[k]);
+            out[2 * THREE + k] += in_time * arrives;
+        }
+    }
+    for (int k = 0; k < THREE; k++)
+        out[2 * THREE + k] =
+            at_most((is_fresh ? with->fresh : with->revisited) * out[2 * THREE + k] + with->unseen[k], 1);
+    out[3 * THREE] = at_most(at_least(slides + slipping, 0), 1);
+    out[3 * THREE + 1] = slides;
+    out[3 * THREE + 2] = slides + incipient;
+    return is_gross;
 }
 
 /* ---- mechanics (tactiled.detect.grip.rings) ------------------------------------------------------------------ */

@@ -21,6 +21,8 @@ from touches import Touch, pieces, run, splits
 from tactiled import compiled
 from tactiled.array import Array, load_array
 from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.model import ContactModel, Grip
 from tactiled.detect.grip.observe import FLOOR_LEVELS, NoiseFloor, Responses
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
@@ -204,6 +206,35 @@ def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(array: Arra
         assert is_same(floors[0].sd(), floors[1].sd())
         assert is_same(responses[0].of(volts), responses[1].of(volts))
         assert responses[0].noise(floors[0].sd()) == responses[1].noise(floors[1].sd())
+
+
+@needs_library
+@given(
+    n_taxels=st.sampled_from([1, 2, 9, 16]),
+    median=st.sampled_from([0.02, 0.6, 50.0]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=20, deadline=None)
+def test_the_posterior_of_a_contact_has_the_bits_of_numpy(n_taxels: int, median: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.standard_normal((2, n_taxels))
+    both = of_both(lambda: ContactModel(x, y, FrictionPosterior(median, 0.6)))
+    load = rng.uniform(0.0, 2.0, n_taxels) * rng.choice([1e-9, 1.0, 1e6])
+    load[rng.random(n_taxels) < 0.2] = 0.0
+    size = float(rng.choice([0.0, 1e-300, 1e-6, 0.3, 2.0, 1e6])) * median
+    along = rng.standard_normal(3) * rng.choice([1.0, 1.0, 0.0], 3)
+    for k in range(60):
+        ratio = size * np.sin(k / 20) * along + rng.choice([0.0, 1e-3]) * rng.standard_normal(3)
+        shear = load * ratio[:2, np.newaxis] * (1 + 0.1 * rng.standard_normal((2, n_taxels)))
+        for model in both:
+            model.follow(ratio, 1e-3, 0.01)
+            if k % 2:
+                model.look(load, shear, 1e-3, 0.02)
+        found, wanted = (model.grip() for model in both)
+        for name, one, other in zip(Grip._fields, found, wanted, strict=True):
+            assert is_same(one, other), name
+        assert is_same(both[0].friction.weights, both[1].friction.weights)
+        assert both[0].slipping_taxels() == both[1].slipping_taxels()
 
 
 @needs_library

@@ -9,6 +9,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import Ahead
+from tactiled.detect.grip.elementary import exp, expm1, power
 
 _NODES = np.array([-np.sqrt(3.0), 0.0, np.sqrt(3.0)])  # Gauss-Hermite of order 3, for unit variance
 _NODE_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
@@ -44,12 +45,21 @@ def p_gross_within(
     -------
     (k,) float64
     """
-    rates = np.maximum(growth + _RATE_SD_PART * growth_sd * _NODES, _LEAST_RATE)
-    gap = np.maximum(np.expm1(-log_used), _LEAST_GAP)
-    time_s = gap / rates[:, np.newaxis]  # (nodes, n)
-    over = time_s / (Ahead.TIME_PART * horizons_s[:, np.newaxis, np.newaxis])  # (k, nodes, n)
-    in_time = _NODE_WEIGHTS @ (1.0 / (1.0 + over**Ahead.TIME_POWER))  # (k, n)
-    arrives = np.exp(Ahead.E_FOLDS * np.minimum(log_used, 0.0))
+    # Extrapolated over available time is gap / (rate * horizon); its power is the product of three powers.
+    rates = np.maximum(growth + growth_sd * (_RATE_SD_PART * _NODES), _LEAST_RATE)
+    gap = power(np.maximum(expm1(-log_used), _LEAST_GAP), Ahead.TIME_POWER)
+    slow = power(rates, -Ahead.TIME_POWER)
+    soon = power(Ahead.TIME_PART * horizons_s, -Ahead.TIME_POWER)
+    over = gap[:, np.newaxis] * slow[:, np.newaxis, np.newaxis] * soon  # (nodes, n, k)
+    in_time = (_NODE_WEIGHTS[:, np.newaxis, np.newaxis] / (1.0 + over)).sum(axis=0)
+    arrives = weights * exp(Ahead.E_FOLDS * np.minimum(log_used, 0.0))
     part = Ahead.FRESH if is_fresh else Ahead.REVISITED
-    found = part * in_time @ (weights * arrives) + _UNSEEN_PER_S * horizons_s
+    found = part * (in_time * arrives[:, np.newaxis]).sum(axis=0) + _UNSEEN_PER_S * horizons_s
     return np.asarray(np.minimum(found, 1.0))
+
+
+def forecast_numbers(horizons_s: FloatArray) -> FloatArray:
+    """Return the constants of `p_gross_within` for three horizons, in the order of `compiled_grip.c`."""
+    soon = power(Ahead.TIME_PART * horizons_s, -Ahead.TIME_POWER)
+    single = [_LEAST_RATE, _LEAST_GAP, Ahead.TIME_POWER, Ahead.E_FOLDS, Ahead.FRESH, Ahead.REVISITED]
+    return np.concatenate([single, _RATE_SD_PART * _NODES, _NODE_WEIGHTS, soon, _UNSEEN_PER_S * horizons_s])

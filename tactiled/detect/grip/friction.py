@@ -1,23 +1,30 @@
 """Posterior of the friction coefficient on a logarithmic grid, and what follows from it.
 
 Utilisation is the borne ratio over friction, so that its quantiles are those of friction, turned round. Each
-grid value stands for a cell.
+grid value stands for a cell. `compiled_grip.c` has what is done at each scan, with the same bits: `bear`,
+and with `ContactModel.grip` the sliding parts and the quantiles.
 """
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 
+from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import WALK_PART
+from tactiled.detect.grip.elementary import exp, sum_in_order
 
 N_FRICTION = 32  # 64 give the same errors
 _REACH = 1.7  # of the grid about the prior's median, in log: 2.8 of its widest standard deviations
 _EXCESS_SD = (
     0.10  # of log ratio by which a sliding contact exceeds its friction: unequal taxels, speed; a prior
 )
-_FULL = 0.97  # of the ratio at the limit: taxels of unequal friction slip one after the other
+FULL = 0.97  # of the ratio at the limit: taxels of unequal friction slip one after the other
 _SOFT = 0.10  # log ratios over which a limit is met: a cell of the grid
 _KINETIC_LEAST = 0.75  # of the static limit: kinetic friction of rubber is seldom less, a prior
 _SLIDE_S = 0.4  # mean duration of gross slip: then it is caught, or the object is lost; a prior
+LEAST_RATIO = 1e-9  # whose logarithm is taken
 _CARRIED = 0.7  # probability that the next contact is of the same hand and object: a prior
 _CARRIED_SD = 0.15  # by which log friction differs between contacts of the same two, at most
 
@@ -32,7 +39,9 @@ class FrictionPosterior:
 
     Attributes
     ----------
-    friction : (N_FRICTION,) float64
+    friction, log_friction : (N_FRICTION,) float64
+    cell, lowest : float
+        Width of a cell and lower end of the first one, in log friction.
     weights : (N_FRICTION,) float64
     met : (N_FRICTION,) float64
         Part of each cell whose limit is met, or was, with a ratio since that kinetic friction can bear.
@@ -40,14 +49,23 @@ class FrictionPosterior:
 
     def __init__(self, median: float, log_sd: float) -> None:
         offsets = np.linspace(-_REACH, _REACH, N_FRICTION)
-        self._cell = float(offsets[1] - offsets[0])
-        self._log = np.log(median) + offsets
-        self.friction = np.exp(self._log)
+        self.cell = float(offsets[1] - offsets[0])
+        self.log_friction = np.log(median) + offsets
+        self.lowest = float(self.log_friction[0]) - self.cell / 2
+        self.friction = np.exp(self.log_friction)
         # A cell adds its own variance; a prior narrower than a cell must not be lost between two.
-        self._prior = np.exp(-0.5 * offsets**2 / max(log_sd**2 - self._cell**2 / 12, self._cell**2 / 4))
+        self._prior = np.exp(-0.5 * offsets**2 / max(log_sd**2 - self.cell**2 / 12, self.cell**2 / 4))
         self._prior /= self._prior.sum()
         self.weights = self._prior.copy()
         self._log_sd = log_sd
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            self._numbers = np.array(
+                [LEAST_RATIO, math.log(FULL), _SOFT, math.log(_KINETIC_LEAST), _SLIDE_S, _EXCESS_SD]
+            )
+            self._compiled = compiled.bind(
+                library.tactiled_bear, N_FRICTION, self._numbers, self.log_friction
+            )
         self._forget_contact()
 
     def end_contact(self) -> None:
@@ -62,16 +80,16 @@ class FrictionPosterior:
 
     def take(self, log_likelihood: FloatArray) -> None:
         """Multiply the weights by likelihoods given as logarithms (N_FRICTION,)."""
-        weights = self.weights * np.exp(log_likelihood - log_likelihood.max())
-        self.weights = weights / weights.sum()
+        weights = self.weights * exp(log_likelihood - log_likelihood.max())
+        self.weights = weights / sum_in_order(weights)
 
     def walk(self, step_s: float) -> None:
         """Let friction change for a time."""
-        self._diffuse(0.5 * (WALK_PART * self._log_sd) ** 2 * step_s / self._cell**2)
+        self._diffuse(0.5 * (WALK_PART * self._log_sd) ** 2 * step_s / self.cell**2)
 
     def spread(self, log_sd: float) -> None:
         """Widen the posterior by a standard deviation of log friction."""
-        part = 0.5 * (log_sd / self._cell) ** 2
+        part = 0.5 * (log_sd / self.cell) ** 2
         for _ in range(steps := max(1, round(part / 0.25))):
             self._diffuse(part / steps)
 
@@ -81,9 +99,13 @@ class FrictionPosterior:
         Shear borne beyond a value refutes it; each excess counts once. A value whose limit was met may slide
         until the ratio falls below what sliding bears.
         """
-        above = np.log(max(ratio, 1e-9)) - self._log
-        met = np.clip((above - np.log(_FULL)) / _SOFT + 0.5, 0.0, 1.0)
-        remembered = np.where(above > np.log(_KINETIC_LEAST), self.met * np.exp(-step_s / _SLIDE_S), 0.0)
+        if self._compiled is not None:
+            kept = (compiled.address(values) for values in (self.weights, self.met, self._penalty))
+            self._compiled(*kept, ratio, step_s)
+            return
+        above = math.log(max(ratio, LEAST_RATIO)) - self.log_friction
+        met = np.clip((above - math.log(FULL)) / _SOFT + 0.5, 0.0, 1.0)
+        remembered = np.where(above > math.log(_KINETIC_LEAST), self.met * math.exp(-step_s / _SLIDE_S), 0.0)
         self.met = np.maximum(met, remembered)
         penalty = np.maximum(self._penalty, 0.5 * (np.maximum(above, 0.0) / _EXCESS_SD) ** 2)
         if np.any(penalty > self._penalty):
@@ -100,16 +122,16 @@ class FrictionPosterior:
         """
         slides = self.weights * self.met
         sticks = self.weights * (1.0 - self.met) * np.exp(-log_odds)
-        total = float(slides.sum() + sticks.sum())
+        total = sum_in_order(slides) + sum_in_order(sticks)
         return slides / total, sticks / total
 
     def log_used(self, ratio: float) -> FloatArray:
         """Return the logarithm of a ratio over that at gross slip, for each friction value."""
-        return np.asarray(np.log(max(ratio, 1e-9)) - self._log - np.log(_FULL))
+        return np.asarray(math.log(max(ratio, LEAST_RATIO)) - self.log_friction - math.log(FULL))
 
     def friction_quantiles(self, at: FloatArray) -> FloatArray:
         """Return quantiles of friction, interpolated within cells."""
-        return np.asarray(np.exp(self._log_quantiles(self.weights, at)))
+        return exp(self._log_quantiles(self.weights, at))
 
     def utilisation_quantiles(self, ratio: float, sticks: FloatArray, at: FloatArray) -> FloatArray:
         """Return quantiles of the ratio over friction; 1 where the contact slides.
@@ -119,11 +141,10 @@ class FrictionPosterior:
         sticks : (N_FRICTION,) float64
             Probability of each friction value and that the contact sticks.
         """
-        mass = float(sticks.sum())
         # P(u <= q) = P(friction >= ratio / q) of what sticks: the upper tail of friction.
-        tail = at / max(mass, 1e-12)
-        log_q = self._log_quantiles(sticks / max(mass, 1e-12), np.clip(1.0 - tail, 0.0, 1.0))
-        found = np.minimum(1.0, ratio / np.exp(log_q))
+        tail = at / max(sum_in_order(sticks), 1e-12)
+        log_q = self._log_quantiles(sticks, np.clip(1.0 - tail, 0.0, 1.0))
+        found = np.minimum(1.0, ratio / exp(log_q))
         return np.asarray(np.where(tail >= 1.0, 1.0, found))
 
     def _diffuse(self, part: float) -> None:
@@ -132,6 +153,9 @@ class FrictionPosterior:
         self.weights[1:] -= flow
 
     def _log_quantiles(self, weights: FloatArray, at: FloatArray) -> FloatArray:
-        edges = np.append(self._log - self._cell / 2, self._log[-1] + self._cell / 2)
-        below = np.concatenate([[0.0], np.cumsum(weights)])
-        return np.asarray(np.interp(at, below / max(below[-1], 1e-300), edges))
+        up_to = np.add.accumulate(weights)
+        wanted = at * up_to[-1]
+        cell = np.minimum(np.searchsorted(up_to, wanted), N_FRICTION - 1)
+        below = np.where(cell > 0, up_to[cell - 1], 0.0)
+        part = (wanted - below) / np.maximum(weights[cell], 1e-300)
+        return np.asarray(self.lowest + self.cell * (cell + part))

@@ -4,13 +4,17 @@ Arrays in, numbers out; no clock. `ContactModel.follow` takes every scan, `Conta
 loads and shears of every `STEP_S`, which may be delayed.
 """
 
+import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from tactiled import compiled
 from tactiled.array import FloatArray
-from tactiled.detect.grip.forecast import p_gross_within
-from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.elementary import sum_in_order
+from tactiled.detect.grip.forecast import forecast_numbers, p_gross_within
+from tactiled.detect.grip.friction import FULL, LEAST_RATIO, FrictionPosterior
 from tactiled.detect.grip.rings import MINDLIN_POWER, RingForces, mindlin_rings
 from tactiled.detect.grip.shares import ShareEvidence
 from tactiled.detect.grip.trend import Trend
@@ -76,8 +80,20 @@ class ContactModel:
         self._wander = ShareWander(x, y, n)
         self._odds = np.zeros(n)
         self._slipping = np.zeros((n, len(x)))  # share of each taxel's stiffness
+        self._area = np.zeros(n)  # share of the contact area that slips
+        self._sticking = np.ones(n)  # likelihood of sticking over that of sliding
         self._part = np.full(len(x), 1.0 / len(x))  # of the load
         self._is_gross = False
+        self._compiled: Callable[..., int] | None = None
+        if (library := compiled.library()) is not None:
+            single = [
+                *(LEAST_RATIO, math.log(FULL), friction.lowest, friction.cell, _LEAST_RATIO),
+                *(_GROSS_ON, _GROSS_OFF, INCIPIENT_SHARE, INCIPIENT_USED),
+            ]
+            self._numbers = np.concatenate([single, _QUANTILES, forecast_numbers(HORIZONS_S)])
+            self._compiled = compiled.bind(
+                library.tactiled_grip, n, self._numbers, friction.friction, friction.log_friction
+            )
 
     def total(self, shear: FloatArray) -> FloatArray:
         """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
@@ -117,21 +133,36 @@ class ContactModel:
             self.friction.take(found)
         self._odds = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
         self.friction.walk(step_s)
+        self._sticking = np.exp(-self._odds)
         self._slipping, self._part = self._rings.sliding_share(), load / whole
+        # The area of a ball that sticks goes as the square of its stick radius (Johnson, 7.2).
+        self._area = 1.0 - (1.0 - self._slipping @ self._part) ** 2
 
     def grip(self) -> Grip:
-        """Return the present posterior."""
+        """Return the present posterior; `compiled_grip.c` has the same."""
         trend, friction = self.trend, self.friction
-        size = trend.size
+        size, growth = trend.size, trend.growth
+        is_unloading = growth < -2 * trend.rate_sd
+        if self._compiled is not None:
+            out = np.empty(12)
+            state = (friction.weights, friction.met, self._sticking, self._area)
+            self._is_gross = bool(
+                self._compiled(
+                    *(compiled.address(values) for values in state),
+                    *(size, growth, trend.rate_sd, trend.is_fresh, self._is_gross, compiled.address(out)),
+                )
+            )
+            share, p_sliding, p_incipient = out[9:].tolist()
+            return Grip(
+                out[:3], out[3:6], share, out[6:9], p_sliding, p_incipient, self._is_gross, is_unloading
+            )
         slides, sticks = friction.sliding(self._odds)
-        p_sliding = float(slides.sum())
+        p_sliding = sum_in_order(slides)
         self._is_gross = p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
         holds = friction.weights * (1.0 - friction.met)
-        # The area of a ball that sticks goes as the square of its stick radius (Johnson, 7.2).
-        slipping = 1.0 - (1.0 - self._slipping @ self._part) ** 2
-        share = p_sliding + float(sticks @ slipping)
-        partial = slipping >= INCIPIENT_SHARE
-        if trend.is_fresh and trend.growth > 0:  # rings are looked at later than the total shear
+        share = p_sliding + sum_in_order(sticks * self._area)
+        partial = self._area >= INCIPIENT_SHARE
+        if trend.is_fresh and growth > 0:  # rings are looked at later than the total shear
             partial |= size > INCIPIENT_USED * friction.friction
         scale = max(size, _LEAST_RATIO)
         return Grip(
@@ -141,15 +172,15 @@ class ContactModel:
             p_gross=p_gross_within(
                 friction.log_used(size),
                 holds,
-                trend.growth / scale,
+                growth / scale,
                 trend.rate_sd / scale,
                 trend.is_fresh,
                 HORIZONS_S,
             ),
             p_sliding=p_sliding,
-            p_incipient=p_sliding + float(sticks @ partial),
+            p_incipient=p_sliding + sum_in_order(sticks * partial),
             is_gross=self._is_gross,
-            is_unloading=trend.growth < -2 * trend.rate_sd,
+            is_unloading=is_unloading,
         )
 
     def slipping_taxels(self) -> tuple[int, ...]:

@@ -36,11 +36,8 @@ class Trend:
         self._largest = 0.0
         self._recent: collections.deque[float] = collections.deque()
         self._is_new = True
-
-    @property
-    def size(self) -> float:
+        self.size = 0.0
         """Length of the ratio: by the ellipsoid of Howe and Cutkosky (1996), compared with friction."""
-        return float(np.sqrt(self.value @ self.value))
 
     @property
     def growth(self) -> float:
@@ -57,6 +54,7 @@ class Trend:
         noise = max(noise_sd, 1e-6) ** 2
         if self._is_new:
             self.value = ratio.copy()
+            self.size = float(np.sqrt(self.value @ self.value))
             self._cov = (noise, 0.0, _START_RATE_SD**2)
             self._is_new = False
             self.value_sd = math.sqrt(noise)
@@ -67,6 +65,7 @@ class Trend:
         predicted = self.value + h * self._fast_rate
         gain, rate_gain = vv / (vv + noise), vr / (vv + noise)
         self.value = predicted + gain * (ratio - predicted)
+        self.size = float(np.sqrt(self.value @ self.value))
         self._fast_rate = self._fast_rate + rate_gain * (ratio - predicted)
         self._cov = ((1 - gain) * vv, (1 - gain) * vr, rr - rate_gain * vr)
         part = 1.0 - math.exp(-h / RATE_AVERAGE_S)
