@@ -24,7 +24,7 @@ PACKAGES = "systemd,systemd-sysv,dbus,python3,python3-venv,procps"
 PROGRAMS = ("systemd-nspawn", "mmdebstrap", "nsenter", "setpriv")
 UNITS = Path("etc/systemd/system")
 OLD, NEW = "0.0.1", "0.0.2"  # versions that the wheels of the tests say they are
-DOWNLOAD_S, COMMAND_S, BOOT_S, OFF_S = 300.0, 60.0, 30.0, 20.0
+DOWNLOAD_S, COMMAND_S, BOOT_S, OFF_S = 500.0, 200.0, 120.0, 60.0
 
 
 class ContainerError(Exception):

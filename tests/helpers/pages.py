@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-PATIENCE_S = 60.0
+from patience import PATIENCE_S
+
 CHROMIUM = shutil.which("chromium")
 NO_CHROMIUM = "needs chromium: sudo apt install chromium"
 CHROMIUM_ARGUMENTS = [

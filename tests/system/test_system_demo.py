@@ -15,18 +15,19 @@ import pytest
 pytestmark = pytest.mark.system
 
 
-def test_demo_is_right_and_in_time(tmp_path: Path) -> None:
-    began_s = time.monotonic()
+def test_demo_is_right_or_says_that_the_host_is_too_slow(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tactiled", "demo"],
-        capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False,
+        capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False,
     )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert time.monotonic() - began_s < 60  # the scene itself takes 30
     assert "WRONG" not in done.stdout
+    assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
+    if "this host is too slow or too busy for the demo" in done.stderr:  # which the next test examines
+        assert done.returncode == 1
+        return
+    assert done.returncode == 0, done.stdout + done.stderr
     for quantity in ("incipient at", "gross at", "direction", "answer after", "period", "angle"):
         assert f"grooves: {quantity}" in done.stdout
-    assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
 @contextlib.contextmanager

@@ -16,7 +16,6 @@ import pytest
 from tactiled.client import Client, Message
 
 pytestmark = pytest.mark.system
-PATIENCE_S = 20.0
 SCENE_S = 13.0  # of `grasp`: the load has grown beyond what 10 N hold, and the jerk is over
 TIGHTER = 1.5
 

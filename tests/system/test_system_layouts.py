@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE_S
 
 from tactiled.client import Message, Subscription
 from tactiled.wire.layout import load_layout
 
 pytestmark = pytest.mark.system
-PATIENCE_S = 60.0
 
 # Scan rate of the emulated board, and channels, by layout; the array has the same name.
 BOARDS = {

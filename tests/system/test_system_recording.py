@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.reader import read_items
@@ -18,7 +19,6 @@ from tactiled.recording.writer import RecordingWriter
 
 HEADER = Header(load_board("board-v1", "wang2019-3x3"))
 pytestmark = pytest.mark.system
-PATIENCE_S = 30.0
 
 
 class Bench:
@@ -48,6 +48,12 @@ class Bench:
             finally:
                 child.kill()
 
+    def until_there(self, port: Path) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not port.is_symlink():
+            assert time.monotonic() < until_s, f"{port} never came"
+            time.sleep(0.02)
+
     def until_bigger_than(self, path: Path, n_bytes: int) -> None:
         until_s = time.monotonic() + PATIENCE_S
         while not path.exists() or path.stat().st_size < n_bytes:
@@ -59,10 +65,7 @@ class Bench:
 def bench(tmp_path: Path) -> Iterator[Bench]:
     made = Bench(tmp_path)
     with made.process("emulate", "--scene", "rest", "--link", str(made.board)):
-        until_s = time.monotonic() + PATIENCE_S
-        while not made.board.is_symlink():
-            assert time.monotonic() < until_s
-            time.sleep(0.02)
+        made.until_there(made.board)
         yield made
 
 
@@ -89,8 +92,9 @@ def test_killed_recovered_and_run_again(bench: Bench) -> None:
     assert "events reproduced bit for bit" in verified.stderr
     lines = [json.loads(line) for line in bench.command("replay", "a.mcap", "-t", "scan").stdout.splitlines()]
     assert [line["seq"] for line in lines] == list(range(len(lines)))
-    # Lost is what came after the last sync, 1 s apart, with a machine that may be busy.
-    assert 0 <= killed_unix_s - lines[-1]["timestamp"] < 3.0
+    # Lost is what came after the last sync; these are 1 s apart, or more on a machine that is busy.
+    assert len(lines) >= 400
+    assert 0 <= killed_unix_s - lines[-1]["timestamp"] < PATIENCE_S
     data = file.read_bytes()
     (bench.folder / "cut.mcap").write_bytes(data[: len(data) // 2])
     assert bench.command("recover", "cut.mcap").returncode == 0
@@ -107,6 +111,7 @@ def test_recorded_for_a_while_exported_and_played_to_a_daemon(bench: Bench) -> N
     assert scans > 100
     assert bench.command("detect", "a.csv").returncode == 0
     with bench.process("replay", "a.mcap", "--link", str(bench.folder / "played")) as player:
+        bench.until_there(bench.folder / "played")
         again = bench.command("record", "b.mcap", "--port", str(bench.folder / "played"), "--seconds", "4")
         assert again.returncode == 0, again.stderr
         player.wait(PATIENCE_S)
@@ -116,7 +121,8 @@ def test_recorded_for_a_while_exported_and_played_to_a_daemon(bench: Bench) -> N
         for name in ("a.csv", "b.csv")
     ]
     assert len(rows[1]) >= 100
-    assert rows[0][-len(rows[1]) :] == rows[1]
+    first = rows[0].index(rows[1][0])
+    assert rows[0][first : first + len(rows[1])] == rows[1]
 
 
 def test_without_a_board_it_says_so(tmp_path: Path) -> None:
@@ -138,17 +144,17 @@ def test_without_a_record_directory_it_senses_and_a_killed_run_is_recovered_by_t
     def active() -> set[Path]:
         return set(records.glob("*.active"))
 
-    def until(what: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
-        until_s = time.monotonic() + patience_s
+    def until(what: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + PATIENCE_S
         while not what():
             assert time.monotonic() < until_s
             time.sleep(0.05)
 
     with bench.process("run", "--config", "t.toml") as daemon:
         endpoint = f"ipc://{bench.folder}/events.ipc"
-        heard = bench.command("listen", endpoint, "-t", "scan", "-n", "20", "--timeout", "20")
+        heard = bench.command("listen", endpoint, "-t", "scan", "-n", "20", "--timeout", "50")
         assert len(heard.stdout.splitlines()) == 20, heard.stderr
-        said = bench.command("listen", endpoint, "-t", "recording", "-n", "1", "--timeout", "20")
+        said = bench.command("listen", endpoint, "-t", "recording", "-n", "1", "--timeout", "50")
         assert json.loads(said.stdout)["state"] == "failed"
         records.mkdir()
         until(lambda: any(path.stat().st_size > 30_000 for path in active()))
@@ -160,7 +166,7 @@ def test_without_a_record_directory_it_senses_and_a_killed_run_is_recovered_by_t
     other.sync()
     before = other.active.read_bytes()
     with bench.process("run", "--config", "t.toml") as daemon:
-        until(lambda: not left.exists() and len(active()) == 2, 120.0)  # recovered at the lowest priority
+        until(lambda: not left.exists() and len(active()) == 2)  # recovered at the lowest priority
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(PATIENCE_S) == 0
     assert other.active.read_bytes() == before

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import PATIENCE_S
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.client import Message, Subscription
@@ -26,8 +27,8 @@ from tactiled.ros2 import own_types
 from tactiled.ros2.names import dds_type
 
 pytestmark = pytest.mark.system
-PATIENCE_S = 20.0
-DOMAIN = 187
+# Of this process: others on this network may test, too. From 102 on, its ports may be taken by connections.
+DOMAIN = 1 + os.getpid() % 101
 BOARD = "/tactile/TS0001"
 PEER = Path(__file__).parents[1] / "ros2" / "peer.cpp"
 SCENE = """
@@ -193,12 +194,13 @@ def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
         "ros2", "--events", robot.endpoint, "--domain", str(DOMAIN), "--localhost", "--allow-commands"
     )
     bridge.until(lambda row: row["what"] == "node", "the node")
+    peer = robot.peer(program, *TOPICS, services=True)
+    peer.until(lambda row: row["what"] == "participant", "the bridge")
     scene = ("--scene", str(robot.folder / "scene.toml"))
-    robot.tactiled("emulate", *scene, "--link", str(robot.folder / "board"))
-    # Subscribed before the board sends: on a slow host a slip can pass while the peer is started.
+    # Both subscribe before the board sends: on a slow host a slip could pass meanwhile.
     with Subscription(robot.endpoint, ("force", "slip", "command")) as subscription:
+        robot.tactiled("emulate", *scene, "--link", str(robot.folder / "board"))
         bridge.until(lambda row: row["what"] == "board", "the board")
-        peer = robot.peer(program, *TOPICS, services=True)
         topics_match_what_the_daemon_sends(robot, peer, subscription)
         services_reach_the_daemon(peer, subscription)
     discovery_names_node_and_types(robot, peer)
@@ -237,7 +239,7 @@ def topics_match_what_the_daemon_sends(robot: Robot, peer: Lines, subscription: 
                 assert wrench.wrench.torque.z == pytest.approx(1e-3 * force["tz_nmm"])
                 compared += 1
         if row["topic"] in (f"rt{BOARD}/wrench", f"rt{BOARD}/scan"):
-            assert abs(row["at"] - seconds(robot.decode(row).header.stamp)) < 1.0
+            assert abs(row["at"] - seconds(robot.decode(row).header.stamp)) < PATIENCE_S
     assert compared >= 50
     topics = {row["topic"].removeprefix("rt") for row in rows}
     assert topics >= TOPICS.keys()
@@ -323,8 +325,8 @@ def loss_of_the_daemon_is_silence(robot: Robot, peer: Lines, daemon: Lines, prog
         return any(status.level == 3 and "no status" in status.message for status in robot.decode(row).status)
 
     peer.until(is_stale, "diagnostics: stale")
-    peer.drain(2.5)
-    late = [row for row in peer.rows if row["what"] == "message" and row["at"] > killed_unix_s + 0.6]
+    peer.drain(0.5)  # what was on its way
+    late = [row for row in peer.drain(2.0) if row["what"] == "message"]
     assert {row["topic"] for row in late} <= {"rt/diagnostics", f"rt{BOARD}/contact", INFO[0]}
     second = robot.peer(program, f"{BOARD}/info", f"{BOARD}/contact")
     contact = robot.decode(second.until(is_message(f"{BOARD}/contact"), "the latched contact"))

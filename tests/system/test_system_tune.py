@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 
 from tactiled.client import Commander
 
 pytestmark = pytest.mark.system
-PATIENCE_S = 50.0
 HELD = """
 name = "held"
 contact = "signal"
@@ -53,7 +53,9 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
             time.sleep(0.05)
         wrong = tune("--array", "normal-4x4")
         with Commander(endpoint) as commander:
-            assert commander.send("tare", force=True).ok
+            while not (reply := commander.send("tare", force=True)).ok:
+                assert "ask again" in reply.reason  # after a gap, which a busy host makes
+                time.sleep(0.05)
         tuner = tune("--quiet-s", "5", "--motion-s", "5")
     finally:
         for process in (daemon, board):

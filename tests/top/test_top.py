@@ -21,7 +21,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from message_strategies import instances
 from messages import SLIP, STATUS, anything
-from pages import PATIENCE_S, robot
+from pages import robot
+from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.client import Lost, Malformed, Message, Recovered, Restarted

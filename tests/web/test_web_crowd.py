@@ -9,7 +9,8 @@ from typing import Any
 
 import aiohttp
 import pytest
-from pages import PATIENCE_S, Robot, robot
+from pages import Robot, robot
+from patience import PATIENCE_S
 
 from tactiled.client import Commander
 

@@ -9,7 +9,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from pages import PATIENCE_S
+from patience import PATIENCE_S
 
 pytestmark = pytest.mark.system
 

@@ -47,8 +47,7 @@ def test_silence_is_stale_and_a_new_daemon_is_found_again(live: Robot, page: Pag
         assert page.locator(card).inner_text() == "Unknown."
     assert page.locator(".loads div").count() == 0
     age_s = page.locator(".lamp .age").inner_text()
-    page.wait_for_timeout(1200)
-    assert page.locator(".lamp .age").inner_text() != age_s  # the age grows without any message
+    expect(page.locator(".lamp .age")).not_to_have_text(age_s)  # the age grows without any message
     live.run()
     expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
     expect(page.locator(".events .list")).to_contain_text("the daemon was restarted")
