@@ -21,7 +21,6 @@ from bench.settings.replay import (
     N_BINS,
     CaseEvents,
     Reliability,
-    Thresholds,
     all_thresholds,
     gross_curve_at,
     incipient_curve_at,
@@ -46,6 +45,7 @@ from bench.settings.score import (
 )
 from bench.slip.bench import REPORT_SEED
 from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
+from tactiled.detect.grip.thresholds import Thresholds
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

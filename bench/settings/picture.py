@@ -19,7 +19,6 @@ from bench.settings.replay import (
     GROSS_PS,
     INCIPIENT_PS,
     CaseEvents,
-    Thresholds,
     gross_curve_at,
     incipient_curve_at,
 )
@@ -31,6 +30,7 @@ from bench.settings.score import (
     slow_told_ahead,
     usual,
 )
+from tactiled.detect.grip.thresholds import Thresholds
 from tactiled.detect.slip.detector import SETTINGS
 
 _COLOURS = ("#1f77b4", "#2ca02c", "#ff7f0e", "#d62728")

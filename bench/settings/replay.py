@@ -1,21 +1,16 @@
-"""Slip events of all settings on one case.
-
-The contact model runs once; each of its settings only puts other thresholds on the same posterior. The result
-is that of `GripSlip` with these thresholds (held by a test).
-"""
+"""Slip events of all settings on one case."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from bench.settings.cases import Case
 from tactiled.array import FloatArray
-from tactiled.detect.grip.detector import ContactScan, GripDetector, GripParams
-from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.signal.contact import ContactTracker
-from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.grip.detector import ContactScan, GripParams
+from tactiled.detect.grip.model import INCIPIENT_USED
+from tactiled.detect.grip.slips import ScanInstant
+from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
 from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.events.types import SlipEvent
 
@@ -24,13 +19,6 @@ GROSS_PS = (0.1, 0.25, 0.35, 0.5, 0.7, 0.9)
 _OTHER_GROSS_P, _OTHER_INCIPIENT_P = 0.5, 0.9  # while the other probability is varied
 _SURE_GROWTH = 3.0  # standard deviations of the rate
 N_BINS = 10
-
-
-class Thresholds(NamedTuple):
-    """Probabilities from which incipient and gross slip are reported."""
-
-    incipient: float
-    gross: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,34 +95,25 @@ def run_settings(case: Case, thresholds: Sequence[Thresholds]) -> CaseEvents:
 
 def run_posterior(
     case: Case, thresholds: Sequence[Thresholds]
-) -> tuple[dict[Thresholds, list[SlipEvent]], Reliability]:
+) -> tuple[Mapping[Thresholds, Sequence[SlipEvent]], Reliability]:
     """Run the contact model once, and all thresholds on its posterior."""
-    block, params = case.block, GripParams()
-    detector, reliability = GripDetector(case.array, params), Reliability()
-    tracker = ContactTracker(case.array, params.contact, block.rate_hz)
-    gate = tracker.measure(block, Quantiser(case.array).process(block)).rows()
-    found: dict[Thresholds, list[SlipEvent]] = {at: [] for at in thresholds}
-    open_slips: dict[Thresholds, PosteriorSlips] = {}
-    partial = case.partial
-    for row, _ in enumerate(detector.scans(block)):
-        tracker.step(*next(gate))
-        scan = detector.contact if tracker.state != "none" else None
-        at = ScanInstant(float(block.time_s[row]), float(block.time_sd_s[row]), not bool(block.late[row]))
-        if scan is None:
-            for key, slips in open_slips.items():
-                if slips.open is not None:
-                    found[key].append(slips.end(at.time_s, valid=at.is_valid))
-            open_slips = {}
-            continue
-        if not open_slips:
-            open_slips = {key: PosteriorSlips(*key, block.rate_hz) for key in thresholds}
-        for key, slips in open_slips.items():
-            found[key] += slips.step(scan, at)
-        _count(reliability, scan, bool(partial[row]), 1.0 / block.rate_hz)
-    return found, reliability
+    slips = _CountedSlips(case, thresholds)
+    slips.process(case.block)
+    return slips.found, slips.reliability
 
 
-def _count(reliability: Reliability, scan: ContactScan, is_partial: bool, step_s: float) -> None:
-    trend = scan.model.trend
-    if trend.is_fresh and trend.growth > _SURE_GROWTH * trend.rate_sd:
-        reliability.take(min(scan.grip.p_incipient, 1.0), is_partial, step_s)
+class _CountedSlips(SlipsByThreshold):
+    """Slip events at each pair of thresholds, and the reliability of the probability of incipient slip."""
+
+    def __init__(self, case: Case, thresholds: Sequence[Thresholds]) -> None:
+        super().__init__(case.array, GripParams(), thresholds)
+        self._case = case
+        self.reliability = Reliability()
+
+    def take(self, scan: ContactScan, at: ScanInstant) -> None:
+        super().take(scan, at)
+        trend = scan.model.trend
+        if trend.is_fresh and trend.growth > _SURE_GROWTH * trend.rate_sd:
+            is_partial = self._case.utilisation_at(at.time_s) >= INCIPIENT_USED
+            step_s = 1.0 / self._case.block.rate_hz
+            self.reliability.take(min(scan.grip.p_incipient, 1.0), is_partial, step_s)

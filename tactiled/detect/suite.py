@@ -211,16 +211,24 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
     """Make the slip detector; where shear over pressure is not measured, with what sliding itself shows."""
     coherent = CoherentSlip(array, params.slip)
-    # Beside shears, a field along z is no load. Sides in uT are: their sum is all that presses.
-    is_field = array.unit == "uT" and any(kind.startswith("shear") for kind in array.channel_kind)
-    has_load = bool(array.normal_weights().any()) and not is_field
-    return coherent if array.has_shear and has_load else SlidingSlip(array, coherent)
+    return coherent if _measures_ratio(array) else SlidingSlip(array, coherent)
 
 
 def _grip_slip(array: Array, params: DetectParams) -> SlipDetector:
-    """Make the slip detector of the contact model, which needs shear, or what sliding itself shows."""
-    slip = GripSlip(array, params.grip)
-    return slip if array.has_shear else SlidingSlip(array, slip)
+    """Make the slip detector of the contact model, which needs shear over load, or what sliding shows."""
+    if _measures_ratio(array):
+        return GripSlip(array, params.grip)
+    # Grip events, where these are enabled, come from a detector of their own.
+    return SlidingSlip(array, GripSlip(array, params.grip.model_copy(update={"enabled": False})))
+
+
+def _measures_ratio(array: Array) -> bool:
+    """Return True if the array measures shear over load.
+
+    Beside shears, a field along z is no load. Sides in uT are: their sum is all that presses.
+    """
+    is_field = array.unit == "uT" and any(kind.startswith("shear") for kind in array.channel_kind)
+    return array.has_shear and bool(array.normal_weights().any()) and not is_field
 
 
 _COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)

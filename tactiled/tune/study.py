@@ -22,9 +22,12 @@ from typing import Any
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.grip.detector import GripParams
+from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
+from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
-from tactiled.events.types import SlipEvent
+from tactiled.events.types import Event, SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 from tactiled.tune.onset import InjectedOnset, latencies
 from tactiled.tune.tail import AlarmTail, fit_tail, median_interval, silent_from
@@ -39,8 +42,9 @@ ONSETS: Mapping[str, InjectedOnset] = {
     "sudden": InjectedOnset(WEAK_SHEAR, 0.1),
     "slow": InjectedOnset(WEAK_SHEAR, 1.0),
 }
-# Progress steps: two series of alarm counts, the named settings, the proposed one, and the last step's end.
-N_STAGES = 2 + len(SETTINGS) + 1 + 1
+# Progress steps: two series of alarm counts, the named settings, the proposed one, the contact model, and the
+# last step's end.
+N_STAGES = 2 + len(SETTINGS) + 1 + 1 + 1
 
 Report = Callable[[str], None]
 _Map = Callable[..., Iterable[Any]]  # `map`, or that of an executor
@@ -113,6 +117,9 @@ class Study:
         The wanted rate needs more shear than a weak slip has.
     settings : mapping of str to Setting
         Results of the named settings and of "proposed".
+    by_probability : mapping of str to AlarmCount
+        Slips that the settings of the contact model report in the motion. A tenth of the contact area may
+        well slip in an object that stays in the hand: only those reported as gross are false.
     """
 
     wanted_per_hour: float
@@ -130,6 +137,7 @@ class Study:
     silent_shear: float | None
     out_of_reach: bool
     settings: Mapping[str, Setting]
+    by_probability: Mapping[str, AlarmCount]
 
     @property
     def proposed(self) -> Setting:
@@ -198,6 +206,8 @@ def study(
         settings[name] = found
         if len(settings) < len(named):
             report(f"injecting onsets: {list(named)[len(settings)]}")
+    report("running the contact model")
+    (by_probability,) = each(reports_by_probability, [motion])
     return Study(
         wanted_per_hour=wanted_per_hour,
         quiet=quiet,
@@ -214,6 +224,7 @@ def study(
         silent_shear=silent,
         out_of_reach=out_of_reach,
         settings=settings,
+        by_probability=by_probability,
     )
 
 
@@ -237,12 +248,24 @@ def _counts_by_setting(
 def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:
     """Count slips reported in a recording without slip; short gaps are bridged as in the pipeline."""
     detector = GapBridge(CoherentSlip(recording.array, params))
-    onsets = [
-        event
-        for item in recording.items
-        for event in detector.process(item)
-        if isinstance(event, SlipEvent) and event.state == "onset" and event.valid
-    ]
+    return _count(event for item in recording.items for event in detector.process(item))
+
+
+def reports_by_probability(recording: Recording) -> dict[str, AlarmCount]:
+    """Count the slips that each setting of the contact model reports in a recording."""
+    settings = {
+        name: Thresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
+    }
+    slips = SlipsByThreshold(recording.array, GripParams(), settings.values())
+    bridged = GapBridge(slips)
+    for item in recording.items:
+        bridged.process(item)
+    return {name: _count(slips.found[at]) for name, at in settings.items()}
+
+
+def _count(events: Iterable[Event]) -> AlarmCount:
+    """Count the slips that begin; one that becomes gross is one slip."""
+    onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset" and e.valid]
     gross = sum(event.kind == "gross" for event in onsets)
     return AlarmCount(len(onsets) - gross, gross)
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
 from tactiled.detect.slip.alarm_rate import rate_at
 from tactiled.tune.hold import Recording
 from tactiled.tune.study import (
@@ -22,6 +23,7 @@ from tactiled.tune.tail import AlarmTail, rate_interval
 def in_words(found: Study) -> str:
     """Format the report as text, one paragraph per subject."""
     parts = [_recordings(found), _noise(found), _settings(found), _tails(found), _proposal(found)]
+    parts.append(_by_probability(found))
     return "\n\n".join(parts)
 
 
@@ -57,6 +59,14 @@ def as_map(found: Study) -> dict[str, Any]:
             "tail": _tail_map(found.shear_tail),
         },
         "settings": {name: _setting_map(setting) for name, setting in found.settings.items()},
+        "by_probability": {
+            name: {
+                "incipient_p": GRIP_SETTINGS[name].incipient_p,
+                "gross_p": GRIP_SETTINGS[name].gross_p,
+                "alarms_motion": vars(alarms),
+            }
+            for name, alarms in found.by_probability.items()
+        },
         "proposed": {
             "false_alarms_per_hour": found.proposed.params.false_alarms_per_hour,
             "least_shear": found.proposed.params.shear,
@@ -114,6 +124,20 @@ def _settings(found: Study) -> str:
         f"{_table(alarms)}\n\n{_table(latency)}\n"
         f"Median latency and its 95 % interval for slips injected into your recordings: shear grows to "
         f"{WEAK_SHEAR:g} of the pressure along Mindlin's curve ({kinds}). Real slips are detected later."
+    )
+
+
+def _by_probability(found: Study) -> str:
+    hours = _motion_hours(found)
+    rows = [["detect.setting", "incipient p", "gross p", "reports in the motion", "per hour, 95 %"]]
+    for name, alarms in found.by_probability.items():
+        params = GRIP_SETTINGS[name]
+        between = _between(*rate_interval(alarms.count, hours))
+        rows.append([name, f"{params.incipient_p:g}", f"{params.gross_p:g}", _alarms(alarms), between])
+    return (
+        f"{_table(rows)}\n"
+        "Slips reported by the contact model in the same motion (docs/grip.md). While an object stays in the "
+        "hand, a tenth of the contact area may well slip: only what is reported as gross is false."
     )
 
 

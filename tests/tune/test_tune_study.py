@@ -31,7 +31,7 @@ from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
 from tactiled.tune.onset import InjectedOnset, latencies, slide
 from tactiled.tune.run import tune_files
-from tactiled.tune.study import SHEARS, WEAK_SHEAR, Study, study
+from tactiled.tune.study import SHEARS, WEAK_SHEAR, Study, reports_by_probability, study
 from tactiled.tune.words import as_toml, in_words
 from tactiled.wire.layout import load_layout
 
@@ -188,6 +188,13 @@ def test_a_still_motion_proposes_the_fastest_setting_with_its_bound(still: Study
     assert still.shear_tail is None
     assert still.proposed.params.shear == SHEARS[0]
     assert "nothing can be extrapolated" in in_words(still)
+
+
+def test_the_contact_model_reports_the_shakes_that_its_probability_asks_for() -> None:
+    found = reports_by_probability(shaken(np.array([0.05, 0.3, 0.6])))
+    assert found["grip-fast"].count > 0
+    assert found["grip-quiet"].count <= found["grip-fast"].count
+    assert reports_by_probability(recording(held(10.0, 3e-4)))["grip-fast"].count == 0
 
 
 def test_alarms_in_the_quiet_hold_are_reported() -> None:

@@ -8,7 +8,7 @@ import pytest
 from bench.grip.worlds import World, draw_worlds
 from bench.settings.bench import POSTERIOR_SETTINGS, settings_table
 from bench.settings.cases import Case, from_world
-from bench.settings.replay import CaseEvents, Reliability, Thresholds, all_thresholds, run_posterior
+from bench.settings.replay import CaseEvents, Reliability, all_thresholds, run_posterior
 from bench.settings.score import (
     Told,
     directions,
@@ -23,6 +23,7 @@ from bench.settings.score import (
 from tactiled.array import load_array
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.slip_detector import GripSlip
+from tactiled.detect.grip.thresholds import Thresholds
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block

@@ -8,7 +8,8 @@ import pytest
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
-from tactiled.detect.grip.slip_detector import GripSlip
+from tactiled.detect.grip.slip_detector import GRIP_SETTINGS, GripSlip
+from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -192,3 +193,17 @@ def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
     given = DetectParams.model_validate({"setting": "grip-fast", "grip": {"gross_p": 0.4}}).grip
     assert (given.incipient_p, given.gross_p) == (0.5, 0.4)
     assert DetectParams.model_validate({"setting": "grip"}).grip == GripParams()
+
+
+def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings() -> None:
+    settings = {name: Thresholds(some.incipient_p, some.gross_p) for name, some in GRIP_SETTINGS.items()}
+    block = slide()
+    stream = [block[:260], Gap(3, "missing", 263), block[263:]]
+    together = SlipsByThreshold(ARRAY, KNOWN, settings.values())
+    for item in stream:
+        assert together.process(item) == []
+    for at in settings.values():
+        alone = GripSlip(ARRAY, KNOWN.model_copy(update={"incipient_p": at.incipient, "gross_p": at.gross}))
+        told = slips([event for item in stream for event in alone.process(item)])
+        assert told
+        assert together.found[at] == told
