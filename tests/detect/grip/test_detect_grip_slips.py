@@ -198,7 +198,7 @@ def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
 def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings() -> None:
     settings = {name: Thresholds(some.incipient_p, some.gross_p) for name, some in GRIP_SETTINGS.items()}
     block = slide()
-    stream = [block[:260], Gap(3, "missing", 263), block[263:]]
+    stream: list[ScanBlock | Gap] = [block[:260], Gap(3, "missing", 263), block[263:]]
     together = SlipsByThreshold(ARRAY, KNOWN, settings.values())
     for item in stream:
         assert together.process(item) == []
