@@ -17,6 +17,7 @@ from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, s
 from bench.texture import spoiled, tables
 from bench.texture.aims import AIMS
 from bench.texture.cost import cost_table, online_table, run_cost
+from bench.texture.learnt import LEARNT_KINDS, learnt_trials
 from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
 from bench.texture.strays import STRAY_KINDS, STRAYED_S, STRAYED_SNR_DB, stray_trials
 from bench.texture.tables import TrialSet
@@ -74,6 +75,8 @@ class TextureSizes:
         Slides of each kind that are followed, and slides over each change of grooves.
     arrays : int
         Arrays of each kind of strays, four slides each, speed known and not.
+    learnt : int
+        Arrays of each kind whose strays are learnt, eleven slides each.
     """
 
     trials: int
@@ -86,17 +89,40 @@ class TextureSizes:
     slides: int
     tracks: int
     arrays: int
+    learnt: int
     repeats: int
 
 
 # A fine plate, and one that the procedure mostly refuses.
 QUICK = TextureSizes(
-    3, 5, 100, ((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, slides=2, tracks=2, arrays=2, repeats=2
+    3,
+    5,
+    100,
+    ((0.9, 0), (1.2, 30)),
+    scenes=1,
+    drawn=2,
+    misfits=2,
+    slides=2,
+    tracks=2,
+    arrays=2,
+    learnt=1,
+    repeats=2,
 )
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
 FULL = TextureSizes(
-    80, 50, 3400, PLATES, scenes=5, drawn=40, misfits=30, slides=16, tracks=40, arrays=100, repeats=10
+    80,
+    50,
+    3400,
+    PLATES,
+    scenes=5,
+    drawn=40,
+    misfits=30,
+    slides=16,
+    tracks=40,
+    arrays=100,
+    learnt=20,
+    repeats=10,
 )
 
 
@@ -122,6 +148,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     plates = list(itertools.product(sizes.plates, range(sizes.scenes)))
     tracked = [range(first, min(first + _SLIDES, sizes.tracks)) for first in range(0, sizes.tracks, _SLIDES)]
     strayed = [range(first, min(first + _SLIDES, sizes.arrays)) for first in range(0, sizes.arrays, _SLIDES)]
+    learnt = [range(first, min(first + _SLIDES, sizes.learnt)) for first in range(0, sizes.learnt, _SLIDES)]
     return {
         "grid": BenchPart(
             1.15 * sizes.trials, partial(grid_trials, "joint", sizes.trials), cells(True, False)
@@ -149,6 +176,9 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
             8.0 * sizes.tracks, track_trials, list(itertools.product((*WHITE, *COLOURED, *STRAYS), tracked))
         ),
         "strays": BenchPart(1.8 * sizes.arrays, stray_trials, list(itertools.product(STRAY_KINDS, strayed))),
+        "learnt strays": BenchPart(
+            35.0 * sizes.learnt, learnt_trials, list(itertools.product(LEARNT_KINDS, learnt))
+        ),
         "changes": BenchPart(1.0 * sizes.tracks, change_trials, list(itertools.product(CHANGES, tracked))),
     }
 
@@ -242,6 +272,10 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         f"Channels whose phases stray, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB, four slides of each "
         f"array over other gratings ({seeds_in_words(sizes.arrays)}); the next is given what was learnt.",
         tables.stray_table(trials["strays"]),
+        f"Slide after slide with one array ({seeds_in_words(sizes.learnt)} of each kind), over other "
+        "gratings at 10 to 30 dB in windows of 2 to 5 s. Strays of the cause named, as many radians at 1.5 "
+        "mm and 3 Hz:",
+        tables.learnt_table(trials["learnt strays"]),
         f"Grooves that change under the skin, {CHANGE_PERIODS_MM[0]:g} to {CHANGE_PERIODS_MM[1]:g} mm "
         f"before, {CHANGE_SNR_DB:g} dB: time until the old answer is withdrawn or replaced.",
         tables.change_table(trials["changes"]),

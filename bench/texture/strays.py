@@ -13,7 +13,6 @@ from bench.texture.signal import draw_grating, readings
 from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, MIN_PERIODS, Trial, compare
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
-from tactiled.detect.grooves.strays import carried
 
 STRAYED_S, STRAYED_SNR_DB = 3.0, 20.0
 BEFORE = (0, 1, 2, 3)  # slides before
@@ -66,7 +65,7 @@ def stray_trials(kind: Strays, seeds: Sequence[int]) -> list[Trial]:
             )
             fit = fit_wave(volts, grating.time_s, sensed.offset_s, layout, motion, WaveParams())
             if fit.strays is not None:
-                layout = replace(layout, strays=carried(fit.strays))
+                layout = replace(layout, strays=fit.strays)
             fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
             trials.append(compare(fit, wave, after_s=float(before), periods=grating.periods, **fields))
     return trials

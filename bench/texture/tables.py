@@ -8,6 +8,7 @@ from scipy import special
 
 from bench.paper.bench import PUBLISHED
 from bench.report import NONE, counts_in_words, grouped, rms, spread, table
+from bench.texture.learnt import SHOWN
 from bench.texture.plates import Plate
 from bench.texture.trials import (
     COLOURED_SNRS_DB,
@@ -213,6 +214,20 @@ def stray_table(trials: Sequence[Trial]) -> str:
             for quantity in reversed(QUANTITIES)
         }
         rows.append(row | {"refused as": found.refused})
+    return table(rows)
+
+
+def learnt_table(trials: Sequence[Trial]) -> str:
+    """Answers by what repeats and by the number of slides before (`Trial.after_s`)."""
+    rows = []
+    for name, mine in grouped(trials, lambda t: t.name).items():
+        found = TrialSet(mine)
+        row = {"strays": name}
+        for before in SHOWN:
+            part = TrialSet(t for t in mine if t.after_s == before)
+            row[f"after {before} slides"] = part.answered_percent
+        row |= {"answers of all slides": f"{len(found.ok)}", "wrong": f"{found.n_wrong}"}
+        rows.append(row | {"wrong on first slides": f"{TrialSet(t for t in mine if not t.after_s).n_wrong}"})
     return table(rows)
 
 

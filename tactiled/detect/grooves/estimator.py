@@ -18,8 +18,8 @@
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
 * Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
   every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
-* How far the phases of the array's channels stray is learnt from answers and is known in the next window
-  that is begun (`strays`), which then tells gratings apart that it would leave open alone.
+* How the phases of the array's channels stray is learnt from each fit and is known in the next window that is
+  begun (`stray_memory`), which then tells gratings apart that it would leave open alone.
 * With two gratings in view the event describes the stronger one, and `candidates` of an "ok" event lists
   both, weighted by their shares of the ripple's power.
 """
@@ -37,7 +37,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, channel_layout
-from tactiled.detect.grooves.strays import carried
+from tactiled.detect.grooves.stray_memory import LearntStrays
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
@@ -233,7 +233,7 @@ class JointTexture:
         """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s, self._looks_back_s)
         self._pending: deque[_PendingFit] = deque()
-        self._strays: FloatArray | None = None
+        self._strays: LearntStrays | None = None
         self._told_late: set[int] = set()
         self._late: list[int] = []
         self._end_slip()
@@ -384,7 +384,7 @@ class JointTexture:
             if fit.status == "ok" and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
                 fit = WaveFit("too-few-periods")
             if fit.strays is not None:
-                self._strays = carried(fit.strays)
+                self._strays = fit.strays
             if self._is_reported(pending, fit):
                 window.has_answer = fit.status in ANSWERS
                 events.append(_event(pending.span, fit, answered_s, self._params))

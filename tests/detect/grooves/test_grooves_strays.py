@@ -11,7 +11,8 @@ from bench.texture.trials import slip_at
 from tactiled.array import load_array
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, channel_layout
-from tactiled.detect.grooves.strays import LOG_PRIOR, SIGMAS_C, SIGMAS_T, carried, weigh_waves
+from tactiled.detect.grooves.stray_memory import LOG_PRIOR, SIGMAS_C, SIGMAS_T, LearntStrays, carried
+from tactiled.detect.grooves.strays import weigh_waves
 from tactiled.samples.block import Gap, regular_block
 
 LAYOUT = channel_layout(load_array("wang2019-3x3"))
@@ -22,6 +23,7 @@ TRUE = np.array([4.0, 1.5])
 RIVAL = TRUE + np.array([2 * np.pi / 3.65, 0.0])
 ALONG_X = WaveMotion(2.0, 0.0, 0.0, 1.5)
 UNKNOWN = WaveMotion(0.0, 0.0, 0.0, 1.5)
+ALL = np.arange(36)
 
 
 def phasors(rng: np.random.Generator, sigma_c: float, sigma_t: float, noise: float = 0.01) -> np.ndarray:
@@ -46,8 +48,8 @@ def test_weights_are_those_of_the_dense_gaussian_model(
     """Unknown phases and corrections of k as Gaussians of huge variance in one dense covariance matrix."""
     z = phasors(np.random.default_rng(1), sigma_c, sigma_t)
     k = np.stack([TRUE, RIVAL])
-    layout = dataclasses.replace(CENTRED, strays=at(sigma_c, sigma_t))
-    found = weigh_waves(z, np.full(36, 1e-4), layout, k, motion, float(TRUE[0]), 0.05)
+    layout = dataclasses.replace(CENTRED, strays=LearntStrays(ALL, at(sigma_c, sigma_t)))
+    found = weigh_waves(z, np.full(36, 1e-4), layout, k, motion, float(TRUE[0]), 0.05, 10.0)
 
     same = CENTRED.taxel[:, np.newaxis] == CENTRED.taxel
     noise = np.diag(1e-4 / np.abs(z) ** 2 + sigma_c**2) + sigma_t**2 * same
@@ -85,6 +87,7 @@ def test_strays_of_channels_and_taxels_are_found() -> None:
                 UNKNOWN,
                 0.0,
                 0.0,
+                10.0,
             ).stray_rad
             for _ in range(20)
         ]
@@ -96,10 +99,10 @@ def test_what_earlier_slides_tell_of_strays_settles_more_windows() -> None:
     layout, alone, learnt = CENTRED, [], []
     for _ in range(300):
         z = phasors(rng, 0.13, 0.0)
-        alone.append(weigh_waves(z, variance, CENTRED, k, UNKNOWN, 0.0, 0.0).weights[0])
-        found = weigh_waves(z, variance, layout, k, UNKNOWN, 0.0, 0.0)
+        alone.append(weigh_waves(z, variance, CENTRED, k, UNKNOWN, 0.0, 0.0, 10.0).weights[0])
+        found = weigh_waves(z, variance, layout, k, UNKNOWN, 0.0, 0.0, 10.0)
         learnt.append(found.weights[0])
-        layout = dataclasses.replace(CENTRED, strays=carried(found.log_sigmas))
+        layout = dataclasses.replace(CENTRED, strays=LearntStrays(ALL, carried(found.log_sigmas)))
     assert np.sum(np.array(learnt) > 0.99) > np.sum(np.array(alone) > 0.99)
     assert min(learnt) > 0.01
 
@@ -113,7 +116,7 @@ def test_weights_mean_what_they_say() -> None:
         i, j = divmod(int(cell), len(SIGMAS_T))
         z = phasors(rng, float(SIGMAS_C[i]), float(SIGMAS_T[j]))
         k = np.stack([TRUE, RIVAL])
-        weights = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, UNKNOWN, 0.0, 0.0).weights
+        weights = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, UNKNOWN, 0.0, 0.0, 10.0).weights
         said.append(weights.max())
         right.append(weights.argmax() == 0)
     some = (np.array(said) > 0.9) & (np.array(said) < 0.99)
@@ -125,9 +128,9 @@ def test_weights_mean_what_they_say() -> None:
 
 def test_even_channels_and_an_exact_alias_are_ambiguous_not_uneven() -> None:
     z = phasors(np.random.default_rng(4), 0.3, 0.0)
-    uneven = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, RIVAL]), UNKNOWN, 0.0, 0.0)
+    uneven = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, RIVAL]), UNKNOWN, 0.0, 0.0, 10.0)
     assert uneven.error_if_alike < 1e-6 < 1 - uneven.weights.max()
-    same = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, TRUE]), UNKNOWN, 0.0, 0.0)
+    same = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, TRUE]), UNKNOWN, 0.0, 0.0, 10.0)
     assert same.error_if_alike == pytest.approx(0.5)
 
 
@@ -139,11 +142,12 @@ def test_a_carried_prior_is_a_distribution_that_keeps_part_of_the_first_one() ->
 
 
 def test_the_online_estimator_learns_from_an_answer_and_forgets_at_a_gap() -> None:
-    handed: list[np.ndarray | None] = []
+    handed: list[LearntStrays | None] = []
+    learnt = LearntStrays(ALL, carried(at(0.1, 0.0)))
 
     def recorded(*window: Any) -> WaveFit:
         handed.append(window[3].strays)
-        return WaveFit("ok", 2.0, period_mm=1.0, strays=at(0.1, 0.0))
+        return WaveFit("ok", 2.0, period_mm=1.0, strays=learnt)
 
     rng = np.random.default_rng(6)
     detector = JointTexture(load_array("wang2019-3x3"), JointParams(speed_mm_s=2.0), fit=recorded)
@@ -154,7 +158,7 @@ def test_the_online_estimator_learns_from_an_answer_and_forgets_at_a_gap() -> No
     handed.clear()
     later = regular_block(1 + 0.01 * rng.normal(size=(300, 36)), 100.0, start_s=3.0, index=300)
     detector.process(later, [slip_at(3.0, 0.0)])
-    assert handed[-1] == pytest.approx(carried(at(0.1, 0.0)))
+    assert handed[-1] is learnt
     handed.clear()
     detector.process(Gap(300, "missing", 600))
     last = regular_block(1 + 0.01 * rng.normal(size=(300, 36)), 100.0, start_s=9.0, index=900)
