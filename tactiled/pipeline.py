@@ -15,7 +15,7 @@ from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
-from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent
+from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent, new_event
 from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
 from tactiled.samples.assembler import Assembler, SampleParams, SoleScan
@@ -363,11 +363,12 @@ class Pipeline:
         self, announce: Callable[[ScanEvent], None], sole: SoleScan, origin: "_ScanOrigin"
     ) -> None:
         """Announce a scan, run the detectors on it, and give it and what they found to its read."""
-        scan = ScanEvent(
+        scan = new_event(
+            ScanEvent,
             time_s=sole.time_s,
             index=sole.index,
-            volts=tuple(sole.volts),
-            valid=tuple(sole.valid),
+            volts=sole.volts,
+            valid=sole.valid,
             time_sd_s=sole.time_sd_s,
             age_s=origin.now_s - sole.time_s,
             late=sole.late,
@@ -419,7 +420,8 @@ def scan_events(block: ScanBlock, origins: Sequence[_ScanOrigin]) -> Iterator[Sc
         block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), origins, strict=True,
     )  # fmt: skip
     for index, volts, valid, time_s, sd_s, late, origin in rows:
-        yield ScanEvent(
+        yield new_event(
+            ScanEvent,
             time_s=time_s,
             index=index,
             volts=tuple(volts),

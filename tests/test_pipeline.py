@@ -20,6 +20,7 @@ from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import ContactEvent, Event, ForceEvent, ScanEvent, SlipEvent, TextureEvent
+from tactiled.force.calibration import load_calibration
 from tactiled.pipeline import Output, Pipeline, PipelineParams, check_hello
 from tactiled.samples.assembler import SampleParams
 from tactiled.samples.block import ScanBlock
@@ -363,3 +364,15 @@ def test_many_reads_at_once_equal_single_ones_while_the_first_scans_give_the_zer
         found += many.receive_reads(reads[start : start + size])
     assert found == wanted
     assert max(sum(isinstance(out, ForceEvent) for out in outputs) for outputs in wanted) == 30
+
+
+def test_events_of_each_scan_have_all_their_fields() -> None:
+    params = PipelineParams(force=True, calibration=load_calibration(ARRAY.name))
+    pipeline = Pipeline(LAYOUT, ARRAY, params)
+    events = [out for data, now_s in spoiled_reads()[:60] for out in pipeline.receive_data(data, now_s)]
+    for kind in (ScanEvent, ForceEvent):
+        found = [event for event in events if isinstance(event, kind)]
+        assert len(found) > 30
+        for event in found:
+            assert event == kind(**vars(event))
+            assert set(vars(event)) == {field.name for field in dataclasses.fields(kind)}

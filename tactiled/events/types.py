@@ -6,7 +6,7 @@ unknown quantity has a value that shows it (a direction without information has 
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 UNKNOWN_SD_DEG = 180.0  # no information: wider than the uniform distribution on a circle (104)
 UNKNOWN_SD_N = 1e9  # no information: no skin bears so much
@@ -23,6 +23,19 @@ class Event:
     def evidence_s(self) -> float:
         """Instant of the scan that completed the evidence; events are published in this order."""
         return self.time_s
+
+
+E = TypeVar("E", bound=Event)
+
+
+def new_event(kind: type[E], **fields: Any) -> E:
+    """Make an event of all its fields, for those of each scan.
+
+    The constructor of a frozen dataclass sets each field by a call, in twice to four times the time.
+    """
+    event = kind.__new__(kind)
+    vars(event).update(fields)
+    return event
 
 
 # Announcement of a client that makes a slip event invalid: the hand moves, or a load changes.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
+from tactiled.events.types import UNKNOWN_SD_N, ForceEvent, new_event
 from tactiled.force.calibration import AXES, CalibrationFile
 from tactiled.force.model import build_model, times_each
 from tactiled.force.zero import DriftZero
@@ -211,7 +211,8 @@ class ForceEstimator:
         if fz > _NO_CENTRE_SDS * math.sqrt(self._floor2[2] + self._per_unit2[2] * zero2):
             x_mm, y_mm = -ty / fz, tx / fz
         n = self._n_taxels
-        return ForceEvent(
+        return new_event(
+            ForceEvent,
             time_s=time_s,
             fx_n=fx if self._known[0] else 0.0,
             fy_n=fy if self._known[1] else 0.0,

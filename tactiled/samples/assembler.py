@@ -56,8 +56,8 @@ class SoleScan:
     """The only scan since the last flush, before its block is made; names as in `ScanBlock`."""
 
     index: int
-    volts: list[float]
-    valid: list[bool]
+    volts: tuple[float, ...]
+    valid: tuple[bool, ...]
     time_s: float
     time_sd_s: float
     late: bool
@@ -351,11 +351,12 @@ class Assembler:
         if self._in_range is None and not scan.flags & self._fault_flag:
             # As `_readings` has it, without the time of small arrays, which the subscriber would wait for.
             counts: list[int] = scan.counts.tolist()
-            volts = [float(count * self._per_count) for count in counts]
-            valid = [count < self._full_count for count in counts]
+            per_count, full_count = self._per_count, self._full_count
+            volts = tuple([count * per_count for count in counts])
+            valid = tuple([count < full_count for count in counts])
         else:
             of_one, is_valid = self._readings(self._rows)
-            volts, valid = of_one[0].tolist(), is_valid[0].tolist()
+            volts, valid = tuple(of_one[0].tolist()), tuple(is_valid[0].tolist())
         return SoleScan(self._index, volts, valid, time_s, sd_s, late)
 
     def flush(self) -> list[ScanBlock | Gap]:

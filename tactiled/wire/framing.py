@@ -21,6 +21,7 @@ surely detects).
 """
 
 import itertools
+from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import Any, Protocol
@@ -119,23 +120,24 @@ class _GoodScans:
         self._message = np.array(numbers, dtype=np.int64)
         self._has_ticks = "ticks" in fields
         self._body = np.empty(limit, dtype=np.uint8)
-        self._heads = np.empty((self.MOST_SCANS, 4), dtype=np.int64)
+        self._heads = array("q", bytes(8 * 4 * self.MOST_SCANS))  # each index takes less time than with numpy
         self._counts = np.empty((self.MOST_SCANS, layout.n_channels), dtype=np.int64)
         self._read = compiled.bind(
-            library.tactiled_scans, self._message, self._body, self.MOST_SCANS, self._heads, self._counts
-        )
+            library.tactiled_scans, self._message, self._body, self.MOST_SCANS,
+            self._heads.buffer_info()[0], self._counts,
+        )  # fmt: skip
 
     def take(self, data: bytes) -> tuple[list[Scan], int]:
         """Return the good scans at the beginning, and the bytes that they take."""
         n = self._read(data, min(len(data), self.MOST_BYTES))
         if not n:
             return [], 0
-        heads = self._heads[:n].tolist()
+        heads, has_ticks = self._heads, self._has_ticks
         scans = [
-            Scan(sequence, row, ticks if self._has_ticks else None, flags)
-            for (_, sequence, ticks, flags), row in zip(heads, self._counts[:n].copy(), strict=True)
+            Scan(heads[k + 1], row, heads[k + 2] if has_ticks else None, heads[k + 3])
+            for k, row in zip(range(0, 4 * n, 4), self._counts[:n].copy(), strict=True)
         ]
-        return scans, heads[-1][0]
+        return scans, heads[4 * n - 4]
 
 
 class CobsFramer:
