@@ -43,6 +43,7 @@ _DECLARED = {
     "floor": ("", "ssrrrpppprrpp"),
     "bear": ("", "sppppprr"),
     "grip": ("i", "sppppppprrriip"),
+    "wander": ("", "ssspppppppppppri"),
     "rings": ("", "sssppppppppsppp"),
 }
 

@@ -200,6 +200,136 @@ API int tactiled_grip(ptrdiff_t n, const struct grip_numbers *with, const real *
     return is_gross;
 }
 
+/* ---- changes of the shares (tactiled.detect.grip.wander) ------------------------------------------------------ */
+
+static real dot(ptrdiff_t n, const real *a, const real *b)
+{
+    real sum = 0;
+    for (ptrdiff_t i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* Part of values (n) in an orthonormal basis (k, n). */
+static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const real *restrict values,
+                    real *restrict out)
+{
+    real along[k + 1];
+    for (ptrdiff_t b = 0; b < k; b++)
+        along[b] = dot(n, basis + b * n, values);
+    for (ptrdiff_t i = 0; i < n; i++) {
+        real sum = 0;
+        for (ptrdiff_t b = 0; b < k; b++)
+            sum += along[b] * basis[b * n + i];
+        out[i] = sum;
+    }
+}
+
+/* Constants of `tactiled_wander`, in the order in which `ShareWander` has them. */
+struct wander_numbers {
+    real least_norm, same, leak, least_variance, least_square, slope, offset, least, most;
+};
+
+/* Log odds (hypotheses) of sliding from the changes of the shares: `ShareWander.log_odds`.
+ *
+ * measured (2 half, 2 taxels) and predicted (2 half, 2 taxels, hypotheses) of the looks so far are kept; `work`
+ * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, hypotheses, taxels), load and stiffness
+ * (taxels) are those of this look. `odds` stay as they are where the looks `can_tell` nothing. */
+API void tactiled_wander(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
+                         const real *x, const real *y, real *measured, real *predicted, real *work,
+                         const real *shear, const real *expected, const real *load, const real *stiffness,
+                         real *odds, real noise_sd, int can_tell)
+{
+    enum { PATTERNS = 8 };
+    const ptrdiff_t n = 2 * taxels, all = n * hypotheses, looks = 2 * half;
+    real *basis = work, *change = work + PATTERNS * n, *part = change + n, *rest = part + n;
+    memmove(measured, measured + n, sizeof(real[(looks - 1) * n]));
+    memmove(predicted, predicted + all, sizeof(real[(looks - 1) * all]));
+    memcpy(measured + (looks - 1) * n, shear, sizeof(real[n]));
+    real *newest = predicted + (looks - 1) * all;
+    for (ptrdiff_t i = 0; i < n; i++)
+        for (ptrdiff_t j = 0; j < hypotheses; j++)
+            newest[i * hypotheses + j] = expected[(i / taxels * hypotheses + j) * taxels + i % taxels];
+    if (!can_tell)
+        return;
+
+    real pattern[PATTERNS][n];
+    memset(pattern, 0, sizeof pattern);
+    for (ptrdiff_t t = 0; t < taxels; t++) {
+        real before_x = 0, before_y = 0;
+        for (ptrdiff_t i = 0; i < half; i++) {
+            before_x += measured[i * n + t];
+            before_y += measured[i * n + taxels + t];
+        }
+        pattern[0][t] = pattern[2][taxels + t] = load[t];
+        pattern[1][t] = pattern[3][taxels + t] = stiffness[t];
+        pattern[4][t] = -y[t] * stiffness[t];
+        pattern[4][taxels + t] = x[t] * stiffness[t];
+        pattern[5][t] = -y[t] * load[t];
+        pattern[5][taxels + t] = x[t] * load[t];
+        pattern[6][t] = pattern[7][taxels + t] = before_x / (real)half;
+        pattern[6][taxels + t] = before_y / (real)half;
+        pattern[7][t] = -(before_y / (real)half);
+    }
+    ptrdiff_t rank = 0;
+    for (int p = 0; p < PATTERNS; p++) {
+        real *row = pattern[p], size = at_least(sqrt(dot(n, row, row)), with->least_norm);
+        for (ptrdiff_t i = 0; i < n; i++)
+            row[i] /= size;
+        for (int twice = 0; twice < 2; twice++) {
+            project(n, rank, basis, row, part);
+            for (ptrdiff_t i = 0; i < n; i++)
+                row[i] -= part[i];
+        }
+        size = sqrt(dot(n, row, row));
+        if (size > with->same) {
+            for (ptrdiff_t i = 0; i < n; i++)
+                basis[rank * n + i] = row[i] / size;
+            rank++;
+        }
+    }
+
+    const real weight = 1 / (real)half;
+    memset(change, 0, sizeof(real[n]));
+    memset(rest, 0, sizeof(real[all]));
+    for (ptrdiff_t k = 0; k < looks; k++) {
+        real haar = k < half ? -weight : weight;
+        for (ptrdiff_t i = 0; i < n; i++)
+            change[i] += haar * measured[k * n + i];
+        for (ptrdiff_t i = 0; i < all; i++)
+            rest[i] += haar * predicted[k * all + i];
+    }
+    for (ptrdiff_t i = 0; i < n; i++)
+        for (ptrdiff_t j = 0; j < hypotheses; j++)
+            rest[i * hypotheses + j] = change[i] - rest[i * hypotheses + j];
+    project(n, rank, basis, change, part);
+    real explained = with->leak * with->leak * (dot(n, part, part) / (real)n);
+    real variance = 2 * (noise_sd * noise_sd) / (real)half + explained + with->least_variance;
+    real along[rank + 1][hypotheses], square[hypotheses];
+    memset(along, 0, sizeof along);
+    memset(square, 0, sizeof square);
+    for (ptrdiff_t b = 0; b < rank; b++)
+        for (ptrdiff_t i = 0; i < n; i++)
+            for (ptrdiff_t j = 0; j < hypotheses; j++)
+                along[b][j] += basis[b * n + i] * rest[i * hypotheses + j];
+    for (ptrdiff_t i = 0; i < n; i++) {
+        real in_basis[hypotheses];
+        memset(in_basis, 0, sizeof in_basis);
+        for (ptrdiff_t b = 0; b < rank; b++)
+            for (ptrdiff_t j = 0; j < hypotheses; j++)
+                in_basis[j] += along[b][j] * basis[b * n + i];
+        for (ptrdiff_t j = 0; j < hypotheses; j++) {
+            real left = rest[i * hypotheses + j] - in_basis[j];
+            square[j] += left * left;
+        }
+    }
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        real ratio = square[j] / (real)(n - rank) / variance;
+        real found = with->slope * log(ratio + with->least_square) + with->offset;
+        odds[j] = at_most(at_least(found, with->least), with->most);
+    }
+}
+
 /* ---- mechanics (tactiled.detect.grip.rings) ------------------------------------------------------------------ */
 
 /* Forces along x and y of one ring of one taxel, for each hypothesis: move it, and shorten forces beyond the limit.

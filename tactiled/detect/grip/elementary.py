@@ -21,6 +21,11 @@ def expm1(values: FloatArray) -> FloatArray:
     return np.array([math.expm1(value) for value in values.tolist()])
 
 
+def log(values: FloatArray) -> FloatArray:
+    """Return the natural logarithm of each value (n,), all above 0."""
+    return np.array([math.log(value) for value in values.tolist()])
+
+
 def power(values: FloatArray, exponent: float) -> FloatArray:
     """Return a power of each value (n,), which is not negative."""
     return np.array([math.pow(value, exponent) for value in values.tolist()])

@@ -4,17 +4,27 @@ Friction differs from place to place of a surface, so that the shear of each tax
 own, also where the total shear is silent. In a contact that holds, the shares change only with load and
 shear. The changes are Haar details, the mean of the last `HALF` looks less the mean of those before, of the
 coif1 approximation. A coif1 detail of the same scale comes 100 ms later and does not see a steady drift.
+
+`compiled_grip.c` does the same with the same bits. Sums over looks, taxels and patterns therefore run over an
+axis before that of the hypotheses or are accumulated, so that numpy adds one term after the other.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
+from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import Wander
+from tactiled.detect.grip.elementary import log, sum_in_order
 
 HALF = 4  # looks of 20 ms: a surface of 0.1 to 1 mm structure passes at 1 to 10 mm/s
 _LEAK = 0.05  # part of a common movement that unequal gains leave in the rest; gains differ by 5 to 15 %
 _LEAST, _MOST = -1.2, 4.0  # log odds: silence repeats itself, and noise has tails; priors
 _N_PATTERNS = 8
+_SAME = 1e-6  # part of a pattern that others do not have, below which it is their sum: rounding leaves 1e-15
+_LEAST_NORM = 1e-9  # of a pattern of forces over the total load
+_LEAST_VARIANCE, _LEAST_SQUARE = 1e-14, 1e-3  # without noise and change
 
 
 class ShareWander:
@@ -29,12 +39,21 @@ class ShareWander:
 
     def __init__(self, x: FloatArray, y: FloatArray, n_hypotheses: int) -> None:
         self._x, self._y = x, y
-        self._n_free = 2 * len(x) - _N_PATTERNS
         self._measured = np.zeros((2 * HALF, 2 * len(x)))
-        self._predicted = np.zeros((2 * HALF, n_hypotheses, 2 * len(x)))
+        self._predicted = np.zeros((2 * HALF, 2 * len(x), n_hypotheses))
         self._n = 0
-        sign = np.repeat([-1.0, 1.0], HALF) / HALF
-        self._haar = sign
+        self._haar = np.repeat([-1.0, 1.0], HALF) / HALF
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            numbers = [_LEAST_NORM, _SAME, _LEAK, _LEAST_VARIANCE, _LEAST_SQUARE]
+            # Arrays whose addresses are bound must live as long as this object.
+            self._bound = (
+                np.array([*numbers, Wander.SLOPE, Wander.OFFSET, _LEAST, _MOST]),
+                *(compiled.dense(places, np.float64) for places in (x, y)),
+                *(self._measured, self._predicted),
+                np.empty((_N_PATTERNS + 2 + n_hypotheses, 2 * len(x))),
+            )
+            self._compiled = compiled.bind(library.tactiled_wander, n_hypotheses, len(x), HALF, *self._bound)
 
     def log_odds(
         self, shear: FloatArray, predicted: FloatArray, load: FloatArray, noise_sd: float
@@ -57,30 +76,39 @@ class ShareWander:
         (hypotheses,) float64
             0 where there are too few taxels or looks to tell.
         """
-        n_hypotheses = predicted.shape[1]
+        n_hypotheses, n_taxels = predicted.shape[1:]
+        odds = np.zeros(n_hypotheses)
         self._n += 1
+        can_tell = self._n >= 2 * HALF and 2 * n_taxels > _N_PATTERNS
+        stiffness = np.cbrt(load)
+        if self._compiled is not None:
+            taken = [compiled.dense(values, np.float64) for values in (shear, predicted, load, stiffness)]
+            self._compiled(*(compiled.address(values) for values in (*taken, odds)), noise_sd, can_tell)
+            return odds
         self._measured[:-1] = self._measured[1:]
         self._measured[-1] = shear.ravel()
         self._predicted[:-1] = self._predicted[1:]
-        self._predicted[-1] = predicted.transpose(1, 0, 2).reshape(n_hypotheses, -1)
-        if self._n < 2 * HALF or self._n_free < 1:
-            return np.zeros(n_hypotheses)
+        self._predicted[-1] = predicted.swapaxes(1, 2).reshape(2 * n_taxels, -1)
+        if not can_tell:
+            return odds
         # Patterns of the shear before the change: a pattern with the change in it would explain it away.
-        before = self._measured[:HALF].mean(axis=0).reshape(2, -1)
-        basis = np.linalg.qr(self._patterns(before, load))[0]
-        change = self._haar @ self._measured
-        expected = np.tensordot(self._haar, self._predicted, axes=1)  # (hypotheses, 2 taxels)
-        common = basis @ (basis.T @ change)
-        rest = change - expected
-        rest -= (rest @ basis) @ basis.T
-        variance = 2 * noise_sd**2 / HALF + _LEAK**2 * float(np.mean(common**2)) + 1e-14
-        square = (rest**2).sum(axis=1) / self._n_free / variance
-        return np.asarray(np.clip(Wander.SLOPE * np.log(square + 1e-3) + Wander.OFFSET, _LEAST, _MOST))
+        before = (self._measured[:HALF].sum(axis=0) / HALF).reshape(2, -1)
+        basis = _orthonormal(self._patterns(before, load, stiffness))
+        change = (self._haar[:, np.newaxis] * self._measured).sum(axis=0)
+        expected = (self._haar[:, np.newaxis, np.newaxis] * self._predicted).sum(axis=0)
+        common = _project(basis, change)
+        rest = change[:, np.newaxis] - expected  # (2 taxels, hypotheses)
+        along = (basis[:, :, np.newaxis] * rest).sum(axis=1)
+        rest -= (along[:, np.newaxis] * basis[:, :, np.newaxis]).sum(axis=0)
+        explained = _LEAK * _LEAK * (sum_in_order(common**2) / len(common))
+        variance = 2 * (noise_sd * noise_sd) / HALF + explained + _LEAST_VARIANCE
+        square = (rest**2).sum(axis=0) / (2 * n_taxels - len(basis)) / variance
+        return np.asarray(np.clip(Wander.SLOPE * log(square + _LEAST_SQUARE) + Wander.OFFSET, _LEAST, _MOST))
 
-    def _patterns(self, shear: FloatArray, load: FloatArray) -> FloatArray:
-        """Return the patterns (2 taxels, patterns) of shifts and turns of a contact that holds."""
-        n, stiffness, none = len(load), np.cbrt(load), np.zeros(len(load))
-        columns = [
+    def _patterns(self, shear: FloatArray, load: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return the patterns (patterns, 2 taxels) of shifts and turns of a contact that holds."""
+        none = np.zeros(len(load))
+        rows = [
             (load, none),
             (stiffness, none),
             (none, load),
@@ -90,5 +118,29 @@ class ShareWander:
             (shear[0], shear[1]),
             (-shear[1], shear[0]),
         ]
-        found = np.array([np.concatenate(column) for column in columns]).T.reshape(2 * n, -1)
-        return np.asarray(found / np.maximum(np.sqrt((found**2).sum(axis=0)), 1e-9))
+        return np.array([np.concatenate(row) for row in rows])
+
+
+def _orthonormal(patterns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (rank, n) of patterns (k, n), by Gram and Schmidt.
+
+    Each projection is done twice, because the first one leaves rounding of nearly equal patterns.
+    """
+    basis = np.zeros((0, patterns.shape[1]))
+    for pattern in patterns:
+        rest = pattern / max(_norm(pattern), _LEAST_NORM)
+        for _ in range(2):
+            rest = rest - _project(basis, rest)
+        if (size := _norm(rest)) > _SAME:
+            basis = np.concatenate([basis, rest[np.newaxis] / size])
+    return basis
+
+
+def _project(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the part of the values (n,) that lies in a basis (k, n)."""
+    along = np.add.accumulate(basis * values, axis=1)[:, -1:]
+    return np.asarray((along * basis).sum(axis=0))
+
+
+def _norm(values: FloatArray) -> float:
+    return float(np.sqrt(sum_in_order(values**2)))
