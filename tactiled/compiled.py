@@ -44,6 +44,7 @@ _DECLARED = {
     "bear": ("", "sppppprr"),
     "grip": ("i", "sppppppprrriip"),
     "wander": ("", "ssspppppppppppri"),
+    "shares": ("", "ssppppppppprrrr"),
     "rings": ("", "sssppppppppsppp"),
 }
 

@@ -330,6 +330,87 @@ API void tactiled_wander(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half,
     }
 }
 
+/* ---- evidence of the shares (tactiled.detect.grip.shares) ----------------------------------------------------- */
+
+/* Constants of `tactiled_shares`, in the order in which `ShareEvidence` has them. */
+struct shares_numbers {
+    real tiny, meets, least_used, power, even, degrees;
+};
+
+enum { KINDS = 3 }; /* of nuisances: gain, softening, offset */
+
+/* Forces of the taxels along their direction, over their limits, of one hypothesis. */
+static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real friction, const real *restrict x,
+                     const real *restrict y, const real *restrict load, real *restrict force, real *restrict used)
+{
+    const real tiny = with->tiny, least = with->least_used;
+    for (ptrdiff_t t = 0; t < taxels; t++) {
+        force[t] = at_least(sqrt(x[t] * x[t] + y[t] * y[t]), tiny);
+        used[t] = at_most(at_least(force[t] / at_least(friction * load[t], tiny), least), 1);
+    }
+}
+
+/* Nuisances (3, taxels) with covariance (3, 3, taxels) after a look, of one hypothesis; they lie `all` apart. Turns
+ * `root`, the cubic root of what is left of the limit, into one over the likelihood. */
+static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numbers *with, real scale, real size,
+                       real noise, real unexplained, real temper, const real *restrict shear_x,
+                       const real *restrict shear_y, const real *restrict x, const real *restrict y,
+                       const real *restrict load, const real *restrict force, const real *restrict used,
+                       real *restrict root, real *restrict nuisance, real *restrict cov)
+{
+    const real power = with->power, even = with->even, degrees = with->degrees;
+    for (ptrdiff_t t = 0; t < taxels; t++) {
+        real along = (shear_x[t] * x[t] + shear_y[t] * y[t]) / force[t], model = force[t] * scale;
+        real softening = 1 - power * (1 - root[t] * root[t]) * root[t] / used[t];
+        real direction[KINDS] = {model, model * softening, load[t]}, spread[KINDS], moved = 0, known = 0;
+        for (int a = 0; a < KINDS; a++) {
+            spread[a] = 0;
+            for (int b = 0; b < KINDS; b++)
+                spread[a] += cov[(a * KINDS + b) * all + t] * direction[b];
+            moved += nuisance[a * all + t] * direction[a];
+            known += spread[a] * direction[a];
+        }
+        real misfit = noise + unexplained * (even + (1 - even) * load[t]);
+        real residual = along - (model + moved), variance = known + misfit;
+        real relative = residual * residual / variance, tail = 1 + relative / degrees;
+        real weight = known + misfit / (temper * ((degrees + 1) / (degrees + relative)));
+        root[t] = tail * tail * sqrt(variance) / size;
+        for (int a = 0; a < KINDS; a++) {
+            real gain = spread[a] / weight;
+            nuisance[a * all + t] += gain * residual;
+            for (int b = 0; b < KINDS; b++)
+                cov[(a * KINDS + b) * all + t] -= gain * spread[b];
+        }
+    }
+}
+
+/* Log likelihoods (hypotheses) of a look that counts: `ShareEvidence._weigh`.
+ *
+ * nuisance (3, hypotheses, taxels) and their covariance (3, 3, hypotheses, taxels) are kept. shear (2, taxels),
+ * predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
+API void tactiled_shares(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
+                         const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
+                         const real *borne, const real *load, real *out, real size, real noise_sd,
+                         real unexplained, real temper)
+{
+    const ptrdiff_t all = hypotheses * taxels;
+    real force[taxels], used[taxels], root[taxels];
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        const real *x = predicted + j * taxels, *y = x + all;
+        real scale = size / at_least(borne[j], with->tiny), found = 0;
+        if (fabs(scale - 1) < with->meets)
+            scale = 1;
+        use(taxels, with, friction[j], x, y, load, force, used);
+        for (ptrdiff_t t = 0; t < taxels; t++)
+            root[t] = cbrt(1 - used[t]);
+        learn(taxels, all, with, scale, size, noise_sd * noise_sd, unexplained, temper, shear, shear + taxels, x, y,
+              load, force, used, root, nuisance + j * taxels, cov + j * taxels);
+        for (ptrdiff_t t = 0; t < taxels; t++)
+            found += log(root[t]);
+        out[j] = -temper * found;
+    }
+}
+
 /* ---- mechanics (tactiled.detect.grip.rings) ------------------------------------------------------------------ */
 
 /* Forces along x and y of one ring of one taxel, for each hypothesis: move it, and shorten forces beyond the limit.

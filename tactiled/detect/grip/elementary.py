@@ -5,6 +5,7 @@ adds the entries of a vector in an order of its own.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,25 +13,34 @@ from tactiled.array import FloatArray
 
 
 def exp(values: FloatArray) -> FloatArray:
-    """Return e to the power of each value (n,), at most 700."""
-    return np.array([math.exp(value) for value in values.tolist()])
+    """Return e to the power of each value, at most 700."""
+    return _each(math.exp, values)
 
 
 def expm1(values: FloatArray) -> FloatArray:
-    """Return e to the power of each value (n,), at most 700, less one."""
-    return np.array([math.expm1(value) for value in values.tolist()])
+    """Return e to the power of each value, at most 700, less one."""
+    return _each(math.expm1, values)
 
 
 def log(values: FloatArray) -> FloatArray:
-    """Return the natural logarithm of each value (n,), all above 0."""
-    return np.array([math.log(value) for value in values.tolist()])
+    """Return the natural logarithm of each value, all above 0."""
+    return _each(math.log, values)
+
+
+def cbrt(values: FloatArray) -> FloatArray:
+    """Return the cubic root of each value."""
+    return _each(math.cbrt, values)
 
 
 def power(values: FloatArray, exponent: float) -> FloatArray:
-    """Return a power of each value (n,), which is not negative."""
-    return np.array([math.pow(value, exponent) for value in values.tolist()])
+    """Return a power of each value, none below 0."""
+    return _each(lambda value: math.pow(value, exponent), values)
 
 
 def sum_in_order(values: FloatArray) -> float:
     """Return the sum of the values (n,), added one after the other."""
     return float(np.add.accumulate(values)[-1])
+
+
+def _each(function: Callable[[float], float], values: FloatArray) -> FloatArray:
+    return np.array([function(value) for value in values.ravel().tolist()]).reshape(values.shape)

@@ -10,12 +10,18 @@ Only new places count. A look is taken where the ratio of shear over load is nea
 all ratios at which one was taken before: swings at one level repeat the same misfit and are no new evidence,
 and on the way back the shares depend on more of the past than the rings remember. At a known place a look
 counts by the part of its variance that is noise, since noise is new each time.
+
+`compiled_grip.c` does with a look that counts the same as `ShareEvidence._weigh`, with the same bits.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
+from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import MISFIT, TEMPER
+from tactiled.detect.grip.elementary import cbrt, log
 from tactiled.detect.grip.rings import MINDLIN_POWER
 
 _GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
@@ -36,6 +42,7 @@ _LOADED = 0.1  # of the mean load: taxels with less say nothing of how even the 
 _EVEN = 0.2  # part of the misfit that does not go with the load: neighbours pull at a taxel without load
 _MEETS = 0.02  # relative difference from the measured total that Newton steps leave
 _N_PLACES = 64  # remembered
+_LEAST_USED = 1e-6  # part of its limit that a taxel bears, below which nothing softens
 _TINY = 1e-9
 
 
@@ -53,6 +60,12 @@ class ShareEvidence:
         self._friction = friction[:, np.newaxis]
         self._nuisance = np.zeros((3, *shape))
         self._cov = np.zeros((3, 3, *shape))
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            numbers = [_TINY, _MEETS, _LEAST_USED, MINDLIN_POWER, _EVEN, _DEGREES]
+            # Arrays whose addresses are bound must live as long as this object.
+            self._bound = np.array(numbers), compiled.dense(friction, np.float64), self._nuisance, self._cov
+            self._compiled = compiled.bind(library.tactiled_shares, *shape, *self._bound)
         self._uneven = 0.0  # part of the scatter of taxels that are nothing alike; 0 before the first look
         self._places = np.full((_N_PLACES, 3), np.inf)
         self._n = 0
@@ -107,6 +120,27 @@ class ShareEvidence:
             self._places[self._n % _N_PLACES] = ratio
             self._n += 1
 
+        return self._weigh(shear, predicted, borne, part_of_load, size, noise_sd, unexplained, temper)
+
+    def _weigh(
+        self,
+        shear: FloatArray,
+        predicted: FloatArray,
+        borne: FloatArray,
+        part_of_load: FloatArray,
+        size: float,
+        noise_sd: float,
+        unexplained: float,
+        temper: float,
+    ) -> FloatArray:
+        """Return the log likelihood of a look that counts by `temper`, and learn the nuisances from it."""
+        if self._compiled is not None:
+            out = np.empty(len(borne))
+            arrays = [compiled.dense(one, np.float64) for one in (shear, predicted, borne, part_of_load)]
+            self._compiled(
+                *(compiled.address(values) for values in (*arrays, out)), size, noise_sd, unexplained, temper
+            )
+            return out
         # A hypothesis that slides predicts how the shear is shared, and not how much there is of it.
         scale = size / np.maximum(borne, _TINY)
         scale = np.where(np.abs(scale - 1.0) < _MEETS, 1.0, scale)[:, np.newaxis]
@@ -116,21 +150,20 @@ class ShareEvidence:
         offset = np.broadcast_to(part_of_load, model.shape)
         direction = np.stack([model, model * self._softening(force, part_of_load), offset])
         expected = model + (self._nuisance * direction).sum(axis=0)
-        spread = np.einsum("abjt,bjt->ajt", self._cov, direction)
+        spread = (self._cov * direction).sum(axis=1)
         known = (spread * direction).sum(axis=0)
-        misfit = noise_sd**2 + unexplained * (_EVEN + (1.0 - _EVEN) * part_of_load)
+        misfit = noise_sd * noise_sd + unexplained * (_EVEN + (1.0 - _EVEN) * part_of_load)
         residual = along - expected
         variance = known + misfit
         relative = residual**2 / variance
-        found = -(
-            0.5 * (_DEGREES + 1) * np.log1p(relative / _DEGREES) + 0.5 * np.log(variance / size**2)
-        ).sum(axis=1)
+        # Student's t with three degrees of freedom: (1 + r / 3)^-2 over the standard deviation.
+        found = np.add.accumulate(log((1.0 + relative / _DEGREES) ** 2 * np.sqrt(variance) / size), axis=1)
         # A measurement whose variance is that of the misfit over its weight, less where it lies in the tails.
         robust = (_DEGREES + 1) / (_DEGREES + relative)
         gain = spread / (known + misfit / (temper * robust))
         self._nuisance += gain * residual
         self._cov -= gain[:, np.newaxis] * spread[np.newaxis]
-        return np.asarray(temper * found)
+        return np.asarray(-temper * found[:, -1])
 
     def _begin(self, part_of_load: FloatArray) -> None:
         """Set the spread of the nuisances, from how uneven the loads are."""
@@ -144,9 +177,9 @@ class ShareEvidence:
         """Return the part of a taxel's shear by which it falls short of its stiffness times the travel.
 
         With Q / mu P = 1 - (1 - x)^p the shear's derivative by the logarithm of the stiffness is
-        mu P p x (1 - x)^(p - 1).
+        mu P p x (1 - x)^(p - 1). With p = 3/2 the root of 1 - x is the cubic root of the limit that is left.
         """
         limit = np.maximum(self._friction * part_of_load, _TINY)
-        used = np.clip(force / limit, 1e-6, 1.0)
-        left = (1.0 - used) ** (1.0 / MINDLIN_POWER)
-        return np.asarray(1.0 - MINDLIN_POWER * (1.0 - left) * left ** (MINDLIN_POWER - 1.0) / used)
+        used = np.clip(force / limit, _LEAST_USED, 1.0)
+        root = cbrt(1.0 - used)
+        return np.asarray(1.0 - MINDLIN_POWER * (1.0 - root * root) * root / used)
