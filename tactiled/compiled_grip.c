@@ -446,65 +446,76 @@ static WIDE void displace(ptrdiff_t hypotheses, const real *restrict friction, r
     }
 }
 
-/* Add a taxel's forces to the totals, and its tangent stiffness with moments to k, kx, ky and kr. */
-static WIDE void add_taxel(ptrdiff_t hypotheses, real stiffness, real floor, real x, real y,
+/* Add a taxel's forces to the totals, and its tangent stiffness with moments to the six sums of `k`. */
+static WIDE void add_taxel(ptrdiff_t hypotheses, real stiffness, real floor, real tiny, real x, real y,
                       const real *restrict force_x, const real *restrict force_y, const real *restrict sticking,
-                      real *restrict total_x, real *restrict total_y, real *restrict moment, real *restrict k,
-                      real *restrict kx, real *restrict ky, real *restrict kr)
+                      real *restrict total_x, real *restrict total_y, real *restrict moment, real *restrict k)
 {
-    for (ptrdiff_t j = 0; j < hypotheses; j++) {
-        real tangent = stiffness * at_least(sticking[j], floor);
-        total_x[j] += force_x[j];
-        total_y[j] += force_y[j];
-        moment[j] += force_y[j] * x - force_x[j] * y;
-        k[j] += tangent;
-        kx[j] += tangent * x;
-        ky[j] += tangent * y;
-        kr[j] += tangent * (x * x + y * y);
+    const ptrdiff_t n = hypotheses;
+    for (ptrdiff_t j = 0; j < n; j++) {
+        real fx = force_x[j], fy = force_y[j];
+        real lost = stiffness * (1 - at_least(sticking[j], floor)) / at_least(fx * fx + fy * fy, tiny);
+        real xx = stiffness - lost * fx * fx, xy = -(lost * fx * fy), yy = stiffness - lost * fy * fy;
+        real turned_x = x * xy - y * xx, turned_y = x * yy - y * xy;
+        total_x[j] += fx;
+        total_y[j] += fy;
+        moment[j] += fy * x - fx * y;
+        k[j] += xx;
+        k[n + j] += xy;
+        k[2 * n + j] += yy;
+        k[3 * n + j] += turned_x;
+        k[4 * n + j] += turned_y;
+        k[5 * n + j] += x * turned_y - y * turned_x;
     }
 }
 
-/* Turn totals (x, y, moment) into the rigid motion towards the `wanted` ones, in the same places. */
+/* Turn totals (x, y, moment) into the rigid motion towards those of `target`, in the same places.
+ *
+ * target: wanted totals, part of them that friction 1 bears, least stiffness against turns. */
 static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real longest, real across, real tiny,
-                  const real *restrict wanted, const real *restrict k, const real *restrict kx,
-                  const real *restrict ky, const real *restrict kr, real *restrict x, real *restrict y,
+                  const real *restrict target, const real *restrict k, real *restrict x, real *restrict y,
                   real *restrict turn)
 {
-    for (ptrdiff_t j = 0; j < hypotheses; j++) {
-        real lack_x = wanted[0] - x[j], lack_y = wanted[1] - y[j], lack_m = wanted[2] - turn[j];
-        real reach = friction[j] * longest, whole = at_least(k[j], tiny), angle = 0;
-        if (across > 0) {
-            real centred = at_least(kr[j] - (kx[j] * kx[j] + ky[j] * ky[j]) / whole, tiny);
-            angle = (lack_m + (ky[j] * lack_x - kx[j] * lack_y) / whole) / centred;
-            angle = at_most(at_least(angle, -(reach / across)), reach / across);
-        }
-        turn[j] = angle;
-        x[j] = at_most(at_least((lack_x + ky[j] * angle) / whole, -reach), reach);
-        y[j] = at_most(at_least((lack_y - kx[j] * angle) / whole, -reach), reach);
+    const ptrdiff_t n = hypotheses;
+    for (ptrdiff_t j = 0; j < n; j++) {
+        real borne = at_most(friction[j] * target[3], 1), reach = friction[j] * longest;
+        real lack_x = target[0] * borne - x[j], lack_y = target[1] * borne - y[j];
+        real lack_m = target[2] * borne - turn[j];
+        real kxx = k[j], kxy = k[n + j], kyy = k[2 * n + j], kx = k[3 * n + j], ky = k[4 * n + j];
+        real det = at_least(kxx * kyy - kxy * kxy, tiny);
+        real to_x = (kyy * kx - kxy * ky) / det, to_y = (kxx * ky - kxy * kx) / det;
+        real angle = (lack_m - to_x * lack_x - to_y * lack_y)
+                     / at_least(k[5 * n + j] - to_x * kx - to_y * ky, target[4]);
+        real shift_x = (kyy * lack_x - kxy * lack_y) / det - to_x * angle;
+        real shift_y = (kxx * lack_y - kxy * lack_x) / det - to_y * angle;
+        real length = sqrt(shift_x * shift_x + shift_y * shift_y) + fabs(angle) * across;
+        real part = at_most(reach / at_least(length, tiny), 1);
+        x[j] = shift_x * part;
+        y[j] = shift_y * part;
+        turn[j] = angle * part;
     }
 }
 
-/* Forces of all taxels in n Newton steps towards the total `wanted` (x, y, moment): `RingForces` explains them.
+/* Forces of all taxels in n Newton steps towards the totals of `target` (see `solve`): `RingForces` explains them.
  *
  * x, y (taxels) are places; `rings` (2, rings) shares of stiffness and limit. `limits` has the floor of the
- * stiffness, the longest step, the extent of the places (0: no turn), the part of
+ * stiffness, the longest step, the extent of the places, the part of
  * its limit below which a ring sticks, and the least divisor. force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses)
- * are the forces of the taxels and the sticking shares of their stiffness. `work` (10, hypotheses) is scratch. */
+ * are the forces of the taxels and the sticking shares of their stiffness. `work` (12, hypotheses) is scratch. */
 API void tactiled_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
                         const real *x, const real *y, const real *rings, const real *limits, real *force,
                         real *sums, real *work, ptrdiff_t n_steps, const real *load, const real *stiffness,
-                        const real *wanted)
+                        const real *target)
 {
     const real floor = limits[0], longest = limits[1], across = limits[2], below = limits[3], tiny = limits[4];
     const ptrdiff_t n = hypotheses, all = taxels * n;
     real *shift_x = work, *shift_y = work + n, *turn = work + 2 * n;
-    real *k = work + 3 * n, *kx = work + 4 * n, *ky = work + 5 * n, *kr = work + 6 * n;
-    real *bound = work + 7 * n, *step_x = work + 8 * n, *step_y = work + 9 * n;
+    real *k = work + 3 * n, *bound = work + 9 * n, *step_x = work + 10 * n, *step_y = work + 11 * n;
     real *sum_x = sums, *sum_y = sums + all, *sticking = sums + 2 * all;
     real farthest = 0;
     for (ptrdiff_t t = 0; t < taxels; t++)
         farthest = at_least(load[t] / at_least(stiffness[t], tiny), farthest);
-    memset(work, 0, sizeof(real[7 * n]));
+    memset(work, 0, sizeof(real[9 * n]));
     for (ptrdiff_t step = 0;; step++) {
         memset(sums, 0, sizeof(real[3 * all]));
         for (ptrdiff_t t = 0; t < taxels; t++) {
@@ -516,10 +527,10 @@ API void tactiled_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_ring
         }
         if (step == n_steps)
             return;
-        memset(work, 0, sizeof(real[7 * n]));
+        memset(work, 0, sizeof(real[9 * n]));
         for (ptrdiff_t t = 0; t < taxels; t++)
-            add_taxel(n, stiffness[t], floor, x[t], y[t], sum_x + t * n, sum_y + t * n, sticking + t * n, shift_x,
-                      shift_y, turn, k, kx, ky, kr);
-        solve(n, friction, longest * farthest, across, tiny, wanted, k, kx, ky, kr, shift_x, shift_y, turn);
+            add_taxel(n, stiffness[t], floor, tiny, x[t], y[t], sum_x + t * n, sum_y + t * n, sticking + t * n,
+                      shift_x, shift_y, turn, k);
+        solve(n, friction, longest * farthest, across, tiny, target, k, shift_x, shift_y, turn);
     }
 }

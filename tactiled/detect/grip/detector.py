@@ -21,6 +21,7 @@ from tactiled.detect.grip.observe import (
     level_for,
     noise_gain,
 )
+from tactiled.detect.grip.relief import RelievedSides
 from tactiled.detect.signal.contact import ContactParams
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
@@ -116,6 +117,7 @@ class GripDetector:
         self._array = array
         self._params = params or GripParams()
         self._responses = Responses(array)
+        self._relieved = RelievedSides(array)
         self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
         self.can_tell = self._responses.senses_load and self._responses.senses_shear
         """True where the array has load and shear channels."""
@@ -136,6 +138,8 @@ class GripDetector:
         self._n_baseline = 0
         self._rate_hz = 0.0
         self._history = np.zeros((1, 3, self._array.n_taxels))
+        self._previous: FloatArray | None = None
+        self._relieved.reset()
         self._touch: _Touch | None = None
         self._last_s = 0.0
         self._bad_scans = np.zeros(self._array.n_channels, dtype=np.int64)
@@ -179,11 +183,24 @@ class GripDetector:
         details = self._bank.process(block)
         usable = np.all(details.usable, axis=1)
         late: list[bool] = block.late.tolist()
-        for scan, volts in enumerate(held.steps * self._quantiser.volts_per_step):
+        readings = held.steps * self._quantiser.volts_per_step
+        together = self._at_one_instant(readings, block)
+        for scan, volts in enumerate(readings):
             is_trusted = self._take_out(held.ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0)
             rows = details.volts[scan] if np.all(usable[scan] | out) else None
-            yield self._step(volts, rows, float(block.time_s[scan]), is_trusted, late[scan])
+            yield self._step(volts, together[scan], rows, float(block.time_s[scan]), is_trusted, late[scan])
+
+    def _at_one_instant(self, readings: FloatArray, block: ScanBlock) -> FloatArray:
+        """Return readings (n, channels) interpolated to the instant at which their scan began.
+
+        A board reads its channels one after the other. While shear grows, the taxels that are read last have
+        grown the most, by several times what partial slip changes of their shares.
+        """
+        previous = readings[0] if self._previous is None else self._previous
+        self._previous = readings[-1]
+        back = np.clip(block.channel_offset_s * block.rate_hz, 0.0, 1.0)
+        return readings - back * np.diff(readings, axis=0, prepend=previous[np.newaxis])
 
     def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
@@ -206,13 +223,26 @@ class GripDetector:
         return not bool(np.any(waits)) and self.keeps_enough
 
     def _step(
-        self, volts: FloatArray, details: FloatArray | None, time_s: float, is_trusted: bool, is_late: bool
+        self,
+        volts: FloatArray,
+        together: FloatArray,
+        details: FloatArray | None,
+        time_s: float,
+        is_trusted: bool,
+        is_late: bool,
     ) -> GripEvent | None:
-        """Take a scan (channels,) with its details (levels, channels), None where they still see a gap."""
+        """Take a scan (channels,) as it was read and at one instant.
+
+        Details (levels, channels) are None where they still see a gap.
+        """
         self._last_s = time_s
         if details is not None:
             self._floor.take(volts, details, self._rate_hz)
-        response = self._responses.of(volts - self._baseline)
+        pressed = together - self._baseline
+        response = self._responses.of(pressed)
+        was_relieved = self._relieved.relieved
+        if self._touch is not None:
+            self._relieved.correct(response, pressed)
         response[:, self._dropped] = 0.0
         self._history[:-1] = self._history[1:]
         self._history[-1] = response
@@ -229,8 +259,11 @@ class GripDetector:
             )
         elif load < least / 2:
             self._touch = None
+            self._relieved.reset()
             self._friction.end_contact()
             return _no_contact(time_s, valid=is_trusted)
+        if np.any(switched := np.any(self._relieved.relieved != was_relieved, axis=0)):
+            self._touch.model.loosen(switched)
         self._touch.take(self._history, shear_sd, total_sd)
         return self._touch.event(time_s, self._radius_mm, self._unit, is_trusted, is_late)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled import compiled
 from tactiled.array import FloatArray
@@ -104,6 +105,10 @@ class ContactModel:
         """Take the ratio (3,) of total shear and moment over load."""
         self.trend.step(ratio, noise_sd, step_s)
         self.friction.bear(self.trend.size, step_s)
+
+    def loosen(self, taxels: NDArray[np.bool_]) -> None:
+        """Forget the gains of taxels (taxels,) that are read otherwise from now on."""
+        self._evidence.loosen(taxels)
 
     def look(self, load: FloatArray, shear: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take loads (taxels,) and shears (2, taxels) of the taxels.

@@ -11,6 +11,7 @@ first, since its limit grows as P and its stiffness as P^(1/3). All arrays have 
 of the friction coefficient.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -27,6 +28,8 @@ _STIFFNESS_FLOOR = 0.02
 # `MINDLIN_POWER` times limit over stiffness (x = 1).
 _LONGEST_STEP = 0.5 * MINDLIN_POWER
 _N_NEWTON = 2  # a step of 20 ms moves a small part of the travel; the rest is met in the next step
+_REACHED = 0.99  # of the limit, for a friction that cannot bear the total: there a step is still finite
+_LEAST_TURN = 1e-6  # of the stiffness against turns: one loaded taxel has none about itself
 _STICKS = 1.0 - 1e-9  # of its limit: a ring that rests on it slides, however the last bits are rounded
 _TINY = 1e-12
 
@@ -94,7 +97,7 @@ class RingForces:
                 np.array([_STIFFNESS_FLOOR, _LONGEST_STEP, self._across, _STICKS, _TINY]),
                 self._force,
                 self._sums,
-                np.empty((10, len(friction))),
+                np.empty((12, len(friction))),
             )
             self._compiled = compiled.bind(
                 library.tactiled_rings, len(friction), len(x), n_rings, *self._bound, _N_NEWTON
@@ -109,20 +112,24 @@ class RingForces:
             Normal loads, at least 0.
         wanted : (3,) float64
             Sum of the taxels' forces along x and y, and their moment about the origin of the places, in the
-            unit of the loads (and of the places). A hypothesis that cannot bear it slides.
+            unit of the loads (and of the places). A hypothesis that cannot bear it comes close to its limit
+            in the same direction: steps towards what it cannot reach would turn it on the spot.
         """
         stiffness = np.cbrt(load)
+        bearable = _REACHED * float(load.sum()) / max(math.sqrt(float(wanted @ wanted)), _TINY)
+        least_turn = max(_LEAST_TURN * float(stiffness.sum()) * self._across**2, _TINY)
         if self._compiled is not None:
-            load, wanted = compiled.dense(load, np.float64), compiled.dense(wanted, np.float64)
-            self._compiled(*(compiled.address(values) for values in (load, stiffness, wanted)))
+            load, target = compiled.dense(load, np.float64), np.array([*wanted, bearable, least_turn])
+            self._compiled(*(compiled.address(values) for values in (load, stiffness, target)))
             return
+        targets = wanted[:, np.newaxis] * np.minimum(self._friction * bearable, 1.0)
         load, stiffness = load[:, np.newaxis], stiffness[:, np.newaxis]
         cap = self._friction * load * self._limit
         spring = stiffness * self._stiffness
         reach = self._friction * (_LONGEST_STEP * float(np.max(load / np.maximum(stiffness, _TINY))))
         self._return_to_limit(cap)
         for _ in range(_N_NEWTON):
-            x_step, y_step = self._rigid_step(stiffness, wanted, reach)
+            x_step, y_step = self._rigid_step(stiffness, targets, reach, least_turn)
             self._force[0] += spring * x_step
             self._force[1] += spring * y_step
             self._return_to_limit(cap)
@@ -147,22 +154,31 @@ class RingForces:
         self._sums[2] = (sticks * self._stiffness).sum(axis=0)
 
     def _rigid_step(
-        self, stiffness: FloatArray, wanted: FloatArray, reach: FloatArray
+        self, stiffness: FloatArray, targets: FloatArray, reach: FloatArray, least_turn: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the displacements (taxels, hypotheses) of one Newton step towards the wanted total."""
+        """Return the displacements (taxels, hypotheses) of one Newton step towards totals (3, hypotheses)."""
+        x, y = self._x, self._y
         force_x, force_y, sticking = self._sums
-        lack_x = wanted[0] - force_x.sum(axis=0)
-        lack_y = wanted[1] - force_y.sum(axis=0)
-        lack_m = wanted[2] - (force_y * self._x - force_x * self._y).sum(axis=0)
-        tangent = stiffness * np.maximum(sticking, _STIFFNESS_FLOOR)
-        k = np.maximum(tangent.sum(axis=0), _TINY)
-        kx, ky = (tangent * self._x).sum(axis=0), (tangent * self._y).sum(axis=0)
-        turn = np.zeros_like(k)
-        if self._across > 0:
-            kr = (tangent * (self._x**2 + self._y**2)).sum(axis=0)
-            about_centre = np.maximum(kr - (kx**2 + ky**2) / k, _TINY)
-            turn = (lack_m + (ky * lack_x - kx * lack_y) / k) / about_centre
-            turn = np.clip(turn, -(reach / self._across), reach / self._across)
-        shift_x = np.clip((lack_x + ky * turn) / k, -reach, reach)
-        shift_y = np.clip((lack_y - kx * turn) / k, -reach, reach)
-        return shift_x - turn * self._y, shift_y + turn * self._x
+        lack_x = targets[0] - force_x.sum(axis=0)
+        lack_y = targets[1] - force_y.sum(axis=0)
+        lack_m = targets[2] - (force_y * x - force_x * y).sum(axis=0)
+        # A ring that slides bears no more along its force, but as much as its spring across it.
+        square = np.maximum(force_x * force_x + force_y * force_y, _TINY)
+        lost = stiffness * (1.0 - np.maximum(sticking, _STIFFNESS_FLOOR)) / square
+        xx = stiffness - lost * force_x * force_x
+        xy = -(lost * force_x * force_y)
+        yy = stiffness - lost * force_y * force_y
+        turned_x, turned_y = x * xy - y * xx, x * yy - y * xy
+        kxx, kxy, kyy = xx.sum(axis=0), xy.sum(axis=0), yy.sum(axis=0)
+        kx, ky, kr = turned_x.sum(axis=0), turned_y.sum(axis=0), (x * turned_y - y * turned_x).sum(axis=0)
+        det = np.maximum(kxx * kyy - kxy * kxy, _TINY)
+        to_x, to_y = (kyy * kx - kxy * ky) / det, (kxx * ky - kxy * kx) / det
+        about_centre = np.maximum(kr - to_x * kx - to_y * ky, least_turn)
+        turn = (lack_m - to_x * lack_x - to_y * lack_y) / about_centre
+        shift_x = (kyy * lack_x - kxy * lack_y) / det - to_x * turn
+        shift_y = (kxx * lack_y - kxy * lack_x) / det - to_y * turn
+        # The whole step is shortened, so that it keeps its direction.
+        length = np.sqrt(shift_x * shift_x + shift_y * shift_y) + np.abs(turn) * self._across
+        part = np.minimum(reach / np.maximum(length, _TINY), 1.0)
+        shift_x, shift_y, turn = shift_x * part, shift_y * part, turn * part
+        return shift_x - turn * y, shift_y + turn * x

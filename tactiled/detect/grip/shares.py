@@ -17,6 +17,7 @@ counts by the part of its variance that is noise, since noise is new each time.
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled import compiled
 from tactiled.array import FloatArray
@@ -27,7 +28,7 @@ from tactiled.detect.grip.rings import MINDLIN_POWER
 _GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
 # Standard deviations on an array whose loads are uneven: a taxel's softening, relative to its shear, because
 # stiffness and friction of taxels differ; and a taxel's shear over its load, which the zero leaves.
-_SOFTENING_SD, _OFFSET_SD = 0.10, 0.02
+_SOFTENING_SD, _OFFSET_SD = 0.15, 0.02
 # Under one flat object a taxel's load goes as its height and stiffness. Loads that are even to some part show
 # that the taxels are, and taxels that are alike share the shear evenly by any law of contact.
 _UNEVEN = 0.15  # standard deviation of log loads from which on nothing is known of how alike the taxels are
@@ -164,6 +165,11 @@ class ShareEvidence:
         self._nuisance += gain * residual
         self._cov -= gain[:, np.newaxis] * spread[np.newaxis]
         return np.asarray(-temper * found[:, -1])
+
+    def loosen(self, taxels: NDArray[np.bool_]) -> None:
+        """Forget how large the gains of some taxels (taxels,) are: from now on they are read otherwise."""
+        if self._uneven:
+            self._cov[0, 0][:, taxels] += _GAIN_SD**2
 
     def _begin(self, part_of_load: FloatArray) -> None:
         """Set the spread of the nuisances, from how uneven the loads are."""

@@ -82,6 +82,23 @@ def test_follows_utilisation_and_friction_of_an_ideal_contact() -> None:
     assert events[-1].load == pytest.approx(PART.sum(), rel=0.02)
 
 
+def test_channels_that_are_read_one_after_the_other_tell_the_same_as_all_at_once() -> None:
+    readings, _ = pull(0.9, noise=0.0)
+    offset_s = np.linspace(0.0, 0.009, 27)
+    at_s = np.arange(len(readings)) / RATE_HZ
+    read = np.stack([np.interp(at_s + d, at_s, v) for d, v in zip(offset_s, readings.T, strict=True)], axis=1)
+
+    def shear(volts: FloatArray, channel_offset_s: FloatArray | None) -> FloatArray:
+        detector = GripDetector(xyz())
+        detector.process(regular_block(volts[:300], RATE_HZ, channel_offset_s=channel_offset_s))
+        assert detector.contact is not None
+        return np.asarray(detector.contact.shear[0])
+
+    at_once = shear(readings, None)
+    off_together = np.abs(shear(read, offset_s) - at_once).max()
+    assert off_together < 0.15 * np.abs(shear(read, None) - at_once).max()
+
+
 def test_every_scan_in_contact_has_an_event_and_the_zero_comes_first() -> None:
     readings, _ = pull(0.5)
     events = grips(GripDetector(xyz()).process(regular_block(readings, RATE_HZ)))

@@ -88,3 +88,16 @@ def test_no_load_and_impossible_totals_give_finite_forces() -> None:
         forces = rings.taxel_forces()
         assert np.isfinite(forces).all()
         assert np.all(np.hypot(*forces) <= np.array([[0.1], [1.0]]) * np.array(load) * (1 + 1e-9) + 1e-12)
+
+
+@pytest.mark.parametrize("n_steps", [25, 300])
+def test_a_friction_below_the_total_slides_along_it_and_does_not_turn(n_steps: int) -> None:
+    x, y = (a.ravel() for a in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
+    load = np.array([0.5, 1.0, 0.5, 1.0, 2.0, 1.0, 0.5, 1.0, 0.5])
+    rings = RingForces(np.array([MU, 2 * MU]), x, y, mindlin_rings())
+    whole = 1.3 * MU * load.sum()
+    for k in range(n_steps):  # gains that differ make a moment that an even slide has not
+        rings.advance(load, whole * min((k + 1) / 20, 1.0) * np.array([1.0, 0.0, 0.03]))
+    along, across = rings.taxel_forces()[:, 0]
+    np.testing.assert_allclose(along, MU * load, rtol=0.04)
+    assert np.abs(across / (MU * load)).max() < 0.1

@@ -1,0 +1,76 @@
+"""Loads and shears of taxels of which one side has lost its load.
+
+Shear presses one side of a taxel and relieves the opposite one. From where that side bears nothing it reads
+what spreads under its electrodes from its neighbours: its reading then grows with theirs, so that the
+difference of the two sides bends, and their mean grows though the load does not. Friction would bend the
+shear in the same way. The pressed side goes on as before. So from then on, the shear of that axis is taken
+from the pressed side alone, in the proportion that it had, and the load stays where it was, unless the other
+pair of sides shows less.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+
+# Part of the pressed side's reading, below which the opposite one has lost its load: it then reads 0.41 to
+# 0.48 of it (finite elements of the 2019 taxel under 8 to 16 N).
+_RELIEVED = 0.5
+_MOST_SPREAD = (
+    1.3  # of the mean of all sides over the load, where some are relieved: 1.02 to 1.16 on the same
+)
+_LEAST_PRESSED = 0.1  # of the load, by which a side must be pressed for its part of the shear to be known
+_TINY = 1e-12
+
+
+class RelievedSides:
+    """Correction of loads and shears, scan by scan.
+
+    Parameters
+    ----------
+    array : Array
+    """
+
+    def __init__(self, array: Array) -> None:
+        is_side = np.array(array.channel_kind) == "side"
+        shear = -array.shear_weights()
+        self._sides = np.concatenate([np.maximum(shear, 0.0), np.maximum(-shear, 0.0)]) * is_side
+        even = self._sides.sum(axis=2).reshape(2, 2, array.n_taxels)
+        # Arrays whose taxels have no opposed sides need no correction.
+        self._is_needed = bool(np.all(even > 0))
+        # Readings of the sides (half, axis, taxel) under an even load of 1.
+        self._even = np.maximum(even, _TINY)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the contact."""
+        n_taxels = self._even.shape[2]
+        self.relieved = np.zeros((2, n_taxels), dtype=np.bool_)
+        """True for the pairs, by axis and taxel, that are read from one side."""
+        self._load = np.zeros(n_taxels)
+        self._proportion = np.full((2, n_taxels), 2.0)
+
+    def correct(self, response: FloatArray, readings: FloatArray) -> None:
+        """Replace loads and shears (3, taxels) of a scan where readings (channels,) show a relieved side."""
+        if not self._is_needed:
+            return
+        side = (self._sides @ readings).reshape(self._even.shape) / self._even
+        high, low = side.max(axis=0), side.min(axis=0)
+        self.relieved = relieved = low < _RELIEVED * high
+        whole = ~relieved.any(axis=0)
+        held = np.minimum(self._load, _other_pair(side, relieved))
+        self._load = np.where(whole, response[0], np.maximum(held, response[0] / _MOST_SPREAD))
+        pressed = high - self._load
+        known = ~relieved & (pressed > _LEAST_PRESSED * self._load)
+        np.divide(np.abs(response[1:]), pressed, out=self._proportion, where=known)
+        if np.all(whole):
+            return
+        sign = np.where(side[0] >= side[1], 1.0, -1.0)
+        shear = sign * self._proportion * np.maximum(pressed, 0.0)
+        response[1:] = np.where(relieved, shear, response[1:])
+        response[0] = self._load
+
+
+def _other_pair(side: FloatArray, relieved: NDArray[np.bool_]) -> FloatArray:
+    """Return the least load (taxels,) of the pairs without a relieved side; infinite without such a pair."""
+    return np.asarray(np.where(relieved, np.inf, side.mean(axis=0)).min(axis=0))
