@@ -45,13 +45,13 @@ from bench.settings.score import (
 )
 from bench.slip.bench import REPORT_SEED
 from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
-from tactiled.detect.grip.thresholds import Thresholds
+from tactiled.detect.grip.thresholds import SlipThresholds
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
-POSTERIOR_SETTINGS: Mapping[str, Thresholds] = {
-    name: Thresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
+POSTERIOR_SETTINGS: Mapping[str, SlipThresholds] = {
+    name: SlipThresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
 }
 """Settings of the contact model."""
 
@@ -72,7 +72,7 @@ class SettingsFound:
         return grouped(self.events, lambda one: one.case.group)
 
 
-def told_by_posterior(events: Sequence[CaseEvents], at: Thresholds) -> list[Told]:
+def told_by_posterior(events: Sequence[CaseEvents], at: SlipThresholds) -> list[Told]:
     """Slip events of the contact model at some thresholds."""
     return [Told(one.case, one.posterior[at]) for one in events]
 

@@ -30,7 +30,7 @@ from bench.settings.score import (
     slow_told_ahead,
     usual,
 )
-from tactiled.detect.grip.thresholds import Thresholds
+from tactiled.detect.grip.thresholds import SlipThresholds
 from tactiled.detect.slip.detector import SETTINGS
 
 _COLOURS = ("#1f77b4", "#2ca02c", "#ff7f0e", "#d62728")
@@ -86,7 +86,7 @@ def draw_settings(path: Path, found: SettingsFound) -> None:
 def _draw(
     axes: Axes,
     events: Sequence[CaseEvents],
-    curve: Sequence[Thresholds],
+    curve: Sequence[SlipThresholds],
     scores: tuple[Score, Score],
     colour: str,
     label: str,

@@ -10,7 +10,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.grip.detector import ContactScan, GripParams
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.detect.grip.slips import ScanInstant
-from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
+from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
 from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.events.types import SlipEvent
 
@@ -52,7 +52,7 @@ class CaseEvents:
 
     Attributes
     ----------
-    posterior : mapping of Thresholds to list of SlipEvent
+    posterior : mapping of SlipThresholds to list of SlipEvent
         Of the contact model.
     coherent : mapping of str to list of SlipEvent
         Of the detector of docs/slip.md, by setting.
@@ -62,28 +62,28 @@ class CaseEvents:
     """
 
     case: Case
-    posterior: Mapping[Thresholds, Sequence[SlipEvent]]
+    posterior: Mapping[SlipThresholds, Sequence[SlipEvent]]
     coherent: Mapping[str, Sequence[SlipEvent]]
     partial: Reliability
 
 
-def incipient_curve_at(p: float) -> Thresholds:
+def incipient_curve_at(p: float) -> SlipThresholds:
     """Return a point of the curve over the probability of incipient slip."""
-    return Thresholds(p, _OTHER_GROSS_P)
+    return SlipThresholds(p, _OTHER_GROSS_P)
 
 
-def gross_curve_at(p: float) -> Thresholds:
+def gross_curve_at(p: float) -> SlipThresholds:
     """Return a point of the curve over the probability of gross slip."""
-    return Thresholds(_OTHER_INCIPIENT_P, p)
+    return SlipThresholds(_OTHER_INCIPIENT_P, p)
 
 
-def all_thresholds(settings: Sequence[Thresholds]) -> list[Thresholds]:
+def all_thresholds(settings: Sequence[SlipThresholds]) -> list[SlipThresholds]:
     """Return the thresholds of the settings and of both curves."""
     curves = [*map(incipient_curve_at, INCIPIENT_PS), *map(gross_curve_at, GROSS_PS)]
     return list(dict.fromkeys([*settings, *curves]))
 
 
-def run_settings(case: Case, thresholds: Sequence[Thresholds]) -> CaseEvents:
+def run_settings(case: Case, thresholds: Sequence[SlipThresholds]) -> CaseEvents:
     """Run both detectors over a case."""
     posterior, reliability = run_posterior(case, thresholds)
     coherent = {
@@ -94,8 +94,8 @@ def run_settings(case: Case, thresholds: Sequence[Thresholds]) -> CaseEvents:
 
 
 def run_posterior(
-    case: Case, thresholds: Sequence[Thresholds]
-) -> tuple[Mapping[Thresholds, Sequence[SlipEvent]], Reliability]:
+    case: Case, thresholds: Sequence[SlipThresholds]
+) -> tuple[Mapping[SlipThresholds, Sequence[SlipEvent]], Reliability]:
     """Run the contact model once, and all thresholds on its posterior."""
     slips = _CountedSlips(case, thresholds)
     slips.process(case.block)
@@ -105,7 +105,7 @@ def run_posterior(
 class _CountedSlips(SlipsByThreshold):
     """Slip events at each pair of thresholds, and the reliability of the probability of incipient slip."""
 
-    def __init__(self, case: Case, thresholds: Sequence[Thresholds]) -> None:
+    def __init__(self, case: Case, thresholds: Sequence[SlipThresholds]) -> None:
         super().__init__(case.array, GripParams(), thresholds)
         self._case = case
         self.reliability = Reliability()

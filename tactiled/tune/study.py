@@ -24,7 +24,7 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
-from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
+from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.events.types import Event, SlipEvent
@@ -254,7 +254,7 @@ def false_alarms(recording: Recording, params: CoherentParams) -> AlarmCount:
 def reports_by_probability(recording: Recording) -> dict[str, AlarmCount]:
     """Count the slips that each setting of the contact model reports in a recording."""
     settings = {
-        name: Thresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
+        name: SlipThresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
     }
     slips = SlipsByThreshold(recording.array, GripParams(), settings.values())
     bridged = GapBridge(slips)

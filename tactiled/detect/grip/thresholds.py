@@ -12,7 +12,7 @@ from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 
-class Thresholds(NamedTuple):
+class SlipThresholds(NamedTuple):
     """Probabilities from which incipient and gross slip are reported."""
 
     incipient: float
@@ -27,15 +27,15 @@ class SlipsByThreshold:
     array : Array
     params : GripParams
         Of the contact model; its probabilities are not used.
-    thresholds : iterable of Thresholds
+    thresholds : iterable of SlipThresholds
 
     Attributes
     ----------
-    found : mapping of Thresholds to list of SlipEvent
+    found : mapping of SlipThresholds to list of SlipEvent
         Events since the last `reset`.
     """
 
-    def __init__(self, array: Array, params: GripParams, thresholds: Iterable[Thresholds]) -> None:
+    def __init__(self, array: Array, params: GripParams, thresholds: Iterable[SlipThresholds]) -> None:
         self._array, self._params = array, params
         self._thresholds = tuple(thresholds)
         self._grip = GripDetector(array, params)
@@ -43,7 +43,7 @@ class SlipsByThreshold:
 
     def reset(self) -> None:
         """Forget everything seen and found."""
-        self.found: Mapping[Thresholds, list[SlipEvent]] = {at: [] for at in self._thresholds}
+        self.found: Mapping[SlipThresholds, list[SlipEvent]] = {at: [] for at in self._thresholds}
         self._last = ScanInstant(0.0, 0.0, is_valid=False)
         self._rate_hz = 0.0
         self._begin()
@@ -52,7 +52,7 @@ class SlipsByThreshold:
         self._grip.lose_contact()
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
-        self._slips: dict[Thresholds, PosteriorSlips] = {}
+        self._slips: dict[SlipThresholds, PosteriorSlips] = {}
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Take the item; return nothing, since events of different thresholds are no stream."""

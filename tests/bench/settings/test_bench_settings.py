@@ -23,7 +23,7 @@ from bench.settings.score import (
 from tactiled.array import load_array
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.slip_detector import GripSlip
-from tactiled.detect.grip.thresholds import Thresholds
+from tactiled.detect.grip.thresholds import SlipThresholds
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
@@ -118,7 +118,7 @@ def test_reliability_counts_time() -> None:
 
 
 def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings(world: World) -> None:
-    settings = [*POSTERIOR_SETTINGS.values(), Thresholds(0.2, 0.2)]
+    settings = [*POSTERIOR_SETTINGS.values(), SlipThresholds(0.2, 0.2)]
     found, _ = run_posterior(from_world(world), settings)
     assert found[settings[0]]
     for at in settings:

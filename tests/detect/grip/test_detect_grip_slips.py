@@ -9,7 +9,7 @@ from tactiled.array import ArrayFile, Grid, TaxelChannel, build
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.grip.slip_detector import GRIP_SETTINGS, GripSlip
-from tactiled.detect.grip.thresholds import SlipsByThreshold, Thresholds
+from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -196,7 +196,7 @@ def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
 
 
 def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings() -> None:
-    settings = {name: Thresholds(some.incipient_p, some.gross_p) for name, some in GRIP_SETTINGS.items()}
+    settings = {name: SlipThresholds(some.incipient_p, some.gross_p) for name, some in GRIP_SETTINGS.items()}
     block = slide()
     stream: list[ScanBlock | Gap] = [block[:260], Gap(3, "missing", 263), block[263:]]
     together = SlipsByThreshold(ARRAY, KNOWN, settings.values())
