@@ -13,6 +13,10 @@ from tactiled.client.subscriber import Subscription
 from tactiled.client.typed import Topic
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
 
+# After the given time, what waits is printed as well, for so long. On a busy host messages may come faster
+# than they are printed, and there is always one more.
+_LATER_S = 1.0
+
 
 def listen(
     endpoint: str = DEFAULT_ENDPOINT,
@@ -53,7 +57,7 @@ def listen(
         with Subscription(endpoint, cast(Sequence[Topic], topics), board, keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)
-                if item is None:
+                if item is None or (until_s is not None and time.monotonic() > until_s + _LATER_S):
                     print(f"{printed} messages in {timeout_s:g} s", file=err)
                     return 0 if printed and count is None else 1
                 line = _json_line(item)

@@ -218,6 +218,14 @@ def test_listen_ends_when_the_time_is_up(endpoint: str) -> None:
     assert "fresh" in err.getvalue()
 
 
+def test_listen_ends_when_messages_come_faster_than_they_are_printed(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Subscription, "next_item", lambda *_: Fresh())
+    with limit():
+        assert listen(endpoint, timeout_s=0.1, out=io.StringIO(), err=io.StringIO()) == 1
+
+
 def test_listen_reports_values_that_json_cannot_represent(endpoint: str, publisher: Publisher) -> None:
     head: dict[str, Any] = {
         "v": 1,
