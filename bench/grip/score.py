@@ -1,6 +1,5 @@
 """Scores of grip events against the truth of the worlds."""
 
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,8 +36,6 @@ class GripRecord:
         Gross slip begins within each horizon.
     p_bound : (n, 3) float64
         The same forecast from the true utilisation in place of the posterior: what the hand leaves open.
-    spent_s : float
-        Processor time of the contact model.
     """
 
     world: World
@@ -50,7 +47,6 @@ class GripRecord:
     told_gross: NDArray[np.bool_]
     within: NDArray[np.bool_]
     p_bound: FloatArray
-    spent_s: float
 
     @property
     def calm(self) -> NDArray[np.bool_]:
@@ -70,9 +66,7 @@ class GripRecord:
 def tell(world: World, params: GripParams) -> GripRecord:
     """Run the detector over a world."""
     detector = GripDetector(world.array, params)
-    began_s = time.process_time()
     found = detector.process(world.block)
-    spent_s = time.process_time() - began_s
     events = [
         event for event in found if isinstance(event, GripEvent) and event.valid and event.state != "none"
     ]
@@ -92,7 +86,6 @@ def tell(world: World, params: GripParams) -> GripRecord:
         told_gross=np.array([e.state == "gross" for e in events], dtype=np.bool_),
         within=np.stack([next_gross - time_s <= h for h in HORIZONS_S], axis=1),
         p_bound=_bound(world, events, scans),
-        spent_s=spent_s,
     )
 
 

@@ -46,7 +46,7 @@ class GripParams(Params):
     """Switch of the grip messages, and prior of the contact model."""
 
     enabled: bool = Field(
-        default=False, description="a grip message for each scan in contact; costs about 0.4 ms of a core"
+        default=False, description="a grip message for each scan in contact; costs about 0.6 ms of a core"
     )
     friction: float | None = Field(
         default=None,
@@ -144,6 +144,7 @@ class GripDetector:
         self._last_s = 0.0
         self._bad_scans = np.zeros(self._array.n_channels, dtype=np.int64)
         self._dropped = np.zeros(self._array.n_taxels, dtype=np.bool_)
+        self._was_bad = False  # a channel now, or a taxel that is out
         self._n_hold = 1
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
@@ -187,8 +188,8 @@ class GripDetector:
         together = self._at_one_instant(readings, block)
         for scan, volts in enumerate(readings):
             is_trusted = self._take_out(held.ok[scan]) and not late[scan]
-            out = self._responses.taxel_channels[self._dropped].any(axis=0)
-            rows = details.volts[scan] if np.all(usable[scan] | out) else None
+            out = self._responses.taxel_channels[self._dropped].any(axis=0) if self._was_bad else False
+            rows = details.volts[scan] if (usable[scan] | out).all() else None
             yield self._step(volts, together[scan], rows, float(block.time_s[scan]), is_trusted, late[scan])
 
     def _at_one_instant(self, readings: FloatArray, block: ScanBlock) -> FloatArray:
@@ -197,10 +198,12 @@ class GripDetector:
         A board reads its channels one after the other. While shear grows, the taxels that are read last have
         grown the most, by several times what partial slip changes of their shares.
         """
-        previous = readings[0] if self._previous is None else self._previous
+        older = np.empty_like(readings)
+        older[0] = readings[0] if self._previous is None else self._previous
+        older[1:] = readings[:-1]
         self._previous = readings[-1]
         back = np.clip(block.channel_offset_s * block.rate_hz, 0.0, 1.0)
-        return readings - back * np.diff(readings, axis=0, prepend=previous[np.newaxis])
+        return np.asarray(readings - back * (readings - older))
 
     def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
@@ -213,12 +216,15 @@ class GripDetector:
 
         A taxel stays out until the contact ends, because its zero and its share are no longer known.
         """
+        if not self._was_bad and ok.all():
+            return True
         self._bad_scans = np.where(ok, 0, self._bad_scans + 1)
         bad = self._responses.taxel_channels @ (self._bad_scans > self._n_hold)
         dropped = bad | self._dropped if self._touch is not None else bad
         if self._touch is not None and np.any(dropped & ~self._dropped):
             self._friction.spread(_DROPPED_SD)
         self._dropped = dropped
+        self._was_bad = bool(dropped.any() or self._bad_scans.any())
         waits = self._responses.taxel_channels[~dropped] @ ~ok
         return not bool(np.any(waits)) and self.keeps_enough
 
@@ -262,8 +268,10 @@ class GripDetector:
             self._relieved.reset()
             self._friction.end_contact()
             return _no_contact(time_s, valid=is_trusted)
-        if np.any(switched := np.any(self._relieved.relieved != was_relieved, axis=0)):
-            self._touch.model.loosen(switched)
+        if self._relieved.relieved is not was_relieved:
+            switched = (self._relieved.relieved != was_relieved).any(axis=0)
+            if switched.any():
+                self._touch.model.loosen(switched)
         self._touch.take(self._history, shear_sd, total_sd)
         return self._touch.event(time_s, self._radius_mm, self._unit, is_trusted, is_late)
 

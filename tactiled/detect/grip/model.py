@@ -98,8 +98,10 @@ class ContactModel:
 
     def total(self, shear: FloatArray) -> FloatArray:
         """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
-        moment = shear[1] @ self._x - shear[0] @ self._y
-        return np.stack([shear[0].sum(axis=-1), shear[1].sum(axis=-1), moment])
+        total = np.empty((3, *shear.shape[1:-1]))
+        np.add.reduce(shear, axis=-1, out=total[:2])
+        total[2] = shear[1] @ self._x - shear[0] @ self._y
+        return total
 
     def follow(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
         """Take the ratio (3,) of total shear and moment over load."""
