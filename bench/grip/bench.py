@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.grip.ablation import ABLATIONS, WHOLE, without
 from bench.grip.bound import bounds
-from bench.grip.cost import ARRAY_SIDE, ScanCost, cost_rows, scan_costs
+from bench.grip.cost import SHIPPED, ScanCost, cost_rows, scan_costs
 from bench.grip.score import (
     GripRecord,
     by_hand,
@@ -64,7 +64,7 @@ class GripFound:
 
     told: list[GripRecord]
     informed: list[GripRecord]
-    costs: dict[str, dict[int, ScanCost]]
+    costs: dict[str, dict[str, ScanCost]]
 
     @property
     def usual(self) -> list[GripRecord]:
@@ -120,7 +120,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             table(_row(name, some) for name, some in grouped(found.usual, lambda t: t.world.law).items()),
             "Calibration of p_gross_300ms over scans without gross slip.",
             table(_reliability(found.usual)),
-            "Processor time of a scan while shear grows, 100 Hz, by number of taxels. "
+            "Processor time of a scan while shear grows, 100 Hz. "
             "Hot: scan after scan; live: a scan each 10 ms.",
             table(cost_rows(found.costs)),
             *_ablation(ablated),
@@ -286,7 +286,7 @@ def _cost(way: str, most_us: float) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
         if way not in found.costs:
             return judge(NONE, False, is_open=True)
-        cost = found.costs[way][ARRAY_SIDE**2]
+        cost = found.costs[way][SHIPPED]
         return judge(f"{cost.hot_us:.0f} us hot, {cost.live_us:.0f} us live", cost.hot_us <= most_us)
 
     return measure

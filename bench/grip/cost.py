@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled import compiled
-from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build
+from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.samples.block import ScanBlock, regular_block
 
-SIDES = (1, 3, 4, 8)  # taxels along the side of a square
-ARRAY_SIDE = 3  # of the 2019 array
+SIDES = (1, 3, 4, 8)  # taxels along the side of a square, each with a load and two shears
+SHIPPED = "wang2019-3x3"
 RATE_HZ = 100.0
 WAYS = ("compiled", "numpy")
 _SETTLED_SCANS, _SCANS = 250, 200  # until shear grows, and measured from then on
@@ -31,15 +31,15 @@ class ScanCost(NamedTuple):
     live_us: float
 
 
-def scan_costs() -> dict[str, dict[int, ScanCost]]:
-    """Return the cost by way and number of taxels; without a library, on numpy only."""
+def scan_costs() -> dict[str, dict[str, ScanCost]]:
+    """Return the cost by way and array; without a library, on numpy only."""
     ways = WAYS if compiled.path.functions is not None else WAYS[1:]
-    return {way: {side**2: _measure(way, side) for side in SIDES} for way in ways}
+    arrays = {SHIPPED: load_array(SHIPPED)} | {f"{side} x {side}": _square(side) for side in SIDES}
+    return {way: {name: _measure(way, array) for name, array in arrays.items()} for way in ways}
 
 
-def _measure(way: str, side: int) -> ScanCost:
+def _measure(way: str, array: Array) -> ScanCost:
     with _on(way):
-        array = _square(side)
         touch = _touch(array)
         blocks = [touch[k : k + 1] for k in range(len(touch))]
         return ScanCost(_spent_us(array, blocks, 0.0), _spent_us(array, blocks, 1.0 / RATE_HZ))
@@ -76,14 +76,17 @@ def _square(side: int) -> Array:
 def _touch(array: Array) -> ScanBlock:
     """Return a press, then shear that grows until the end; loads are uneven, and shear goes as stiffness."""
     rng = np.random.default_rng(0)
-    n, n_taxels = _SETTLED_SCANS + _SCANS, array.n_taxels
-    load = rng.uniform(0.5, 1.5, n_taxels)
-    pressed = np.clip(np.arange(n) / RATE_HZ - 0.5, 0.0, 1.0)
-    sheared = 0.4 * np.clip((np.arange(n) - _SETTLED_SCANS) / _SCANS, 0.0, 1.0)
-    volts = np.zeros((n, n_taxels, 3))
-    volts[..., 0] = -sheared[:, np.newaxis] * np.cbrt(load)
-    volts[..., 2] = pressed[:, np.newaxis] * load
-    return regular_block(volts.reshape(n, -1) + _NOISE_V * rng.standard_normal((n, 3 * n_taxels)), RATE_HZ)
+    scans = np.arange(_SETTLED_SCANS + _SCANS)[:, np.newaxis]
+    load = rng.uniform(0.5, 1.5, array.n_taxels)[array.channel_taxel]
+    pressed = np.clip(scans / RATE_HZ - 0.5, 0.0, 1.0) * load
+    sheared = 0.4 * np.clip((scans - _SETTLED_SCANS) / _SCANS, 0.0, 1.0) * np.cbrt(load)
+    # What a channel shows of a load, and of a shear along x.
+    shows = {"normal": (1.0, 0.0), "shear_x": (0.0, 1.0), "shear_y": (0.0, 0.0)}
+    volts = _NOISE_V * rng.standard_normal(pressed.shape)
+    for c, kind in enumerate(array.channel_kind):
+        of_load, of_shear = shows.get(kind, (1.0, float(np.cos(np.radians(array.azimuth_deg[c])))))
+        volts[:, c] += of_load * pressed[:, c] + of_shear * sheared[:, c]
+    return regular_block(volts, RATE_HZ)
 
 
 def _spent_us(array: Array, blocks: list[ScanBlock], pause_s: float) -> float:
@@ -100,11 +103,11 @@ def _spent_us(array: Array, blocks: list[ScanBlock], pause_s: float) -> float:
     return 1e6 * spent_s / _SCANS
 
 
-def cost_rows(costs: dict[str, dict[int, ScanCost]]) -> Iterator[dict[str, str]]:
-    """Yield a row for each number of taxels."""
-    for n_taxels in costs["numpy"]:
-        yield {"taxels": f"{n_taxels}"} | {
+def cost_rows(costs: dict[str, dict[str, ScanCost]]) -> Iterator[dict[str, str]]:
+    """Yield a row for each array."""
+    for name in costs["numpy"]:
+        yield {"array": name} | {
             f"{way}, {kind} (us)": f"{value:.0f}"
             for way, found in costs.items()
-            for kind, value in zip(("hot", "live"), found[n_taxels], strict=True)
+            for kind, value in zip(("hot", "live"), found[name], strict=True)
         }

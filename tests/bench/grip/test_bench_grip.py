@@ -6,7 +6,7 @@ import pytest
 from bench.grip.ablation import ABLATIONS, without
 from bench.grip.bench import AIMS, GripFound
 from bench.grip.bound import PRIOR_SD, shares, utilisation_sd
-from bench.grip.cost import ScanCost, cost_rows
+from bench.grip.cost import SHIPPED, ScanCost, cost_rows
 from bench.grip.score import (
     GripRecord,
     alarms,
@@ -118,14 +118,14 @@ def test_an_alarm_has_hysteresis(worlds: list[World]) -> None:
 
 def test_every_aim_measures_the_model_on_worlds(worlds: list[World]) -> None:
     told = [tell(world, GripParams()) for world in worlds[:4]]
-    costs = {"numpy": {9: ScanCost(400.0, 1100.0)}, "compiled": {9: ScanCost(101.0, 600.0)}}
+    costs = {"numpy": {SHIPPED: ScanCost(400.0, 1100.0)}, "compiled": {SHIPPED: ScanCost(101.0, 600.0)}}
     found = GripFound(told, told, costs)
     for aim in AIMS:
         assert aim.measure(found).verdict in ("met", "open", "MISSED")
     assert [aim.measure(found).verdict for aim in AIMS[-2:]] == ["MISSED", "met"]
     assert list(cost_rows(costs)) == [
         {
-            "taxels": "9",
+            "array": SHIPPED,
             "numpy, hot (us)": "400",
             "numpy, live (us)": "1100",
             "compiled, hot (us)": "101",
