@@ -210,14 +210,17 @@ def test_a_scan_that_comes_alone_is_published_once_and_before_the_detectors_see_
             now_s,
             lambda event: order.append(event.topic),
             lambda _data, found, _now_s: outputs.append([e.topic for e in found if isinstance(e, Event)]),
+            lambda: order.append("offer"),
         )
-        assert outputs == [[topic for topic in order if topic != "detectors"]]
+        assert outputs == [[topic for topic in order if topic not in ("detectors", "offer")]]
         return list(order)
 
     link.opened(100.0)
     assert receive(encode(sim.hello()) + stream(sim, 1, 0), 100.5)[:2] == ["detectors", "scan"]
-    assert receive(stream(sim, 1, 10_000), 100.51)[:2] == ["scan", "detectors"]
-    assert receive(stream(sim, 2, 20_000), 100.53)[0] == "detectors"
+    assert receive(stream(sim, 1, 10_000), 100.51)[:3] == ["scan", "offer", "detectors"]
+    several = receive(stream(sim, 2, 20_000), 100.53)
+    assert several[0] == "detectors"
+    assert "offer" not in several
     another = replace(sim.hello(), board_serial="TS0002")
     assert receive(encode(another) + stream(sim, 1, 40_000), 100.54)[0] == "detectors"
 
