@@ -18,7 +18,7 @@ from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent, new_event
 from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
-from tactiled.samples.assembler import Assembler, SampleParams, SoleScan
+from tactiled.samples.assembler import Assembler, SampleParams, WaitingScan
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.samples.rate import RateMeter
 from tactiled.tomlfile import Params
@@ -116,9 +116,9 @@ class Pipeline:
         )
         self._meter = RateMeter()
         force = build_force(array, params.calibration) if params.force else None
-        self.announce: Callable[[ScanEvent], None] | None = None
-        """Takes the event of a scan before the detectors run, where a read completes this scan and nothing
-        else; the event is among the outputs of the read, too."""
+        self.announce: Callable[[list[ScanEvent]], None] | None = None
+        """Takes the events of the scans of a read before the detectors run, where the read completes
+        consecutive scans and nothing else; they are among the outputs of `receive_data`, too."""
         self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker), force)
         self.reset()
 
@@ -339,10 +339,10 @@ class Pipeline:
         """Run the detectors on the scans received, and give the outputs to the reads that completed them."""
         origins, self._origins = self._origins, []
         n_done = 0
-        if self.announce is not None and len(origins) == 1 and not origins[0].out:
-            sole = self._assembler.sole()
-            if sole is not None:
-                self._flush_sole(self.announce, sole, origins[0])
+        if self.announce is not None and origins and not origins[0].out:
+            waiting = self._assembler.waiting()
+            if waiting:
+                self._flush_announced(self.announce, waiting, origins[0])
                 return
         for item in self._assembler.flush():
             found = self._note(self.tuning.process(item))
@@ -359,23 +359,26 @@ class Pipeline:
                 for origin, event in zip(part, scan_events(item, part), strict=True):
                     origin.out.append(event)
 
-    def _flush_sole(
-        self, announce: Callable[[ScanEvent], None], sole: SoleScan, origin: "_ScanOrigin"
+    def _flush_announced(
+        self, announce: Callable[[list[ScanEvent]], None], waiting: list[WaitingScan], origin: "_ScanOrigin"
     ) -> None:
-        """Announce a scan, run the detectors on it, and give it and what they found to its read."""
-        scan = new_event(
-            ScanEvent,
-            time_s=sole.time_s,
-            index=sole.index,
-            volts=sole.volts,
-            valid=sole.valid,
-            time_sd_s=sole.time_sd_s,
-            age_s=origin.now_s - sole.time_s,
-            late=sole.late,
-        )
-        announce(scan)  # before the block is made, which takes as long as what was done for the scan by now
+        """Announce the scans of a read, run the detectors on them, and give both to the read."""
+        scans = [
+            new_event(
+                ScanEvent,
+                time_s=scan.time_s,
+                index=scan.index,
+                volts=scan.volts,
+                valid=scan.valid,
+                time_sd_s=scan.time_sd_s,
+                age_s=origin.now_s - scan.time_s,
+                late=scan.late,
+            )
+            for scan in waiting
+        ]
+        announce(scans)  # before the block is made, which takes as long as what was done for a scan by now
         found = [event for block in self._assembler.flush() for event in self.tuning.process(block)]
-        origin.out.extend(in_order([scan], self._note(found)))
+        origin.out.extend(in_order(scans, self._note(found)))
 
     def _note(self, events: list[Event]) -> list[Event]:
         """Keep the state of contact and slip for `health`; returns the events."""

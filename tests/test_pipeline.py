@@ -339,12 +339,15 @@ def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) ->
     ]
 
 
-def test_a_scan_that_comes_alone_is_announced_and_the_outputs_are_the_same() -> None:
+@pytest.mark.parametrize("size", [1, 3])
+def test_scans_that_come_alone_are_announced_and_the_outputs_are_the_same(size: int) -> None:
     plain, announcing = Pipeline(LAYOUT, ARRAY), Pipeline(LAYOUT, ARRAY)
     n_announced = 0
-    for data, now_s in spoiled_reads():
+    reads = spoiled_reads()
+    joined = [reads[k : k + size] for k in range(0, len(reads), size)]
+    for data, now_s in [(b"".join(data for data, _ in some), some[-1][1]) for some in joined]:
         announced: list[ScanEvent] = []
-        announcing.announce = announced.append
+        announcing.announce = announced.extend
         outputs = announcing.receive_data(data, now_s)
         assert outputs == plain.receive_data(data, now_s)
         assert announced in ([], [output for output in outputs if isinstance(output, ScanEvent)])

@@ -52,8 +52,8 @@ class SampleCounts:
 
 
 @dataclass(slots=True)
-class SoleScan:
-    """The only scan since the last flush, before its block is made; names as in `ScanBlock`."""
+class WaitingScan:
+    """Scan since the last flush, before its block is made; names as in `ScanBlock`."""
 
     index: int
     volts: tuple[float, ...]
@@ -343,21 +343,27 @@ class Assembler:
         self._n_scans += 1
         return True
 
-    def sole(self) -> SoleScan | None:
-        """Return the scan that came since the last flush; None where more came, or a gap."""
-        if len(self._rows) != 1 or self._out:
-            return None
-        [(scan, time_s, sd_s, late)] = self._rows
-        if self._in_range is None and not scan.flags & self._fault_flag:
+    def waiting(self) -> list[WaitingScan]:
+        """Return the scans since the last flush; none where a gap came, too."""
+        rows = self._rows
+        if not rows or self._out:
+            return []
+        if len(rows) == 1 and self._in_range is None and not rows[0].scan.flags & self._fault_flag:
             # As `_readings` has it, without the time of small arrays, which the subscriber would wait for.
+            [(scan, time_s, sd_s, late)] = rows
             counts: list[int] = scan.counts.tolist()
             per_count, full_count = self._per_count, self._full_count
             volts = tuple([count * per_count for count in counts])
             valid = tuple([count < full_count for count in counts])
-        else:
-            of_one, is_valid = self._readings(self._rows)
-            volts, valid = tuple(of_one[0].tolist()), tuple(is_valid[0].tolist())
-        return SoleScan(self._index, volts, valid, time_s, sd_s, late)
+            return [WaitingScan(self._index, volts, valid, time_s, sd_s, late)]
+        of_all, are_valid = self._readings(rows)
+        numbered = enumerate(
+            zip(rows, of_all.tolist(), are_valid.tolist(), strict=True), self._index - len(rows) + 1
+        )
+        return [
+            WaitingScan(index, tuple(volts), tuple(valid), row.time_s, row.time_sd_s, row.late)
+            for index, (row, volts, valid) in numbered
+        ]
 
     def flush(self) -> list[ScanBlock | Gap]:
         """Return complete blocks and gaps, in order."""

@@ -83,13 +83,13 @@ class BoardLink:
         now_s : float
             Host monotonic seconds at which the bytes were read.
         publish : callable
-            Takes each event of the accepted board, in order, before this method returns. A scan that comes
-            alone is published before the detectors run, so that it does not wait for them.
+            Takes each event of the accepted board, in order, before this method returns. Scans of a read
+            that completes nothing else are published before the detectors run, so that they do not wait.
         record : callable, optional
             See `RecordRead`; called before any other event is published, and also when the pipeline raises,
             because the bytes that made it fail are the ones to look at later.
         announced : callable, optional
-            Called after a scan that came alone was published, before the detectors run.
+            Called after such scans were published, before the detectors run.
 
         Returns
         -------
@@ -97,13 +97,14 @@ class BoardLink:
             To be sent to the board.
         """
         session, outputs = self.session, list[Output]()
-        published: Event | None = None
+        n_published = 0  # of the scans, which are the first outputs
 
-        def announce(scan: ScanEvent) -> None:
-            nonlocal published
+        def announce(scans: list[ScanEvent]) -> None:
+            nonlocal n_published
             if session.accepted:
-                published = scan
-                publish(scan)
+                n_published += len(scans)
+                for scan in scans:
+                    publish(scan)
                 announced()
 
         self.pipeline.announce = announce
@@ -119,8 +120,11 @@ class BoardLink:
         for item in outputs:
             if isinstance(item, Event):
                 if session.accepted:
-                    scanned = scanned or isinstance(item, ScanEvent)
-                    if item is not published:
+                    is_scan = isinstance(item, ScanEvent)
+                    scanned = scanned or is_scan
+                    if is_scan and n_published:
+                        n_published -= 1
+                    else:
                         publish(item)
             elif isinstance(item, Hello):
                 commands += session.greeted(item, now_s)

@@ -190,7 +190,7 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
     assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
 
 
-def test_a_scan_that_comes_alone_is_published_once_and_before_the_detectors_see_it(
+def test_scans_that_come_alone_are_published_once_and_before_the_detectors_see_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     sim, link, order = SimBoard(), bare_link(), list[str]()
@@ -218,11 +218,12 @@ def test_a_scan_that_comes_alone_is_published_once_and_before_the_detectors_see_
     link.opened(100.0)
     assert receive(encode(sim.hello()) + stream(sim, 1, 0), 100.5)[:2] == ["detectors", "scan"]
     assert receive(stream(sim, 1, 10_000), 100.51)[:3] == ["scan", "offer", "detectors"]
-    several = receive(stream(sim, 2, 20_000), 100.53)
-    assert several[0] == "detectors"
-    assert "offer" not in several
+    assert receive(stream(sim, 2, 20_000), 100.53)[:4] == ["scan", "scan", "offer", "detectors"]
+    behind_hello = receive(stream(sim, 2, 40_000) + encode(sim.hello()) + stream(sim, 1, 60_000), 100.56)
+    assert behind_hello[:4] == ["scan", "scan", "offer", "detectors"]
+    assert behind_hello.count("scan") == 3
     another = replace(sim.hello(), board_serial="TS0002")
-    assert receive(encode(another) + stream(sim, 1, 40_000), 100.54)[0] == "detectors"
+    assert receive(encode(another) + stream(sim, 1, 70_000), 100.57)[0] == "detectors"
 
 
 def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
