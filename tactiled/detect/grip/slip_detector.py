@@ -49,7 +49,7 @@ class GripSlip:
     >>> for event in GripSlip(array).process(regular_block(volts, 100.0)):
     ...     if event.topic == "slip" and event.state == "onset":
     ...         print(f"{event.detected_s:.2f} s: {event.kind}, since {event.onset_s:.2f} s")
-    4.13 s: incipient, since 4.08 s
+    4.32 s: incipient, since 4.15 s
     """
 
     def __init__(self, array: Array, params: GripParams | None = None) -> None:
