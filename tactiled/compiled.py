@@ -45,6 +45,7 @@ _DECLARED = {
     "grip": ("i", "sppppppprrriip"),
     "wander": ("", "ssspppppppppppri"),
     "shares": ("", "ssppppppppprrrr"),
+    "relieve": ("", "ssppppppppp"),
     "rings": ("", "sssppppppppsppp"),
 }
 

@@ -59,6 +59,44 @@ API void tactiled_load_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, 
     }
 }
 
+/* Correct the response (3, taxels) of a scan where sides are relieved: `RelievedSides.correct`.
+ *
+ * Sides (half, axis, taxel) have `weights` of the channels `own`, both (n, 4, taxels), and readings `even` (4, taxels)
+ * under an even load of 1. `numbers`: part of the other side below which a side is relieved, most spread, least
+ * pressed part. load (taxels) and proportion (2, taxels) are kept. relieved (2, taxels). */
+API void tactiled_relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *even,
+                          const real *numbers, real *load, real *proportion, const real *readings, real *response,
+                          uint8_t *relieved)
+{
+    for (ptrdiff_t t = 0; t < taxels; t++) {
+        real side[4], high[2], other = INFINITY;
+        for (ptrdiff_t s = 0; s < 4; s++) {
+            ptrdiff_t i = s * taxels + t;
+            side[s] = 0;
+            for (ptrdiff_t k = i; k < 4 * taxels * n; k += 4 * taxels)
+                side[s] += weights[k] * readings[own[k]];
+            side[s] /= even[i];
+        }
+        for (int a = 0; a < 2; a++) {
+            high[a] = at_least(side[a], side[2 + a]);
+            relieved[a * taxels + t] = at_most(side[a], side[2 + a]) < numbers[0] * high[a];
+            if (!relieved[a * taxels + t])
+                other = at_most((side[a] + side[2 + a]) / 2, other);
+        }
+        int whole = !relieved[t] && !relieved[taxels + t];
+        load[t] = whole ? response[t] : at_least(response[t] / numbers[1], at_most(load[t], other));
+        for (int a = 0; a < 2; a++) {
+            real *shear = response + (1 + a) * taxels + t, *share = proportion + a * taxels + t;
+            real pressed = high[a] - load[t];
+            if (relieved[a * taxels + t])
+                *shear = (side[a] >= side[2 + a] ? 1 : -1) * *share * at_least(pressed, 0);
+            else if (pressed > numbers[2] * load[t])
+                *share = fabs(*shear) / pressed;
+        }
+        response[t] = load[t];
+    }
+}
+
 static real noise_of(real mean_abs, real per_sd, real step, real per_rounding, real floor)
 {
     real noise = mean_abs / per_sd, rounding = (step < INFINITY ? step : 0) / per_rounding;

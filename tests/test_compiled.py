@@ -24,6 +24,7 @@ from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.friction import FrictionPosterior
 from tactiled.detect.grip.model import ContactModel, Grip
 from tactiled.detect.grip.observe import FLOOR_LEVELS, NoiseFloor, Responses
+from tactiled.detect.grip.relief import RelievedSides
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
@@ -197,6 +198,7 @@ def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(array: Arra
     rng = np.random.default_rng(seed)
     responses = of_both(lambda: Responses(array))
     floors = of_both(lambda: NoiseFloor(array.n_channels, 2.0**-20))
+    sides = of_both(lambda: RelievedSides(array))
     size = rng.choice([0.0, 2.0**-20, 1e-3, 8.0], array.n_channels)
     for _ in range(40):
         volts = np.rint(size * rng.standard_normal(array.n_channels) * 2**20) / 2**20
@@ -206,6 +208,11 @@ def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(array: Arra
         assert is_same(floors[0].sd(), floors[1].sd())
         assert is_same(responses[0].of(volts), responses[1].of(volts))
         assert responses[0].noise(floors[0].sd()) == responses[1].noise(floors[1].sd())
+        corrected = [responses[0].of(volts) for _ in sides]
+        for one, response in zip(sides, corrected, strict=True):
+            one.correct(response, volts)
+        assert is_same(*corrected)
+        assert is_same(sides[0].relieved, sides[1].relieved)
 
 
 @needs_library

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pywt
+from numpy.typing import NDArray
 
 from tactiled import compiled
 from tactiled.array import Array, FloatArray
@@ -74,6 +75,27 @@ def noise_gain(level: int) -> float:
     return float(np.sqrt((approximation_taps(level) ** 2).sum()))
 
 
+def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the few channels that make each response, and their weights.
+
+    Parameters
+    ----------
+    weights : (kinds, taxels, channels) float64
+
+    Returns
+    -------
+    (n, kinds, taxels) int64, (n, kinds, taxels) float64
+        Indices and weights; a weight is 0 where a response has fewer channels.
+    """
+    n_most = max(1, int(np.count_nonzero(weights, axis=2).max()))
+    own = np.argsort(weights == 0, axis=2, kind="stable")[..., :n_most]
+    own_weights = np.take_along_axis(weights, own, axis=2)
+    return (
+        np.ascontiguousarray(own.transpose(2, 0, 1), dtype=np.int64),
+        np.ascontiguousarray(own_weights.transpose(2, 0, 1)),
+    )
+
+
 class Responses:
     """Weights that make loads and shears of the taxels out of readings.
 
@@ -96,16 +118,11 @@ class Responses:
     def __init__(self, array: Array) -> None:
         self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
         n_taxels = self.weights.shape[1]
-        # Few channels make a response: their indices and weights (channels of a response, 3, taxels).
-        n_most = max(1, int(np.count_nonzero(self.weights, axis=2).max()))
-        self._own = np.argsort(self.weights == 0, axis=2, kind="stable")[..., :n_most]
-        own_weights = np.take_along_axis(self.weights, self._own, axis=2)
-        self._own = np.ascontiguousarray(self._own.transpose(2, 0, 1), dtype=np.int64)
-        self._own_weights = np.ascontiguousarray(own_weights.transpose(2, 0, 1))
+        self._own, self._own_weights = own_channels(self.weights)
         self._compiled: Callable[..., None] | None = None
         self._compiled_noise: Callable[..., None] | None = None
         if (library := compiled.library()) is not None:
-            fixed = n_taxels, n_most, self._own, self._own_weights
+            fixed = n_taxels, len(self._own), self._own, self._own_weights
             self._compiled = compiled.bind(library.tactiled_loads, *fixed)
             self._compiled_noise = compiled.bind(library.tactiled_load_noise, *fixed)
         self.taxel_channels = np.any(self.weights != 0, axis=0)

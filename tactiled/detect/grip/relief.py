@@ -8,10 +8,14 @@ from the pressed side alone, in the proportion that it had, and the load stays w
 pair of sides shows less.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled import compiled
 from tactiled.array import Array, FloatArray
+from tactiled.detect.grip.observe import own_channels
 
 # Part of the pressed side's reading, below which the opposite one has lost its load: it then reads 0.41 to
 # 0.48 of it (finite elements of the 2019 taxel under 8 to 16 N).
@@ -24,7 +28,7 @@ _TINY = 1e-12
 
 
 class RelievedSides:
-    """Correction of loads and shears, scan by scan.
+    """Correction of loads and shears, scan by scan; `compiled_grip.c` does the same with the same bits.
 
     Parameters
     ----------
@@ -34,32 +38,45 @@ class RelievedSides:
     def __init__(self, array: Array) -> None:
         is_side = np.array(array.channel_kind) == "side"
         shear = -array.shear_weights()
-        self._sides = np.concatenate([np.maximum(shear, 0.0), np.maximum(-shear, 0.0)]) * is_side
-        even = self._sides.sum(axis=2).reshape(2, 2, array.n_taxels)
+        sides = np.concatenate([np.maximum(shear, 0.0), np.maximum(-shear, 0.0)]) * is_side
+        even = sides.sum(axis=2).reshape(2, 2, array.n_taxels)
+        self._own, self._weights = own_channels(sides)
         # Arrays whose taxels have no opposed sides need no correction.
         self._is_needed = bool(np.all(even > 0))
         # Readings of the sides (half, axis, taxel) under an even load of 1.
         self._even = np.maximum(even, _TINY)
+        self._load = np.zeros(array.n_taxels)
+        self._proportion = np.zeros((2, array.n_taxels))
+        self._compiled: Callable[..., None] | None = None
+        if (library := compiled.library()) is not None:
+            # Arrays whose addresses are bound must live as long as this object.
+            self._numbers = np.array([_RELIEVED, _MOST_SPREAD, _LEAST_PRESSED])
+            kept = self._own, self._weights, self._even, self._numbers, self._load, self._proportion
+            self._compiled = compiled.bind(library.tactiled_relieve, array.n_taxels, len(self._own), *kept)
         self.reset()
 
     def reset(self) -> None:
         """Forget the contact."""
-        n_taxels = self._even.shape[2]
-        self.relieved = np.zeros((2, n_taxels), dtype=np.bool_)
+        self.relieved = np.zeros_like(self._proportion, dtype=np.bool_)
         """True for the pairs, by axis and taxel, that are read from one side."""
-        self._load = np.zeros(n_taxels)
-        self._proportion = np.full((2, n_taxels), 2.0)
+        self._load[:] = 0.0
+        self._proportion[:] = 2.0
 
     def correct(self, response: FloatArray, readings: FloatArray) -> None:
         """Replace loads and shears (3, taxels) of a scan where readings (channels,) show a relieved side."""
         if not self._is_needed:
             return
-        side = (self._sides @ readings).reshape(self._even.shape) / self._even
+        if self._compiled is not None:
+            self.relieved = np.empty_like(self.relieved)
+            readings = compiled.dense(readings, np.float64)
+            self._compiled(*(compiled.address(values) for values in (readings, response, self.relieved)))
+            return
+        side = (self._weights * readings[self._own]).sum(axis=0).reshape(self._even.shape) / self._even
         high, low = side.max(axis=0), side.min(axis=0)
         self.relieved = relieved = low < _RELIEVED * high
         whole = ~relieved.any(axis=0)
         held = np.minimum(self._load, _other_pair(side, relieved))
-        self._load = np.where(whole, response[0], np.maximum(held, response[0] / _MOST_SPREAD))
+        self._load[:] = np.where(whole, response[0], np.maximum(held, response[0] / _MOST_SPREAD))
         pressed = high - self._load
         known = ~relieved & (pressed > _LEAST_PRESSED * self._load)
         np.divide(np.abs(response[1:]), pressed, out=self._proportion, where=known)
