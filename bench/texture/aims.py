@@ -201,6 +201,11 @@ AIMS: tuple[Aim[Found], ...] = (
         f"at most {1e3 * _WRONG:g} in 1000",
         partial(_rarely_wrong, "strays", None),
     ),
+    Aim(
+        "learnt strays of 0.05 to 0.3 rad: wrong answers",
+        f"at most {1e3 * _WRONG:g} in 1000",
+        partial(_rarely_wrong, "learnt strays", None),
+    ),
     Aim("grooves that change are noticed", f"within {NOTICED_S:g} s", _noticed),
     Aim(
         f"plates drawn at random: windows of {max(DRAWN_WINDOWS_S):g} s refused",

@@ -177,7 +177,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
         ),
         "strays": BenchPart(1.8 * sizes.arrays, stray_trials, list(itertools.product(STRAY_KINDS, strayed))),
         "learnt strays": BenchPart(
-            35.0 * sizes.learnt, learnt_trials, list(itertools.product(LEARNT_KINDS, learnt))
+            50.0 * sizes.learnt, learnt_trials, list(itertools.product(LEARNT_KINDS, learnt))
         ),
         "changes": BenchPart(1.0 * sizes.tracks, change_trials, list(itertools.product(CHANGES, tracked))),
     }

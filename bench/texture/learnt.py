@@ -1,11 +1,13 @@
 """Slide after slide with one array: what is learnt of the strays of its channels, and whether that misleads.
 
-The strays of an array are constants of its skin, by one of three causes, or none of them:
+The strays of an array are constants of its skin, by one of these causes, or none of them:
 
 - phase: a loss angle of the rubber, the same at every frequency (radians)
-- offset: a misplaced chip (mm, along x and y), whose phase is the wave vector times the offset
+- offset: each channel is misplaced (mm, along x and y); the phase is the wave vector times the offset
+- chip offset: the same with one offset for all channels of a taxel
 - delay: a time constant (s), whose phase is proportional to the frequency of the ripple
-- redrawn: strays are drawn anew for each slide; there is nothing to learn
+- half phase: half of the variance is a phase, the other half is drawn anew for each slide
+- redrawn: all strays are drawn anew for each slide; there is nothing to learn
 
 Offsets and delays are drawn so that phases stray by the stated radians at a period of 1.5 mm and at 3 Hz.
 Windows are of 2 to 5 s at 10 to 30 dB. The ways from slide to slide:
@@ -28,7 +30,7 @@ from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, MIN_PERIODS, Trial, co
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
 
-Cause = Literal["phase", "offset", "delay", "redrawn"]
+Cause = Literal["phase", "offset", "chip offset", "delay", "half phase", "redrawn"]
 Way = Literal["one direction", "turned"]
 SpeedKnown = Literal["speed known", "speed unknown", "speed known once"]
 SLIDES = 11
@@ -55,7 +57,7 @@ class LearntKind(NamedTuple):
 
 _RADS = (0.05, 0.1, 0.13, 0.2, 0.3)
 _WAYS: tuple[Way, ...] = ("one direction", "turned")
-_CAUSES: tuple[Cause, ...] = ("phase", "offset", "delay", "redrawn")
+_CAUSES: tuple[Cause, ...] = ("phase", "offset", "chip offset", "delay", "half phase", "redrawn")
 _SPEEDS: tuple[SpeedKnown, ...] = ("speed known", "speed unknown", "speed known once")
 LEARNT_KINDS = tuple(LearntKind(*each) for each in product(_CAUSES, _RADS, _WAYS, _SPEEDS))
 
@@ -74,13 +76,13 @@ def learnt_trials(kind: LearntKind, seeds: Sequence[int]) -> list[Trial]:
         # Each kind has arrays of its own; the way the speed is known does not change the slides.
         words = f"{kind.cause} {kind.stray_rad:g} {kind.way}"
         rng = np.random.default_rng([seed, *words.encode()])
-        skin = _draw_skin(rng)
+        skin = _draw_skin(rng, kind.cause)
         gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
         layout, first = channel_layout(ARRAY), None
         for before in range(SLIDES):
             grating = _draw_slide(rng, first, kind.way)
             first = first or grating.wave
-            skin = _draw_skin(rng) if kind.cause == "redrawn" else skin
+            skin = _redrawn(skin, rng, kind.cause)
             grating = _with_strays(grating, gain, kind.stray_rad * _strays(kind.cause, skin, grating.wave))
             wave, volts = grating.wave, readings(grating, rng)
             is_known = kind.speed == "speed known" or (kind.speed == "speed known once" and not before)
@@ -95,8 +97,18 @@ def learnt_trials(kind: LearntKind, seeds: Sequence[int]) -> list[Trial]:
     return trials
 
 
-def _draw_skin(rng: np.random.Generator) -> _Skin:
-    return _Skin(rng.standard_normal(ARRAY.n_channels), rng.standard_normal(ARRAY.n_channels))
+def _draw_skin(rng: np.random.Generator, cause: Cause) -> _Skin:
+    draws = rng.standard_normal((2, ARRAY.n_channels))
+    if cause == "chip offset":
+        draws = rng.standard_normal((2, len(ARRAY.x_mm)))[:, ARRAY.channel_taxel]
+    return _Skin(*draws)
+
+
+def _redrawn(skin: _Skin, rng: np.random.Generator, cause: Cause) -> _Skin:
+    """Draw anew what does not repeat: all of it, half of the variance (as `other`), or nothing."""
+    if cause == "redrawn":
+        return _draw_skin(rng, cause)
+    return skin._replace(other=rng.standard_normal(ARRAY.n_channels)) if cause == "half phase" else skin
 
 
 def _draw_slide(rng: np.random.Generator, first: Wave | None, way: Way) -> Grating:
@@ -123,13 +135,13 @@ def _next_wave(rng: np.random.Generator, drawn: Wave, first: Wave | None, way: W
 
 def _strays(cause: Cause, skin: _Skin, wave: Wave) -> FloatArray:
     """Strays of the channels on a slide, of standard deviation 1 where they are stated: (channels,)."""
-    if cause == "offset":
+    if cause in ("offset", "chip offset"):
         angle = np.radians(wave.angle_deg)
         along = np.cos(angle) * skin.one + np.sin(angle) * skin.other
         return np.asarray(along * _AT_MM / wave.period_mm)
     if cause == "delay":
         return skin.one * abs(wave.frequency_hz) / _AT_HZ
-    return skin.one
+    return (skin.one + skin.other) / np.sqrt(2) if cause == "half phase" else skin.one
 
 
 def _with_strays(grating: Grating, gain: FloatArray, stray_rad: FloatArray) -> Grating:

@@ -47,7 +47,7 @@ _SPREAD = (0.25, 0.5, 0.25)
 _REPEAT, _LEAST_REPEAT = 0.5, 0.02
 # Probability that the strays of an array change between two slides, as under another load.
 _CHANGED = 0.05
-# Variance that the constants of a channel gain from slide to slide, as a part of the variance of its strays.
+# Part of their first variance that the constants of a channel regain from slide to slide.
 _WALK = 0.01
 # Parts of the variance that are new at each slide, equally likely before the second slide.
 _NEW_PARTS = (0.003, 0.01, 0.03, 0.1, 0.3)
@@ -163,6 +163,7 @@ class StrayModel:
     def places(self, slides: FloatArray) -> tuple[GridPlaces, GridPlaces]:
         """Places of the sigmas about that mean on their grids: (slides, sigmas_c) and (slides, sigmas_t)."""
         unknown = np.einsum("wa,ab,wb->w", slides, self.covariance, slides)[:, np.newaxis]
+        unknown = np.maximum(unknown, 0.0)  # against rounding
         return (
             _places_c(SIGMAS_C**2 + unknown * self.variance[0]),
             _places_t(SIGMAS_T**2 + unknown * self.variance[1]),
@@ -183,8 +184,7 @@ class StrayModel:
             self,
             log_weight=log_weight,
             constants=self.constants + np.outer(off, gain),
-            covariance=kept @ self.covariance @ kept.T
-            + new * np.outer(gain, gain)
+            covariance=(1 - _WALK) * (kept @ self.covariance @ kept.T + new * np.outer(gain, gain))
             + _WALK * np.diag(self.prior),
             log_sigmas=carried(log_sigmas),
             is_new=False,

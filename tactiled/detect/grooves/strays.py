@@ -42,6 +42,8 @@ _TYPICAL_VARIANCE = 0.1**2
 # Standard deviation before a slide of phases (radians) and of corrections of k (radians per millimetre):
 # larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
+# Variance of a phase by noise, radians^2. A channel with more tells nothing of its stray.
+_LARGEST_NOISE = 0.1
 # Logarithm of the least probability, relative to the likeliest, of a wave and a hypothesis that are followed.
 _LEAST_PAIR = np.log(1e-5)
 # Divisor in place of zero, for channels without any ripple.
@@ -124,11 +126,10 @@ def weigh_waves(
     tie = _tie(motion, k, along, along_sd, design.shape[1], len(expected))
     evidence = _evidence(residual, noise, design, layout, tie)
     log = evidence.log.reshape(*evidence.log.shape[:2], len(expected), len(k))
-    pause()
-
     error_if_alike = 1 - float(special.softmax(log[0, 0, 0]).max())
     each = [log[:, :, 0] + learnt.log_sigmas[..., np.newaxis]]
     for number, model in enumerate(learnt.models, 1):
+        pause()
         about_mean = _between(log[:, :, number], *model.places(slides))
         each.append(about_mean + model.log_sigmas[..., np.newaxis])
     # (hypotheses, waves)
@@ -140,24 +141,25 @@ def weigh_waves(
     moved = np.einsum("st,sta->a", np.exp(log_sigmas), evidence.best[:, :, likeliest, -2:])
 
     def learn() -> LearntStrays:
+        typical_noise = float(np.median(noise))
         pairs = joint.ravel()
         most = np.argsort(-pairs, kind="stable")[:MOST_MODELS]
         begun, later = [], []
         alone = special.log_sum_exp(of_wave[0])
         of_any_wave = special.log_sum_exp(each[0], axis=2) - alone
         for pair in most[pairs[most] > pairs[most[0]] + _LEAST_PAIR]:
+            pause()
             number, wave = divmod(int(pair), len(k))
             log_weight, slide = float(of_wave[number, wave]), slides[wave]
             own = each[number][:, :, wave] - log_weight
-            off = evidence.left(residual, design, own, int(pair))
+            off = evidence.left(residual, design, own, int(pair)) * (noise < _LARGEST_NOISE)
             if number:
                 model = learnt.models[number - 1]
-                later.append(model.learn(slide, off, noise_rad, own, model.log_weight + log_weight))
+                later.append(model.learn(slide, off, typical_noise, own, model.log_weight + log_weight))
             else:
-                begun += begin_models(slide, off, noise_rad, of_any_wave, log_weight)
+                begun += begin_models(slide, off, typical_noise, of_any_wave, log_weight)
         return learnt.after(of_any_wave, float(alone), begun, later)
 
-    noise_rad = float(np.median(noise))
     return StrayPosterior(weights, k[likeliest] + moved, log_sigmas, error_if_alike, learn)
 
 

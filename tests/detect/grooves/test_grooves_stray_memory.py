@@ -8,7 +8,7 @@ import pytest
 from bench.texture.learnt import SLIDES, LearntKind, learnt_trials
 from tactiled.array import load_array
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
-from tactiled.detect.grooves.stray_memory import LOG_PRIOR, LearntStrays
+from tactiled.detect.grooves.stray_memory import LOG_PRIOR, MOST_MODELS, LearntStrays
 from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
 
 LAYOUT = channel_layout(load_array("wang2019-3x3"))
@@ -135,3 +135,18 @@ def test_slides_of_the_bench_after_one_at_known_speed_are_answered_and_right() -
     assert len(trials) == SLIDES
     assert not any(trial.is_wrong for trial in trials)
     assert sum(trial.status == "ok" for trial in trials) >= SLIDES - 3
+
+
+def test_hypotheses_stay_bounded_over_many_slides() -> None:
+    rng = np.random.default_rng(7)
+    stray, layout = 0.1 * rng.normal(size=36), SKIN
+    for _ in range(150):
+        layout = after(layout, slide(rng, layout, draw_waves(rng)[:2], stray))
+    learnt = layout.strays
+    assert learnt is not None
+    assert 0 < len(learnt.models) <= MOST_MODELS
+    assert sum(np.exp(model.log_weight) for model in learnt.models) == pytest.approx(1)
+    for model in learnt.models:
+        assert (np.diag(model.covariance) <= model.prior * (1 + 1e-9)).all()
+        assert np.linalg.eigvalsh(model.covariance).min() > -1e-9
+        assert np.abs(model.constants).max() < 1
