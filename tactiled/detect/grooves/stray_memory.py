@@ -55,6 +55,9 @@ _NEW_PARTS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _CASES = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1 / 3, 1 / 3, 1 / 3]])
 # Hypotheses that are kept: four cases of four waves.
 MOST_MODELS = 16
+# Probability of all hypotheses that were dropped. The true one may be among them, and would then be missed by
+# every later slide; a slide that would exceed this teaches nothing.
+_MOST_LOST = 2e-3
 # Divisor in place of zero, for a wave without frequency.
 _TINY = 1e-300
 
@@ -244,12 +247,15 @@ class LearntStrays:
         Probability that strays repeat.
     models : tuple of StrayModel
         Hypotheses of what repeats, with weights that sum to 1.
+    lost : float
+        Probability of the hypotheses that were dropped.
     """
 
     channel: NDArray[np.int64]
     log_sigmas: FloatArray
     repeat: float = _REPEAT
     models: tuple[StrayModel, ...] = ()
+    lost: float = 0.0
 
     def among(self, channel: NDArray[np.int64]) -> "LearntStrays":
         """The same for a part of the channels; without hypotheses if others are among them."""
@@ -273,6 +279,7 @@ class LearntStrays:
         self,
         log_sigmas: FloatArray,
         alone: float,
+        known: float,
         begun: list[StrayModel],
         learnt: list[StrayModel],
     ) -> "LearntStrays":
@@ -282,29 +289,30 @@ class LearntStrays:
         ----------
         log_sigmas : (sigmas_c, sigmas_t) float64
             Posterior of the slide alone.
-        alone : float
-            Logarithm of the evidence of the slide alone.
+        alone, known : float
+            Logarithms of the evidence of the slide alone and of that given the hypotheses, over all waves.
         begun, learnt : list of StrayModel
             Hypotheses that begin with this slide and those that continue, each weighed with the evidence of
-            the slide (begun) and with that times the earlier weight (learnt).
+            the slide (begun) and with that times the earlier weight (learnt); the likeliest of them.
         """
-        repeat = self.repeat
+        repeat, total = self.repeat, alone
         if self.models:
-            changed = np.log(_CHANGED)
-            known = np.logaddexp(np.log1p(-_CHANGED) + _log_total(learnt), changed + alone)
-            repeat = special.logistic(float(np.log(repeat) - np.log1p(-repeat) + known - alone))
+            changed, same = np.log(_CHANGED), np.log1p(-_CHANGED)
+            total = float(np.logaddexp(same + known, changed + alone))
+            repeat = special.logistic(float(np.log(repeat) - np.log1p(-repeat) + total - alone))
             begun = [replace(model, log_weight=model.log_weight + changed) for model in begun]
+            learnt = [replace(model, log_weight=model.log_weight + same) for model in learnt]
         kept = sorted([*begun, *learnt], key=lambda model: -model.log_weight)[:MOST_MODELS]
-        total = _log_total(kept)
+        kept_total = float(special.log_sum_exp(np.array([model.log_weight for model in kept])))
+        # What was dropped matters as long as the strays of the array have not changed since.
+        before = (1 - _CHANGED) * self.lost
+        lost = before + max(0.0, 1 - float(np.exp(kept_total - total)))
+        if lost > _MOST_LOST:
+            return replace(self, log_sigmas=carried(log_sigmas), lost=before)
         return LearntStrays(
             self.channel,
             carried(log_sigmas),
             float(np.clip(repeat, _LEAST_REPEAT, 1 - _LEAST_REPEAT)),
-            tuple(replace(model, log_weight=model.log_weight - total) for model in kept),
+            tuple(replace(model, log_weight=model.log_weight - kept_total) for model in kept),
+            lost,
         )
-
-
-def _log_total(models: list[StrayModel]) -> float:
-    if not models:
-        return -np.inf
-    return float(special.log_sum_exp(np.array([model.log_weight for model in models])))

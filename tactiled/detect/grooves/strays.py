@@ -158,7 +158,11 @@ def weigh_waves(
                 later.append(model.learn(slide, off, typical_noise, own, model.log_weight + log_weight))
             else:
                 begun += begin_models(slide, off, typical_noise, of_any_wave, log_weight)
-        return learnt.after(of_any_wave, float(alone), begun, later)
+        known = -np.inf
+        if learnt.models:
+            weight = np.array([[model.log_weight] for model in learnt.models])
+            known = float(special.log_sum_exp(of_wave[1:] + weight))
+        return learnt.after(of_any_wave, float(alone), known, begun, later)
 
     return StrayPosterior(weights, k[likeliest] + moved, log_sigmas, error_if_alike, learn)
 
