@@ -16,6 +16,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.grip.elementary import sum_in_order
 from tactiled.detect.grip.forecast import forecast_numbers, p_gross_within
 from tactiled.detect.grip.friction import FULL, LEAST_RATIO, FrictionPosterior
+from tactiled.detect.grip.growth import GrowthEvidence
 from tactiled.detect.grip.rings import MINDLIN_POWER, RingForces, mindlin_rings
 from tactiled.detect.grip.shares import ShareEvidence
 from tactiled.detect.grip.trend import Trend
@@ -78,6 +79,8 @@ class ContactModel:
         n = len(friction.friction)
         self._rings = RingForces(friction.friction, x, y, mindlin_rings())
         self._evidence = ShareEvidence(friction.friction, len(x))
+        self._growth = GrowthEvidence()
+        self._scan_s = 0.0
         self._wander = ShareWander(x, y, n)
         self._odds = np.zeros(n)
         self._slipping = np.zeros((n, len(x)))  # share of each taxel's stiffness
@@ -107,6 +110,8 @@ class ContactModel:
         """Take the ratio (3,) of total shear and moment over load."""
         self.trend.step(ratio, noise_sd, step_s)
         self.friction.bear(self.trend.size, step_s)
+        self._growth.take(self.trend.size, step_s)
+        self._scan_s = step_s
 
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
         """Forget the gains of taxels (taxels,) that are read otherwise from now on."""
@@ -138,7 +143,8 @@ class ContactModel:
         )
         if found is not None:
             self.friction.take(found)
-        self._odds = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
+        wanders = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
+        self._odds = wanders + self._growth.log_odds(self.trend.value_sd, self._scan_s, step_s)
         self.friction.walk(step_s)
         self._sticking = np.exp(-self._odds)
         self._slipping, self._part = self._rings.sliding_share(), load / whole
