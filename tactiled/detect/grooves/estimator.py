@@ -41,7 +41,7 @@ from tactiled.detect.grooves.stray_memory import LearntStrays
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
+from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
 from tactiled.detect.worker import InPlace, Job, Worker
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -281,8 +281,11 @@ class JointTexture:
                 if piece.are_past:
                     self._fill(piece.block, piece.speeds_mm_s)
                 else:
+                    events += self._answer_before(int(piece.block.index[0]), item)
                     events += self._gather(piece.block, piece.speeds_mm_s)
                 continue
+            if isinstance(piece, SlipStart):
+                events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
                 window = self._window or _Window(0, self._layout)
@@ -301,6 +304,7 @@ class JointTexture:
             sign = np.sign(speeds[done])
             window = self._window
             if window is None or sign != window.scans.sign:
+                events += self._answer_before(int(block.index[done]), block)
                 window = self._begin_window(n_window, float(sign))
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
@@ -367,6 +371,15 @@ class JointTexture:
                 is_refusal_due=is_full and window.n_scans // n_hop % n_hops_full == 0,
             )
         )
+
+    def _answer_before(self, index: int, block: ScanBlock) -> list[Event]:
+        """Report the fits that are due at the scans of a block before one of them, at which a window begins.
+
+        Otherwise they would be reported with the first scans of that window, and what they tell of strays
+        would come too late for it, but not where scans come one by one.
+        """
+        n_before = index - int(block.index[0])
+        return self._answer(block[:n_before]) if n_before else []
 
     def _answer(self, block: ScanBlock) -> list[Event]:
         """Report the fits that are due at the scans of a block."""

@@ -13,7 +13,9 @@ from tactiled.samples.block import ScanBlock
 
 @dataclass(frozen=True)
 class SlipStart:
-    """Start of a slip; scans kept from an earlier slip are no longer used."""
+    """Start of a slip, at the index of a scan; scans kept from an earlier slip are no longer used."""
+
+    index: int
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class SlipGate:
             if change.state == "onset":
                 self.slip = change
                 self._begin_index = int(block.index[scan]) + round(self._settle_s * block.rate_hz)
-                yield SlipStart()
+                yield SlipStart(int(block.index[scan]))
                 yield from self._before(change, block, scan)
             elif self.slip is not None:
                 yield SlipEnd(float(block.time_s[scan]), block.rate_hz)

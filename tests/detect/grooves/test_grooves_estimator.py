@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
+from tactiled.detect.grooves.model import ChannelLayout, WaveFit
+from tactiled.detect.grooves.stray_memory import LOG_PRIOR, LearntStrays
 from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -55,6 +58,49 @@ def test_any_chunking_gives_the_same_bits(speed_mm_s: float) -> None:
         assert textures([e for part in pieces(block, cuts) for e in detector.process(part)]) == whole
 
     same()
+
+
+@given(cuts=splits(1000))
+@settings(max_examples=10, deadline=None)
+def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[int]) -> None:
+    """What they tell of strays is known in the window that begins next, however the scans come."""
+
+    def fit(
+        _volts: FloatArray, time_s: FloatArray, _offset: FloatArray, layout: ChannelLayout, *_: object
+    ) -> WaveFit:
+        known = 0.0 if layout.strays is None else layout.strays.repeat
+        strays = LearntStrays(np.arange(36), LOG_PRIOR, repeat=float(time_s[-1]) / 1000)
+        return WaveFit("ok", period_mm=1.0, frequency_hz=99.0, stray_rad=known, strays=strays)
+
+    block = regular_block(np.zeros((1000, 36)), 100.0)
+    slips = [slip_at(block, "onset", 100), slip_at(block, "end", 405), slip_at(block, "onset", 412)]
+    slips += [slip_at(block, "end", 600), slip_at(block, "onset", 700)]
+
+    def texture(parts: list[ScanBlock]) -> list[Event]:
+        detector = JointTexture(ARRAY, JointParams(hop_s=0.13), fit=fit)
+        detector.set_speed(1.0, 0)
+        detector.set_speed(-1.0, 333)
+        return [
+            event
+            for part in parts
+            for event in detector.process(
+                part, [e for e in slips if part.time_s[0] <= e.detected_s <= part.time_s[-1]]
+            )
+        ]
+
+    live = texture(pieces(block, range(1, 1000)))
+    assert len({event.stray_rad for event in textures(live)}) == 4  # none, and of three earlier windows
+    assert texture([block]) == live
+    assert texture(pieces(block, cuts)) == live
+
+
+def slip_at(block: ScanBlock, state: Literal["onset", "end"], scan: int) -> SlipEvent:
+    time_s = float(block.time_s[scan])
+    return SlipEvent(
+        time_s=time_s, state=state, kind="gross", onset_s=time_s, onset_sd_s=0.01, direction_deg=0.0,
+        direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="coherent", statistic=1.0, threshold=0.0,
+        valid=True, detected_s=time_s,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.0, SPEED_MM_S])

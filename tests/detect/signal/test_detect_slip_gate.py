@@ -43,7 +43,7 @@ def passed(
                 rows = zip(piece.block.index.tolist(), piece.speeds_mm_s.tolist(), strict=True)
                 out += [("scan", index, speed) for index, speed in rows]
             elif isinstance(piece, SlipStart):
-                out.append(("start", 0, 0.0))
+                out.append(("start", piece.index, 0.0))
             else:
                 assert isinstance(piece, SlipEnd)
                 out.append(("end", round(piece.time_s * RATE_HZ), 0.0))
@@ -52,7 +52,7 @@ def passed(
 
 def test_scans_are_passed_from_settling_to_the_end_of_the_slip() -> None:
     found = passed([], [("onset", 20), ("end", 150)], [])
-    assert found == [("start", 0, 0.0), *(("scan", i, 1.0) for i in range(30, 150)), ("end", 150, 0.0)]
+    assert found == [("start", 20, 0.0), *(("scan", i, 1.0) for i in range(30, 150)), ("end", 150, 0.0)]
 
 
 def test_a_new_onset_begins_to_settle_again() -> None:
