@@ -146,6 +146,8 @@ class GripDetector:
         self._dropped = np.zeros(self._array.n_taxels, dtype=np.bool_)
         self._was_bad = False  # a channel now, or a taxel that is out
         self._n_hold = 1
+        self.is_trusted = True
+        """False where the newest scan came late or could not be read."""
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
@@ -187,7 +189,7 @@ class GripDetector:
         readings = held.steps * self._quantiser.volts_per_step
         together = self._at_one_instant(readings, block)
         for scan, volts in enumerate(readings):
-            is_trusted = self._take_out(held.ok[scan]) and not late[scan]
+            self.is_trusted = is_trusted = self._take_out(held.ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0) if self._was_bad else False
             rows = details.volts[scan] if (usable[scan] | out).all() else None
             yield self._step(volts, together[scan], rows, float(block.time_s[scan]), is_trusted, late[scan])

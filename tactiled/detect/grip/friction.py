@@ -89,9 +89,7 @@ class FrictionPosterior:
 
     def spread(self, log_sd: float) -> None:
         """Widen the posterior by a standard deviation of log friction."""
-        part = 0.5 * (log_sd / self.cell) ** 2
-        for _ in range(steps := max(1, round(part / 0.25))):
-            self._diffuse(part / steps)
+        self._diffuse(0.5 * (log_sd / self.cell) ** 2)
 
     def bear(self, ratio: float, step_s: float) -> None:
         """Take the ratio of shear over load that the contact bears now.
@@ -148,9 +146,12 @@ class FrictionPosterior:
         return np.asarray(np.where(tail >= 1.0, 1.0, found))
 
     def _diffuse(self, part: float) -> None:
-        flow = part * (self.weights[1:] - self.weights[:-1])
-        self.weights[:-1] += flow
-        self.weights[1:] -= flow
+        """Move a part of the differences between cells; beyond a half at once, weights would be negative."""
+        steps = max(1, round(part / 0.25))
+        for _ in range(steps):
+            flow = part / steps * (self.weights[1:] - self.weights[:-1])
+            self.weights[:-1] += flow
+            self.weights[1:] -= flow
 
     def _log_quantiles(self, weights: FloatArray, at: FloatArray) -> FloatArray:
         up_to = np.add.accumulate(weights)

@@ -107,7 +107,9 @@ class GripSlip:
                 self._slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
             return self._slips.step(scan, at)
         slips, self._slips = self._slips, None
-        return [slips.end(at.time_s, valid=at.is_valid)] if slips is not None and slips.open else []
+        # Readings that are lost look like a contact that is lost.
+        is_valid = at.is_valid and self._grip.is_trusted
+        return [slips.end(at.time_s, valid=is_valid)] if slips is not None and slips.open else []
 
     def _follow(self, tracker: ContactTracker) -> ContactTransition | None:
         """Enter or leave the contact states that slips make."""

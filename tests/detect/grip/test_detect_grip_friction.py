@@ -41,6 +41,16 @@ def test_shear_that_is_borne_refutes_lower_friction() -> None:
     np.testing.assert_array_equal(posterior.weights, weights)
 
 
+@pytest.mark.parametrize("step_s", [0.02, 0.4, 2.0, 10.0])
+def test_the_walk_keeps_weights_of_a_probability_at_any_scan_rate(step_s: float) -> None:
+    posterior = FrictionPosterior(0.6, 0.6)
+    posterior.bear(0.5, step_s)
+    for _ in range(20):
+        posterior.walk(step_s)
+        assert posterior.weights.min() >= 0
+        assert posterior.weights.sum() == pytest.approx(1.0)
+
+
 def p_gross(ratio: float, growth: float, *, is_fresh: bool = True) -> np.ndarray:
     posterior = FrictionPosterior(0.6, 0.3)
     return p_gross_within(posterior.log_used(ratio), posterior.weights, growth, 0.05, is_fresh, HORIZONS)

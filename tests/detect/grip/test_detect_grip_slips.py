@@ -138,6 +138,15 @@ def test_slips_of_a_pad_that_has_lost_a_third_are_not_valid() -> None:
     assert not any(event.valid for event in told)
 
 
+def test_a_pad_that_cannot_be_read_any_more_ends_a_slip_with_an_event_that_is_not_valid() -> None:
+    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), list(range(27)), 300)))
+    assert [(event.state, event.kind, event.valid) for event in told] == [
+        ("onset", "incipient", True),
+        ("onset", "gross", True),
+        ("end", "gross", False),
+    ]
+
+
 def test_one_taxel_tells_incipient_slip_and_its_direction() -> None:
     array = build(
         ArrayFile(
