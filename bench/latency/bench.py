@@ -335,19 +335,31 @@ def _ratio_aim(phase: str, name: str, q: float, limit: float) -> Aim[Sequence[Ru
     )
 
 
+def _longest_turns_s(runs: Sequence[Run]) -> tuple[float, float]:
+    """Return the longest turns while sliding and at rest, in seconds."""
+    return max(run.loop_lag_s["sliding"] for run in runs), max(run.loop_lag_s["rest"] for run in runs)
+
+
 def _longest_turn(runs: Sequence[Run]) -> tuple[str, bool]:
-    sliding = max(run.loop_lag_s["sliding"] for run in runs)
-    rest = max(run.loop_lag_s["rest"] for run in runs)
-    return f"{1e3 * sliding:.1f} ms, at rest {1e3 * rest:.1f} ms", sliding <= max(0.005, 3 * rest)
+    sliding_s, _ = _longest_turns_s(runs)
+    return f"{1e3 * sliding_s:.1f} ms", sliding_s <= 0.005
+
+
+def _turn_over_rest(runs: Sequence[Run]) -> tuple[str, bool]:
+    sliding_s, rest_s = _longest_turns_s(runs)
+    return f"{sliding_s / max(rest_s, 1e-9):.1f} times {1e3 * rest_s:.1f} ms", sliding_s <= 3 * rest_s
 
 
 AIMS = (
     *(_ratio_aim(phase, "p50", 0.5, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
     *(_ratio_aim(phase, "p99", 0.99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
     Aim[Sequence[Run]](
-        "longest turn of the loop while sliding",
-        "5 ms, or 3 times that at rest",
+        "longest turn of the loop while sliding, on a quiet machine",
+        "at most 5 ms",
         lambda runs: judge(*_longest_turn(runs)),
+    ),
+    Aim[Sequence[Run]](
+        "the same, on any machine", "at most 3 times that at rest", lambda runs: judge(*_turn_over_rest(runs))
     ),
     Aim[Sequence[Run]](
         "scans lost",
