@@ -63,7 +63,7 @@ def assess_ambiguity(
     # `best` is the first; where another one is likelier by now, the two are hard to tell.
     error = float(1 - posterior.weights[0])
     is_known = likeliest == 0 and error <= params.error_probability
-    if is_known and not _contradicts_motion(best, found, window, layout, motion, params):
+    if is_known and not contradicts_motion(best, found, window, layout, motion, params):
         return replace(fit, error_probability=error, stray_rad=posterior.stray_rad, strays=posterior.learn())
     is_uneven = posterior.error_if_alike <= params.error_probability
     return WaveFit(
@@ -122,7 +122,7 @@ def _widened(fit: WaveFit, k: FloatArray, other: FloatArray, motion: WaveMotion)
     return replace(fit, covariance=fit.covariance + np.outer(off, off))
 
 
-def _contradicts_motion(
+def contradicts_motion(
     best: RefinedWave,
     found: PlaneWaves,
     window: DetrendedWindow,

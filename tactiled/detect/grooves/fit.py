@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.ambiguity import assess_ambiguity, has_baseline, weigh_readings
+from tactiled.detect.grooves.ambiguity import (
+    assess_ambiguity,
+    contradicts_motion,
+    has_baseline,
+    weigh_readings,
+)
 from tactiled.detect.grooves.model import (
     ALIASED,
     ChannelLayout,
@@ -256,8 +261,7 @@ def _wave(
         ), line
     if pairs:  # the other wave distorts the phases: no evidence against the given motion
         return fit, line
-    if fit.status != "ok" and motion.has_speed and has_baseline(layout, motion.without_speed):
-        # Phases that allow one reading only, whatever the motion, contradict the given motion.
+    if fit.status != "ok" and contradicts_motion(best, found, window, layout, motion, params):
         loose = _wave(ripple, layout, motion.without_speed, params)
         if loose is not None and loose[0].status == "ok":
             return loose
