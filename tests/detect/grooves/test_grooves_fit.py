@@ -46,6 +46,31 @@ def test_a_told_speed_that_the_phases_contradict_is_replaced_by_the_estimated_on
     assert found.speed_sd_mm_s < 0.02
 
 
+def test_strays_that_leave_readings_alike_are_no_evidence_against_the_given_speed() -> None:
+    """Strays of channels and taxels as drawn here had a wrong answer of another speed."""
+    rng = np.random.default_rng([113, 77, 140, *b"both"])
+    stray_rad, shared_rad = rng.standard_normal(36), rng.standard_normal((2, 9))[0]
+    angle_deg = rng.uniform(-90, 90)
+    direction_deg = angle_deg + rng.uniform(-50, 50)
+    period_mm, speed_mm_s = rng.uniform(0.8, 2.2), rng.uniform(1, 4)
+    duration_s, snr_db = rng.uniform(2, 5), rng.uniform(10, 30)
+    time_s, offsets_s = np.arange(int(100 * duration_s)) / 100, 0.2e-3 * np.arange(36)
+    layout = channel_layout(ARRAY)
+    across, along = np.radians(angle_deg), np.radians(direction_deg)
+    travel_mm = speed_mm_s * (time_s[:, np.newaxis] + offsets_s) * np.cos(along - across)
+    place_mm = layout.x_mm * np.cos(across) + layout.y_mm * np.sin(across)
+    phase = 2 * np.pi / period_mm * (place_mm + travel_mm) + np.array([0.4, 2.1, -0.8, 3.0])[layout.kind]
+    phase += 0.1 * (stray_rad + shared_rad[layout.taxel])
+    amplitude = 0.05 * rng.uniform(0.7, 1.3, 36)
+    ripple = amplitude * (np.cos(phase) + 0.15 * np.cos(2 * phase + 0.3))
+    noise = 0.05 / np.sqrt(2) / 10 ** (snr_db / 20)
+    level = 1 + 0.1 * rng.standard_normal(36) + 0.02 * rng.standard_normal(36) * time_s[:, np.newaxis]
+    volts = level + ripple + noise * rng.standard_normal(ripple.shape)
+    motion = WaveMotion(speed_mm_s, 0.0, direction_deg + 3 * rng.standard_normal(), 3.0)
+    found = fit_wave(volts, time_s, offsets_s, layout, motion, WaveParams())
+    assert found.status in ("ambiguous", "uneven-channels")
+
+
 @motions
 def test_intervals_of_95_percent_hold_and_errors_are_those_of_the_fisher_information(
     motion_of: MotionOf,
