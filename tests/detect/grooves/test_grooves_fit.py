@@ -54,7 +54,8 @@ def test_strays_that_leave_readings_alike_are_no_evidence_against_the_given_spee
     direction_deg = angle_deg + rng.uniform(-50, 50)
     period_mm, speed_mm_s = rng.uniform(0.8, 2.2), rng.uniform(1, 4)
     duration_s, snr_db = rng.uniform(2, 5), rng.uniform(10, 30)
-    time_s, offsets_s = np.arange(int(100 * duration_s)) / 100, 0.2e-3 * np.arange(36)
+    time_s = np.arange(int(100 * duration_s)) / 100
+    offsets_s = np.arange(36) / 5000
     layout = channel_layout(ARRAY)
     across, along = np.radians(angle_deg), np.radians(direction_deg)
     travel_mm = speed_mm_s * (time_s[:, np.newaxis] + offsets_s) * np.cos(along - across)
