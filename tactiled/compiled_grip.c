@@ -84,7 +84,7 @@ API void tactiled_relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, con
                 other = at_most((side[a] + side[2 + a]) / 2, other);
         }
         int whole = !relieved[t] && !relieved[taxels + t];
-        load[t] = whole ? response[t] : at_least(response[t] / numbers[1], at_most(load[t], other));
+        load[t] = whole ? response[t] : at_least(response[t] / numbers[1], other < INFINITY ? other : load[t]);
         for (int a = 0; a < 2; a++) {
             real *shear = response + (1 + a) * taxels + t, *share = proportion + a * taxels + t;
             real pressed = high[a] - load[t];

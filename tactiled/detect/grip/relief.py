@@ -4,8 +4,8 @@ Shear presses one side of a taxel and relieves the opposite one. From where that
 what spreads under its electrodes from its neighbours: its reading then grows with theirs, so that the
 difference of the two sides bends, and their mean grows though the load does not. Friction would bend the
 shear in the same way. The pressed side goes on as before. So from then on, the shear of that axis is taken
-from the pressed side alone, in the proportion that it had, and the load stays where it was, unless the other
-pair of sides shows less.
+from the pressed side alone, in the proportion that it had, and the load from the other pair of sides. Where
+that pair has a relieved side, too, the load stays where it was.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,8 @@ class RelievedSides:
         high, low = side.max(axis=0), side.min(axis=0)
         self.relieved = relieved = low < _RELIEVED * high
         whole = ~relieved.any(axis=0)
-        held = np.minimum(self._load, _other_pair(side, relieved))
+        other = _other_pair(side, relieved)
+        held = np.where(np.isfinite(other), other, self._load)
         self._load[:] = np.where(whole, response[0], np.maximum(held, response[0] / _MOST_SPREAD))
         pressed = high - self._load
         known = ~relieved & (pressed > _LEAST_PRESSED * self._load)

@@ -40,8 +40,9 @@ def test_shear_goes_on_and_the_load_stays_where_a_side_is_relieved(direction_deg
     assert np.abs(as_read - truth).max() > 0.08
 
 
-def test_a_load_that_falls_is_seen_by_the_other_pair() -> None:
-    load = np.append(np.ones(50), np.linspace(1, 0.7, 50))
+@pytest.mark.parametrize("last", [0.7, 1.2])
+def test_a_load_that_changes_is_seen_by_the_other_pair(last: float) -> None:
+    load = np.append(np.ones(50), np.linspace(1, last, 50))
     truth = np.stack([load, np.append(np.linspace(0, 1.2, 50), np.full(50, 1.2)), np.zeros(100)], axis=1)
     np.testing.assert_allclose(corrected(truth), truth, atol=0.01)
 
