@@ -46,7 +46,7 @@ class GripParams(Params):
     """Switch of the grip messages, and prior of the contact model."""
 
     enabled: bool = Field(
-        default=False, description="a grip message for each scan in contact; costs about 0.6 ms of a core"
+        default=False, description="a grip message for each scan in contact; costs about 0.7 ms of a core"
     )
     friction: float | None = Field(
         default=None,

@@ -99,6 +99,11 @@ class ContactModel:
                 library.tactiled_grip, n, self._numbers, friction.friction, friction.log_friction
             )
 
+    @property
+    def sliding_log_odds(self) -> float:
+        """Mean log likelihood ratio of sliding over sticking at this moment."""
+        return float(self.friction.weights @ self._odds)
+
     def total(self, shear: FloatArray) -> FloatArray:
         """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
         total = np.empty((3, *shear.shape[1:-1]))

@@ -4,7 +4,8 @@ A slip is incipient where a tenth of the contact area slips with at least some p
 all of it slides with at least some other. An incipient slip ends when its probability has fallen to half and
 the friction limit was hardly met: an end is no reason to open a hand while the skin may slide. A skin that
 stops sliding keeps its shear, and looks like one that still slides: a gross slip stays open until shear over
-load has fallen.
+load has fallen. Where friction falls, that happens while the skin slides: the shares of the taxels must be
+silent, too.
 """
 
 import collections
@@ -21,7 +22,7 @@ from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 DETECTOR = "grip"
-_OFF_S = 0.08  # an incipient slip ends when its probability was below half of p for so long
+_OFF_S = 0.08  # a slip ends when it was unlikely for so long
 _MAY_SLIDE = 0.05  # probability that the limit was met, below which an incipient slip may end
 _HISTORY_S = 1.0  # in which the beginning of a slip is looked for
 # Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
@@ -75,7 +76,7 @@ class PosteriorSlips:
             self.open = self._onset(scan, at)
             events.append(self.open)
         if self.open is not None and self.open.kind == "incipient" and self._slides:
-            self._largest = size
+            self._largest, self._n_low = size, 0
             self.open = self._gross(self.open, scan, at)
             events.append(self.open)
         return events
@@ -93,11 +94,13 @@ class PosteriorSlips:
     def _has_ended(self, slip: SlipEvent, scan: ContactScan, size: float) -> bool:
         if slip.kind == "gross":
             self._largest = max(self._largest, size)
-            return not self._slides and size < _RELAXED * self._largest
-        friction = scan.model.friction
-        is_low = scan.grip.p_incipient < self._p / 2 and float(friction.weights @ friction.met) < _MAY_SLIDE
-        self._n_low = self._n_low + 1 if is_low else 0
-        return self._n_low >= self._n_off and not self._slides
+            is_low = size < _RELAXED * self._largest and scan.model.sliding_log_odds <= 0
+        else:
+            friction = scan.model.friction
+            is_low = scan.grip.p_incipient < self._p / 2
+            is_low = is_low and float(friction.weights @ friction.met) < _MAY_SLIDE
+        self._n_low = self._n_low + 1 if is_low and not self._slides else 0
+        return self._n_low >= self._n_off
 
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction

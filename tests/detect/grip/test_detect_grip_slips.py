@@ -85,6 +85,20 @@ def test_a_slip_is_incipient_then_gross_then_ends(found: list[Event]) -> None:
     assert gross.confidence > gross.threshold == KNOWN.gross_p
 
 
+def test_a_skin_whose_shares_wander_still_slides_though_its_shear_has_fallen() -> None:
+    block = slide()
+    t = block.time_s[:, np.newaxis]
+    own = np.sin(2 * np.pi * np.linspace(2.0, 5.0, 9) * t) * (t > SLIPS_S)  # friction of places of a surface
+    volts = block.volts.copy()
+    volts[:, 0::3] *= 1 + 0.3 * own
+    assert [
+        event.state for event in slips(GripSlip(ARRAY, KNOWN).process(regular_block(volts, RATE_HZ)))
+    ] == [
+        "onset",
+        "onset",
+    ]
+
+
 def test_the_contact_shears_slides_and_holds(found: list[Event]) -> None:
     states = [event.state for event in found if isinstance(event, ContactEvent)]
     assert states == ["loading", "holding", "shearing", "sliding", "holding"]
