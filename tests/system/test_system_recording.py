@@ -93,7 +93,7 @@ def test_killed_recovered_and_run_again(bench: Bench) -> None:
     lines = [json.loads(line) for line in bench.command("replay", "a.mcap", "-t", "scan").stdout.splitlines()]
     assert [line["seq"] for line in lines] == list(range(len(lines)))
     # Lost is what came after the last sync; these are 1 s apart, or more on a machine that is busy.
-    assert len(lines) > 200  # which 60 kB hold
+    assert len(lines) > 60_000 / 600  # a scan takes about 300 bytes, more where reads are small
     assert 0 <= killed_unix_s - lines[-1]["timestamp"] < PATIENCE_S
     data = file.read_bytes()
     (bench.folder / "cut.mcap").write_bytes(data[: len(data) // 2])
