@@ -1,4 +1,4 @@
-"""What a controller asks of slip events, answered by the truth of the cases."""
+"""Questions of a controller about slip events, answered by the truth of the cases."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

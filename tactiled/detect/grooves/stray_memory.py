@@ -235,7 +235,7 @@ def begin_models(
 
 @dataclass(frozen=True, eq=False)
 class LearntStrays:
-    """What slides have told of the strays of an array's channels.
+    """Knowledge from slides about the strays of an array's channels.
 
     Attributes
     ----------
@@ -258,7 +258,7 @@ class LearntStrays:
     lost: float = 0.0
 
     def among(self, channel: NDArray[np.int64]) -> "LearntStrays":
-        """The same for a part of the channels; without hypotheses if others are among them."""
+        """Return the memory of a part of the channels; without hypotheses if others are among them."""
         if np.array_equal(channel, self.channel):
             return self
         rows = np.searchsorted(self.channel, channel)
@@ -269,7 +269,7 @@ class LearntStrays:
 
     @property
     def log_weights(self) -> FloatArray:
-        """Of strays of which nothing else is known, and of each model: logarithms of probabilities."""
+        """Return log probabilities of strays of which nothing else is known, and of each model."""
         if not self.models:
             return np.zeros(1)
         known = self.repeat * (1 - _CHANGED)
@@ -283,7 +283,7 @@ class LearntStrays:
         begun: list[StrayModel],
         learnt: list[StrayModel],
     ) -> "LearntStrays":
-        """What is known after a slide.
+        """Return the memory after a slide.
 
         Parameters
         ----------
