@@ -22,6 +22,7 @@ BENCHES = {
     "contact": "bench.contact.bench",
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
+    "hands": "bench.grip.hands",
     "settings": "bench.settings.bench",
     "hold": "bench.hold.bench",
     "force": "bench.force.bench",
@@ -33,7 +34,7 @@ BENCHES = {
 }
 WITH_PLOT = ("contact", "slip", "grip", "settings", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
-WITH_JOBS = ("force", "grip", "hold", "settings", "slip", "texture")
+WITH_JOBS = ("force", "grip", "hands", "hold", "settings", "slip", "texture")
 WITH_JSON = ("slip", "force", "texture", "sensors", "web")
 
 
@@ -62,14 +63,14 @@ def bench(
     memory and latency of many boards in one process, by their number. soak: days of board time, every
     frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip: detection
     latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
-    random. settings: slip events of every setting of both detectors, on random worlds and families. hold:
-    drops and grip force of a controller that follows the contact model's margin, beside fixed grips and
-    slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge regression and
-    the bound. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the
-    model. sensors: slides of six kinds of sensor in their own units, beside the strongest line of a
-    spectrum. web: delays of the live page in a browser, and what server and page cost. ros2: delay and
-    cost of the bridge to ROS 2. fleet: losses over cut links, delays and bytes of many boards through two
-    routers of zenoh.
+    random. hands: false alarms of hands that hold, over ten hours. settings: slip events of every setting
+    of both detectors, on random worlds and families. hold: drops and grip force of a controller that
+    follows the contact model's margin, beside fixed grips and slip events. force: errors of calibrated
+    forces on rigs drawn at random, beside ridge regression and the bound. texture: errors of groove
+    estimates over the Cramer-Rao bound, and windows that break the model. sensors: slides of six kinds of
+    sensor in their own units, beside the strongest line of a spectrum. web: delays of the live page in a
+    browser, and what server and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses
+    over cut links, delays and bytes of many boards through two routers of zenoh.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

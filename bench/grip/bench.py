@@ -255,16 +255,6 @@ def _ahead(told: Callable[[GripFound], Sequence[GripRecord]], least: float) -> C
     return measure
 
 
-def _low_hands(found: GripFound) -> Reading:
-    """Alarms an hour, at the threshold of all worlds, where utilisation stays below one half."""
-    threshold = threshold_for(found.usual, _TIME_IN_ALARM)
-    low = [t for t in found.told if len(t.time_s) and t.utilisation.max() < 0.5]
-    hours = sum(len(t.time_s) / t.world.rate_hz for t in low) / 3600
-    seen = warned(low, threshold)
-    words = f"{seen.per_hour:.0f} over {hours:.2f} h"
-    return judge(words, seen.per_hour <= 6, is_open=hours < 10)
-
-
 def _gross(within_s: float, least: float, *, falling: bool) -> Callable[[GripFound], Reading]:
     def measure(found: GripFound) -> Reading:
         chosen = [t for t in found.told if t.world.hand == "falling-friction"] if falling else found.usual
@@ -310,7 +300,6 @@ AIMS: Sequence[Aim[GripFound]] = (
         "80 % with 1.5 % of the time in alarm",
         _ahead(lambda found: without_falling_friction(found.informed), 0.8),
     ),
-    Aim("alarms an hour of hands below half of the limit", "at most 6, over 10 h", _low_hands),
     Aim("gross slips told within 100 ms", "90 %", _gross(0.1, 0.90, falling=False)),
     Aim("gross slips told within 300 ms", "95 %", _gross(0.3, 0.95, falling=False)),
     Aim(

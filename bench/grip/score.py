@@ -172,13 +172,13 @@ def margin(told: Iterable[GripRecord]) -> Margin:
     )
 
 
-def alarms(t: GripRecord, threshold: float, horizon: int = 2) -> NDArray[np.bool_]:
-    """Scans in alarm: on at the threshold, off when below half of it for `_OFF_S`."""
+def alarms(p: FloatArray, threshold: float, rate_hz: float) -> NDArray[np.bool_]:
+    """Scans (n,) in alarm: on where the probability (n,) is at the threshold, off below half for `_OFF_S`."""
     on, low = False, 0.0
-    out = np.zeros(len(t.time_s), dtype=np.bool_)
-    for k, p in enumerate(t.p_gross[:, horizon].tolist()):
-        low = 0.0 if p >= threshold / 2 else low + 1 / t.world.rate_hz
-        on = p >= threshold or (on and low < _OFF_S)
+    out = np.zeros(len(p), dtype=np.bool_)
+    for k, now in enumerate(p.tolist()):
+        low = 0.0 if now >= threshold / 2 else low + 1 / rate_hz
+        on = now >= threshold or (on and low < _OFF_S)
         out[k] = on
     return out
 
@@ -199,7 +199,7 @@ def warned(told: Sequence[GripRecord], threshold: float) -> Warned:
     for t in told:
         if not len(t.time_s):
             continue
-        on = alarms(t, threshold)
+        on = alarms(t.p_gross[:, 2], threshold, t.world.rate_hz)
         first = t.first_gross_s
         if (
             np.isfinite(first)

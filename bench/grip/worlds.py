@@ -97,17 +97,31 @@ class _Drawn:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def draw_worlds(seeds: range, laws: tuple[str, ...] = LAWS) -> list[World]:
-    """Simulate a batch of worlds; the hand and one of the laws are drawn from the seed."""
-    drawn = [_draw(seed, laws) for seed in seeds]
+def draw_worlds(
+    seeds: range,
+    laws: tuple[str, ...] = LAWS,
+    hands: tuple[str, ...] = HANDS,
+    duration_s: float = DURATION_S,
+    most_used: float | None = None,
+) -> list[World]:
+    """Simulate a batch of worlds; the hand and one of the laws are drawn from the seed.
+
+    Parameters
+    ----------
+    most_used : float, optional
+        Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
+    """
+    drawn = [_draw(seed, laws, hands, duration_s, most_used) for seed in seeds]
     found = _simulate(drawn)
     return [_measured(one, *parts) for one, parts in zip(drawn, found, strict=True)]
 
 
-def _draw(seed: int, laws: tuple[str, ...]) -> _Drawn:
+def _draw(
+    seed: int, laws: tuple[str, ...], hands: tuple[str, ...], duration_s: float, most_used: float | None
+) -> _Drawn:
     rng = np.random.default_rng([14, seed])
-    law, hand = str(rng.choice(laws)), str(rng.choice(HANDS))
-    v: dict[str, Any] = {}
+    law, hand = str(rng.choice(laws)), str(rng.choice(hands))
+    v: dict[str, Any] = {"duration_s": duration_s}
     v["rng"] = rng
     pitch = rng.uniform(3.0, 4.5)
     x, y = (a.ravel() for a in np.meshgrid([-pitch, 0.0, pitch], [-pitch, 0.0, pitch]))
@@ -142,7 +156,7 @@ def _draw(seed: int, laws: tuple[str, ...]) -> _Drawn:
     damping_ratio = rng.uniform(0.4, 0.9)
     v["damping"] = 2 * damping_ratio * v["mass"] * frequency
     v["hand_damping"] = 2 * damping_ratio * np.sqrt(v["hand_n_mm"] * v["mass"])
-    _plan_hand(v, hand, rng)
+    _plan_hand(v, hand, rng, duration_s, most_used)
     return _Drawn(seed, law, hand, v)
 
 
@@ -156,9 +170,11 @@ def _ramp(t: FloatArray, start: float, length: float) -> FloatArray:
     return np.clip((t - start) / length, 0.0, 1.0)
 
 
-def _plan_hand(v: dict[str, Any], hand: str, rng: np.random.Generator) -> None:
+def _plan_hand(
+    v: dict[str, Any], hand: str, rng: np.random.Generator, duration_s: float, most_used: float | None
+) -> None:
     """Courses of load, pull, moment and friction, at the steps of integration."""
-    t = np.arange(round(DURATION_S / _STEP_S), dtype=np.float64) * np.float64(_STEP_S)
+    t = np.arange(round(duration_s / _STEP_S), dtype=np.float64) * np.float64(_STEP_S)
     capacity = v["mu"] * v["load_n"]
     touch = rng.uniform(0.25, 0.45)
     load = _smooth(t, _TOUCH_S, touch)
@@ -166,7 +182,7 @@ def _plan_hand(v: dict[str, Any], hand: str, rng: np.random.Generator) -> None:
     begin = rng.uniform(1.3, 2.5)
     rate = np.exp(rng.uniform(np.log(0.2), np.log(50.0)))  # N/s
     size = rng.uniform(0.2, 1.8)
-    length = float(np.clip(size * capacity / rate, 0.02, DURATION_S))
+    length = float(np.clip(size * capacity / rate, 0.02, duration_s))
     shape = _smooth if rng.random() < 0.5 else _ramp
     if hand in ("pull", "drag", "twist"):
         pull = size * shape(t, begin, length)
@@ -196,17 +212,21 @@ def _plan_hand(v: dict[str, Any], hand: str, rng: np.random.Generator) -> None:
         pull = pull + swing * np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * (t - begin)) * _smooth(t, begin, 1.0)
         load = load * (1 + rng.uniform(0, 0.15) * np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * t))
     elif hand == "tap":
-        for at in rng.uniform(2.5, 7.5, rng.integers(1, 6)):
+        # One to five in the 5 s of a usual world, as often in longer ones.
+        for at in rng.uniform(2.5, duration_s - 0.5, round(rng.integers(1, 6) * (duration_s - 3.0) / 5.0)):
             width = rng.uniform(0.005, 0.03)
             pull = pull + held * rng.uniform(-1, 1) * np.exp(-0.5 * ((t - at) / width) ** 2)
     elif hand == "hum":
         pull = pull * (1 + rng.uniform(0.02, 0.3) * np.sin(2 * np.pi * rng.uniform(20, 120) * t))
     elif hand == "drift":
-        pull = pull * (1 + rng.uniform(-0.5, 0.5) * t / DURATION_S)
-        load = load * (1 + rng.uniform(-0.2, 0.2) * t / DURATION_S)
+        pull = pull * (1 + rng.uniform(-0.5, 0.5) * t / duration_s)
+        load = load * (1 + rng.uniform(-0.2, 0.2) * t / duration_s)
     course: FloatArray = np.cumsum(rng.normal(size=len(t)))  # tremor: a slow random walk, of 1 % of the load
     course = (course - np.linspace(0, course[-1], len(t))) / max(float(np.abs(course).max()), 1.0)
     pull = pull + rng.uniform(0, 0.02) * course
+    if most_used is not None:
+        used = float((np.abs(pull) / np.maximum(load, 0.05)).max())
+        pull = pull * min(1.0, most_used * rng.uniform(0.3, 1.0) / used)
     v["load"] = v["load_n"] * load
     v["pull"] = (
         capacity * pull * (1 + v["hand_n_mm"] / float(v["stiffness"].sum()))
@@ -222,7 +242,7 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
     def stack(name: str) -> FloatArray:
         return np.array([d.values[name] for d in drawn])
 
-    n_steps = round(DURATION_S / _STEP_S)
+    n_steps = round(drawn[0].values["duration_s"] / _STEP_S)
     x, y, part = stack("x"), stack("y"), stack("part")
     load, pull, turn, course = stack("load"), stack("pull"), stack("turn"), stack("mu_course")
     angle, mass, damping, hand = stack("angle"), stack("mass"), stack("damping"), stack("hand_n_mm")
@@ -337,7 +357,7 @@ def _measured(
     t = np.arange(len(volts)) * _STEP_S
     volts = volts * (1 + creep * np.log1p(np.maximum(t - _TOUCH_S, 0) / 0.3))[:, None]
     rate_hz = float(rng.choice([50.0, 100.0, 100.0, 100.0, 100.0, 250.0]))
-    picks = np.round(np.arange(0, DURATION_S, 1 / rate_hz) / _STEP_S).astype(int)
+    picks = np.round(np.arange(0, v["duration_s"], 1 / rate_hz) / _STEP_S).astype(int)
     picks = picks[picks < len(volts)]
     noise_mv = float(np.exp(rng.uniform(np.log(0.1), np.log(6.0))))
     volts = volts[picks]
