@@ -115,8 +115,8 @@ class ContactModel:
         """Take the ratio (3,) of total shear and moment over load."""
         self.trend.step(ratio, noise_sd, step_s)
         self.friction.bear(self.trend.size, step_s)
-        self._growth.take(self.trend.size, step_s)
-        self._scan_s = step_s
+        self._growth.take(float(np.sqrt(ratio @ ratio)), step_s)
+        self._scan_s, self._noise_sd = step_s, noise_sd
 
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
         """Forget the gains of taxels (taxels,) that are read otherwise from now on."""
@@ -149,7 +149,7 @@ class ContactModel:
         if found is not None:
             self.friction.take(found)
         wanders = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
-        self._odds = wanders + self._growth.log_odds(self.trend.value_sd, self._scan_s, step_s)
+        self._odds = wanders + self._growth.log_odds(self._noise_sd, self._scan_s, step_s)
         self.friction.walk(step_s)
         self._sticking = np.exp(-self._odds)
         self._slipping, self._part = self._rings.sliding_share(), load / whole
