@@ -173,7 +173,9 @@ def _rate(n: int, hours: float) -> str:
 def _alarms(count: HandCount) -> Reading:
     per_hour = count.alarms[_AIM_P] / max(count.hours, 1e-9)
     words = f"{per_hour:.1f} over {count.hours:.1f} h"
-    return judge(words, per_hour <= _MOST_PER_HOUR, is_open=count.hours < 0.9 * _HOURS)
+    if count.hours < 0.9 * _HOURS:  # some worlds are left out
+        return Reading(words, "open")
+    return judge(words, per_hour <= _MOST_PER_HOUR)
 
 
 AIMS = (Aim(f"alarms an hour at p_gross_300ms > {_AIM_P:g}", f"at most {_MOST_PER_HOUR:g}", _alarms),)
