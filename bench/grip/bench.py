@@ -5,7 +5,7 @@ set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPOR
 of a contact law on which nothing was set.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from bench.grip.score import (
     warned,
     without_falling_friction,
 )
-from bench.grip.worlds import DURATION_S, HELD_OUT_LAW, LAWS, World, draw_worlds
+from bench.grip.worlds import HELD_OUT_LAW, USUAL, Population, World, draw_worlds
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -48,7 +48,17 @@ from tactiled.progress import ProgressBar
 
 TUNED_FROM = 20_000  # seeds on which constants were set
 REPORTED_FROM = 3_000  # nothing was set on these
+HELD_OUT = Population(laws=(HELD_OUT_LAW,))
 N_WORLDS, N_QUICK, N_ABLATED = 240, 48, 48
+OTHERS: Mapping[str, Population] = {
+    "2 x 2 taxels": Population(side=2),
+    "4 x 4 taxels": Population(side=4),
+    "10 Hz": Population(rates_hz=(10.0,)),
+    "500 Hz": Population(rates_hz=(500.0,)),
+    "1000 Hz": Population(rates_hz=(1000.0,)),
+}
+"""Other arrays and scan rates; nothing was set on any of them."""
+N_OTHERS, N_OTHERS_QUICK = 48, 12  # worlds of each
 _BATCH = 12  # worlds that are simulated at once, and by one process
 _HELD_OUT_EACH = 4  # one batch in so many has the law on which nothing was set
 _TIME_IN_ALARM = 0.015
@@ -79,7 +89,8 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """
     n = N_QUICK if options.quick else N_WORLDS
     n_ablated = N_ABLATED if options.ablate else 0
-    progress.begin(n + n_ablated * (len(ABLATIONS)))
+    n_others = N_OTHERS_QUICK if options.quick else N_OTHERS
+    progress.begin(n + n_others * len(OTHERS) + n_ablated * len(ABLATIONS))
     told: list[GripRecord] = []
     informed: list[GripRecord] = []
     with executor(BENCH_WORKERS, options.dask) as pool:
@@ -90,6 +101,14 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             informed += some_informed
             for _ in some:
                 progress.advance("world")
+        others = {
+            name: [
+                record
+                for records in pool.map(partial(_measure_others, name), batches[: n_others // _BATCH])
+                for record in _counted(records, progress)
+            ]
+            for name in OTHERS
+        }
         ablated = {
             part: [
                 record
@@ -107,7 +126,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 
     return BenchReport(
         [
-            f"{n} random worlds of {DURATION_S:g} s ({seeds_in_words(n, REPORTED_FROM)}), "
+            f"{n} random worlds of {USUAL.duration_s:g} s ({seeds_in_words(n, REPORTED_FROM)}), "
             f"{sum(t.world.slips for t in told)} with gross slip, and "
             f"{sum(t.world.law == HELD_OUT_LAW for t in told)} with the law {HELD_OUT_LAW}. "
             "Worlds whose friction falls at constant load are in rows of their own.",
@@ -118,6 +137,8 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             table(_row(name, some) for name, some in by_hand(told).items()),
             "The same by contact law of the world.",
             table(_row(name, some) for name, some in grouped(found.usual, lambda t: t.world.law).items()),
+            "The same for other arrays and scan rates, 3 x 3 taxels and 50 to 250 Hz where nothing is said.",
+            table(_row(name, without_falling_friction(some)) for name, some in others.items()),
             "Calibration of p_gross_300ms over scans without gross slip.",
             table(_reliability(found.usual)),
             "Processor time of a scan while shear grows, 100 Hz. "
@@ -139,6 +160,11 @@ def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord]]:
     return told, informed
 
 
+def _measure_others(name: str, seeds: range) -> list[GripRecord]:
+    """Run the model over worlds of another array or scan rate."""
+    return [tell(world, GripParams()) for world in draw_worlds(seeds, OTHERS[name])]
+
+
 def _measure_without(part: str, seeds: range) -> list[GripRecord]:
     """Run the model without a part over some worlds."""
     with without(part):
@@ -148,7 +174,7 @@ def _measure_without(part: str, seeds: range) -> list[GripRecord]:
 def draw_reported(seeds: range) -> list[World]:
     """Draw a batch of worlds; one batch in `_HELD_OUT_EACH` has the law on which nothing was set."""
     is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
-    return draw_worlds(seeds, (HELD_OUT_LAW,) if is_held_out else LAWS)
+    return draw_worlds(seeds, HELD_OUT if is_held_out else USUAL)
 
 
 def _counted(records: list[GripRecord], progress: ProgressBar) -> list[GripRecord]:

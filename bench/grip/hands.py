@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.grip.score import alarms
-from bench.grip.worlds import HELD_OUT_LAW, INCIPIENT_USED, LAWS, World, draw_worlds
+from bench.grip.worlds import HELD_OUT_LAW, INCIPIENT_USED, LAWS, Population, World, draw_worlds
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -104,13 +104,8 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 def _measure(seeds: range) -> list[tuple[str, HandCount | None]]:
     """Count a batch of worlds; None for one that used half of the limit."""
     is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
-    worlds = draw_worlds(
-        seeds,
-        (HELD_OUT_LAW,) if is_held_out else LAWS,
-        HANDS,
-        _DURATION_S,
-        _MOST_USED,
-    )
+    laws = (HELD_OUT_LAW,) if is_held_out else LAWS
+    worlds = draw_worlds(seeds, Population(laws, HANDS, _DURATION_S, _MOST_USED))
     return [
         (world.hand, count_reports(world) if world.utilisation.max() < _BELOW else None) for world in worlds
     ]

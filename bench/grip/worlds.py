@@ -20,6 +20,7 @@ gross slip begins where all taxels together bear 0.985 of their limits (`GROSS_A
 approach 1), and ends when the object has stopped.
 """
 
+import functools
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,7 +38,6 @@ HANDS = (
     "pull", "pull", "drag", "drag", "twist", "ease", "ease", "falling-friction", "fill",
     "lift", "sway", "tap", "hum", "drift", "rest",
 )  # fmt: skip
-DURATION_S = 8.0
 GROSS_AT = 0.985
 INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share (1 - u)^(2/3)
 _STEP_S = 0.002
@@ -45,6 +45,33 @@ _RINGS = 24
 _STOPPED_MM_S = 0.5
 _TOUCH_S = 0.3
 _SURFACE = 256  # places of a surface, after which it repeats
+_WHOLE = 1e-6  # of a step of integration: between whole steps, readings are interpolated
+
+
+@dataclass(frozen=True)
+class Population:
+    """What worlds are drawn from.
+
+    Attributes
+    ----------
+    laws, hands : tuple of str
+    duration_s : float
+    most_used : float, optional
+        Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
+    side : int
+        Taxels along each side of the array.
+    rates_hz : tuple of float
+    """
+
+    laws: tuple[str, ...] = LAWS
+    hands: tuple[str, ...] = HANDS
+    duration_s: float = 8.0
+    most_used: float | None = None
+    side: int = 3
+    rates_hz: tuple[float, ...] = (50.0, 100.0, 100.0, 100.0, 100.0, 250.0)
+
+
+USUAL = Population()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,34 +124,22 @@ class _Drawn:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def draw_worlds(
-    seeds: range,
-    laws: tuple[str, ...] = LAWS,
-    hands: tuple[str, ...] = HANDS,
-    duration_s: float = DURATION_S,
-    most_used: float | None = None,
-) -> list[World]:
-    """Simulate a batch of worlds; the hand and one of the laws are drawn from the seed.
-
-    Parameters
-    ----------
-    most_used : float, optional
-        Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
-    """
-    drawn = [_draw(seed, laws, hands, duration_s, most_used) for seed in seeds]
+def draw_worlds(seeds: range, population: Population = USUAL) -> list[World]:
+    """Simulate a batch of worlds; all that a population leaves open is drawn from the seed."""
+    drawn = [_draw(seed, population) for seed in seeds]
     found = _simulate(drawn)
     return [_measured(one, *parts) for one, parts in zip(drawn, found, strict=True)]
 
 
-def _draw(
-    seed: int, laws: tuple[str, ...], hands: tuple[str, ...], duration_s: float, most_used: float | None
-) -> _Drawn:
+def _draw(seed: int, population: Population) -> _Drawn:
     rng = np.random.default_rng([14, seed])
-    law, hand = str(rng.choice(laws)), str(rng.choice(hands))
-    v: dict[str, Any] = {"duration_s": duration_s}
+    law, hand = str(rng.choice(population.laws)), str(rng.choice(population.hands))
+    duration_s = population.duration_s
+    v: dict[str, Any] = {"duration_s": duration_s, "side": population.side, "rates_hz": population.rates_hz}
     v["rng"] = rng
     pitch = rng.uniform(3.0, 4.5)
-    x, y = (a.ravel() for a in np.meshgrid([-pitch, 0.0, pitch], [-pitch, 0.0, pitch]))
+    places = pitch * (np.arange(population.side) - (population.side - 1) / 2)
+    x, y = (a.ravel() for a in np.meshgrid(places, places))
     v["x"], v["y"] = x, y
     n = len(x)
     dome = np.maximum(1.0 - rng.uniform(0.0, 0.6) * (x**2 + y**2) / (2 * pitch**2), 0.1)
@@ -156,7 +171,7 @@ def _draw(
     damping_ratio = rng.uniform(0.4, 0.9)
     v["damping"] = 2 * damping_ratio * v["mass"] * frequency
     v["hand_damping"] = 2 * damping_ratio * np.sqrt(v["hand_n_mm"] * v["mass"])
-    _plan_hand(v, hand, rng, duration_s, most_used)
+    _plan_hand(v, hand, rng, duration_s, population.most_used)
     return _Drawn(seed, law, hand, v)
 
 
@@ -356,11 +371,13 @@ def _measured(
     creep = rng.uniform(0, 0.04)
     t = np.arange(len(volts)) * _STEP_S
     volts = volts * (1 + creep * np.log1p(np.maximum(t - _TOUCH_S, 0) / 0.3))[:, None]
-    rate_hz = float(rng.choice([50.0, 100.0, 100.0, 100.0, 100.0, 250.0]))
-    picks = np.round(np.arange(0, v["duration_s"], 1 / rate_hz) / _STEP_S).astype(int)
-    picks = picks[picks < len(volts)]
+    rate_hz = float(rng.choice(v["rates_hz"]))
+    at = np.arange(0, v["duration_s"], 1 / rate_hz) / _STEP_S  # in steps of integration
+    at = at[at < len(volts) - 1 + _WHOLE]
+    picks = np.floor(at + _WHOLE).astype(int)
+    part = np.where(at - picks > _WHOLE, at - picks, 0.0)[:, np.newaxis]
     noise_mv = float(np.exp(rng.uniform(np.log(0.1), np.log(6.0))))
-    volts = volts[picks]
+    volts = volts[picks] + part * (volts[np.minimum(picks + 1, len(volts) - 1)] - volts[picks])
     white = rng.normal(size=volts.shape)
     colour = rng.uniform(0, 0.9)
     red = np.zeros_like(white)
@@ -383,7 +400,7 @@ def _measured(
         hand=drawn.hand,
         rate_hz=rate_hz,
         noise_mv=noise_mv,
-        array=_ARRAYS[kind],
+        array=_array(kind, v["side"]),
         block=regular_block(volts, rate_hz),
         utilisation=utilisation[picks],
         gross=gross[picks],
@@ -403,7 +420,8 @@ def _gross(utilisation: FloatArray, speed: FloatArray) -> NDArray[np.bool_]:
     return gross
 
 
-def _array(kind: str) -> Array:
+@functools.cache
+def _array(kind: str, side: int) -> Array:
     channels = (
         [
             TaxelChannel(name="x", kind="shear_x"),
@@ -415,8 +433,6 @@ def _array(kind: str) -> Array:
             TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=(180.0 + 90 * k) % 360) for k in range(4)
         ]
     )
-    grid = Grid(x_mm=[-3.7, 0.0, 3.7], y_mm=[-3.7, 0.0, 3.7])
-    return build(ArrayFile(name=f"random-{kind}", grids=[grid], taxel_channels=channels))
-
-
-_ARRAYS = {kind: _array(kind) for kind in ("xyz", "side")}
+    places_mm = [3.7 * (k - (side - 1) / 2) for k in range(side)]
+    grid = Grid(x_mm=places_mm, y_mm=places_mm)
+    return build(ArrayFile(name=f"random-{kind}-{side}x{side}", grids=[grid], taxel_channels=channels))

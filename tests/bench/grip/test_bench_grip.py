@@ -18,7 +18,7 @@ from bench.grip.score import (
     tell,
     warned,
 )
-from bench.grip.worlds import DURATION_S, HANDS, LAWS, World, draw_worlds
+from bench.grip.worlds import HANDS, LAWS, USUAL, Population, World, draw_worlds
 from tactiled.detect.grip.detector import GripParams
 
 
@@ -42,11 +42,19 @@ def test_truth_stays_within_physics(worlds: list[World]) -> None:
         assert len(world.utilisation) == len(world.block) == len(world.gross)
         assert np.all((world.utilisation >= 0) & (world.utilisation <= 1.0 + 1e-6))
         assert np.isfinite(world.block.volts).all()
-        assert all(0 < gross_s < DURATION_S for gross_s in world.gross_s)
+        assert all(0 < gross_s < USUAL.duration_s for gross_s in world.gross_s)
         assert all(a <= b for a, b in zip(world.tenth_s, world.gross_s, strict=True))
-        assert world.gross.any() == world.slips or world.gross_s[-1] > DURATION_S - 0.1
+        assert world.gross.any() == world.slips or world.gross_s[-1] > USUAL.duration_s - 0.1
     assert any(world.slips for world in worlds)
     assert not all(world.slips for world in worlds)
+
+
+def test_other_arrays_and_rates_are_drawn_alike() -> None:
+    few = draw_worlds(range(20_000, 20_002), Population(side=2, rates_hz=(1000.0,)))
+    for world in few:
+        assert world.array.n_taxels == 4
+        assert world.block.volts.shape == (len(world.utilisation), world.array.n_channels)
+        assert len(world.block) == pytest.approx(8000, abs=2)
 
 
 def perfect(world: World) -> GripRecord:
@@ -116,7 +124,9 @@ def test_an_alarm_has_hysteresis() -> None:
 
 
 def test_hands_that_hold_stay_where_they_are_planned() -> None:
-    worlds = draw_worlds(range(40_000, 40_003), hands=("rest", "sway"), duration_s=10.0, most_used=0.3)
+    worlds = draw_worlds(
+        range(40_000, 40_003), Population(hands=("rest", "sway"), duration_s=10.0, most_used=0.3)
+    )
     assert [len(world.block) for world in worlds] == [round(10.0 * world.rate_hz) for world in worlds]
     assert {world.hand for world in worlds} <= {"rest", "sway"}
     for world in worlds:
