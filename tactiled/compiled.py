@@ -45,7 +45,7 @@ _DECLARED = {
     "grip": ("i", "sppppppprrriip"),
     "wander": ("", "ssspppppppppppri"),
     "shares": ("", "ssppppppppprrrr"),
-    "relieve": ("", "ssppppppppp"),
+    "relieve": ("", "sspppppppppp"),
     "rings": ("", "sssppppppppsppp"),
 }
 

@@ -63,10 +63,10 @@ API void tactiled_load_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, 
  *
  * Sides (half, axis, taxel) have `weights` of the channels `own`, both (n, 4, taxels), and readings `even` (4, taxels)
  * under an even load of 1. `numbers`: part of the other side below which a side is relieved, most spread, least
- * pressed part. load (taxels) and proportion (2, taxels) are kept. relieved (2, taxels). */
+ * pressed part. load (taxels), proportion and its weight (2, taxels) are kept. relieved (2, taxels). */
 API void tactiled_relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *even,
-                          const real *numbers, real *load, real *proportion, const real *readings, real *response,
-                          uint8_t *relieved)
+                          const real *numbers, real *load, real *proportion, real *weight, const real *readings,
+                          real *response, uint8_t *relieved)
 {
     for (ptrdiff_t t = 0; t < taxels; t++) {
         real side[4], high[2], other = INFINITY;
@@ -87,11 +87,13 @@ API void tactiled_relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, con
         load[t] = whole ? response[t] : at_least(response[t] / numbers[1], other < INFINITY ? other : load[t]);
         for (int a = 0; a < 2; a++) {
             real *shear = response + (1 + a) * taxels + t, *share = proportion + a * taxels + t;
-            real pressed = high[a] - load[t];
+            real pressed = high[a] - (relieved[(1 - a) * taxels + t] ? load[t] : (side[1 - a] + side[3 - a]) / 2);
             if (relieved[a * taxels + t])
                 *shear = (side[a] >= side[2 + a] ? 1 : -1) * *share * at_least(pressed, 0);
-            else if (pressed > numbers[2] * load[t])
-                *share = fabs(*shear) / pressed;
+            else if (pressed > numbers[2] * load[t]) {
+                weight[a * taxels + t] += pressed * pressed;
+                *share += pressed * (fabs(*shear) - *share * pressed) / weight[a * taxels + t];
+            }
         }
         response[t] = load[t];
     }

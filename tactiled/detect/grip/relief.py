@@ -46,12 +46,20 @@ class RelievedSides:
         # Readings of the sides (half, axis, taxel) under an even load of 1.
         self._even = np.maximum(even, _TINY)
         self._load = np.zeros(array.n_taxels)
-        self._proportion = np.zeros((2, array.n_taxels))
+        self._proportion, self._weight = np.zeros((2, 2, array.n_taxels))
         self._compiled: Callable[..., None] | None = None
         if (library := compiled.library()) is not None:
             # Arrays whose addresses are bound must live as long as this object.
             self._numbers = np.array([_RELIEVED, _MOST_SPREAD, _LEAST_PRESSED])
-            kept = self._own, self._weights, self._even, self._numbers, self._load, self._proportion
+            kept = (
+                self._own,
+                self._weights,
+                self._even,
+                self._numbers,
+                self._load,
+                self._proportion,
+                self._weight,
+            )
             self._compiled = compiled.bind(library.tactiled_relieve, array.n_taxels, len(self._own), *kept)
         self.reset()
 
@@ -60,7 +68,7 @@ class RelievedSides:
         self.relieved = np.zeros_like(self._proportion, dtype=np.bool_)
         """True for the pairs, by axis and taxel, that are read from one side."""
         self._load[:] = 0.0
-        self._proportion[:] = 2.0
+        self._proportion[:], self._weight[:] = 2.0, _TINY
 
     def correct(self, response: FloatArray, readings: FloatArray) -> None:
         """Replace loads and shears (3, taxels) of a scan where readings (channels,) show a relieved side."""
@@ -78,9 +86,13 @@ class RelievedSides:
         other = _other_pair(side, relieved)
         held = np.where(np.isfinite(other), other, self._load)
         self._load[:] = np.where(whole, response[0], np.maximum(held, response[0] / _MOST_SPREAD))
-        pressed = high - self._load
+        # Beyond the load that the other pair reads: the same one before and after a side is relieved.
+        pressed = high - np.where(relieved, self._load, side.mean(axis=0))[::-1]
         known = ~relieved & (pressed > _LEAST_PRESSED * self._load)
-        np.divide(np.abs(response[1:]), pressed, out=self._proportion, where=known)
+        # Least squares over the contact: the error of a single scan would last while the side is relieved.
+        moved = np.where(known, pressed, 0.0)
+        self._weight += moved * moved
+        self._proportion += moved * (np.abs(response[1:]) - self._proportion * moved) / self._weight
         if np.all(whole):
             return
         sign = np.where(side[0] >= side[1], 1.0, -1.0)

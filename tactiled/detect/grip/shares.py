@@ -167,9 +167,9 @@ class ShareEvidence:
         return np.asarray(-temper * found[:, -1])
 
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
-        """Forget how large the gains of some taxels (taxels,) are: from now on they are read otherwise."""
-        if self._uneven:
-            self._cov[0, 0][:, taxels] += _GAIN_SD**2
+        """Forget the gains of some taxels (taxels,), which are read otherwise from now on."""
+        if self._uneven:  # taxels that are alike change alike
+            self._cov[0, 0][:, taxels] += (_GAIN_SD * self._uneven) ** 2
 
     def _begin(self, part_of_load: FloatArray) -> None:
         """Set the spread of the nuisances, from how uneven the loads are."""

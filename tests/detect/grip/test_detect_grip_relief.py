@@ -47,6 +47,18 @@ def test_a_load_that_changes_is_seen_by_the_other_pair(last: float) -> None:
     np.testing.assert_allclose(corrected(truth), truth, atol=0.01)
 
 
+def test_noise_of_one_scan_does_not_stay_in_the_shear_of_relieved_sides() -> None:
+    rng = np.random.default_rng(0)
+    relieved, responses, shears = RelievedSides(ARRAY), Responses(ARRAY), []
+    for x in np.append(np.linspace(0, 0.74, 60), np.full(60, 0.8)):  # relieved from 0.76 on
+        volts = read(1.0, (x, 0.0)) + 3e-3 * rng.standard_normal(36)
+        response = responses.of(volts)
+        relieved.correct(response, volts)
+        shears.append(response[1])
+    assert relieved.relieved[0].all()
+    np.testing.assert_allclose(np.mean(shears[-50:], axis=0), 0.8, rtol=0.008)
+
+
 def test_arrays_without_opposed_sides_are_left_as_they_are() -> None:
     channels = [
         TaxelChannel(name="x", kind="shear_x"),
