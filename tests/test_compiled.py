@@ -28,11 +28,11 @@ from tactiled.detect.grip.relief import RelievedSides
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.wavelet import SwtBank
 from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.segments import TaxelSetSegment
-from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.samples.block import ScanBlock, regular_block
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Scan

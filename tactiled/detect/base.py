@@ -2,8 +2,9 @@
 
 1. ``process`` takes blocks and gaps in order and returns the events that they complete.
 2. Any chunking of the same scans gives bit-identical events.
-3. ``reset()`` equals a new detector. No window straddles a Gap: a gap discards the scans before it
-   (gaps of up to 50 ms never reach a detector: `bridge`).
+3. ``reset()`` equals a new detector, and so does a Gap in which the board began anew. Every Gap ends slip
+   and contact, and no window straddles it (gaps of up to 50 ms never reach a detector: `bridge`). What is
+   known of friction, noise and zero may be kept over a gap in which the board kept scanning.
 4. Memory is bounded and nothing drifts: no running sum that never forgets.
 5. Finite in or NaN in, finite out: NaN and invalid readings are left out and never spread.
 """

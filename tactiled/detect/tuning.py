@@ -18,8 +18,8 @@ from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.zero import StartZero
-from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Suppressed

@@ -78,6 +78,7 @@ CASES = [
     (ONE_TAXEL, 100.0),
 ]
 GAP = Gap(5, "missing", 5000)
+BEGUN_ANEW = Gap(5, "restart", 5000)
 
 every_detector = pytest.mark.parametrize("make", DETECTORS.values(), ids=DETECTORS.keys())
 every_name = pytest.mark.parametrize("name", DETECTORS)
@@ -141,7 +142,7 @@ def test_reset_equals_new(make: Callable[[Array], Detector], array: Array, rate_
 
 @every_detector
 @every_array
-def test_a_gap_equals_reset_and_ends_events(
+def test_a_gap_ends_events_and_a_board_that_begins_anew_equals_reset(
     make: Callable[[Array], Detector], array: Array, rate_hz: float
 ) -> None:
     block = sliding(array, rate_hz)
@@ -155,6 +156,7 @@ def test_a_gap_equals_reset_and_ends_events(
             states = [getattr(e, "state", "") for e in [*before, *at_gap] if e.topic == topic]
             assert states == [] or states[-1] == rest_state
         assert detector.process(GAP) == []
+        assert detector.process(BEGUN_ANEW) == []
         assert detector.process(block) == make(array).process(block)
 
 

@@ -21,9 +21,11 @@ from tactiled.detect.grip.observe import (
     level_for,
     noise_gain,
 )
+from tactiled.detect.grip.press import PressZero
 from tactiled.detect.grip.relief import RelievedSides
 from tactiled.detect.signal.contact import ContactParams
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.wavelet import BankParams, SwtBank
 from tactiled.events.types import Event, GripEvent, GripState
 from tactiled.samples.block import Gap, ScanBlock
@@ -33,12 +35,20 @@ from tactiled.tomlfile import Params
 _CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
 _FRICTION = 0.6  # of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
-_ZERO_S = 0.6  # from touch: the shear that pressing alone makes is measured, and subtracted from then on
 _BASELINE_S = 1.0  # averaging time of the readings without contact
 _HOLD_S = (
     0.05  # for which the last good reading stands in; a channel that is bad for longer takes its taxel out
 )
 _LEAST_KEPT = 0.75  # of the taxels; with fewer, the messages are not valid
+_SCANNED = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
+_LONGEST_GAP_S = 2.0  # beyond, what is held is held anew
+# Of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes hold anew
+# seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
+_SAME_LOADS = 0.5
+# During the press, when the load is small: noise of shear over load below which it is followed, and standard
+# deviations by which it must exceed what is not known of it before the shares of the taxels are looked at.
+_CLEAR, _NOISES = 0.02, 4.0
+_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 _DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
 
 
@@ -141,6 +151,9 @@ class GripDetector:
         self._previous: FloatArray | None = None
         self._relieved.reset()
         self._touch: _Touch | None = None
+        self._before_gap: _Touch | None = None  # contact that a gap interrupted
+        self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
+        self._stuck = StuckChannelDetector(self._array)
         self._last_s = 0.0
         self._bad_scans = np.zeros(self._array.n_channels, dtype=np.int64)
         self._dropped = np.zeros(self._array.n_taxels, dtype=np.bool_)
@@ -152,16 +165,16 @@ class GripDetector:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
         if isinstance(item, Gap):
-            return self.lose_contact()
+            return self.pass_gap(item)
         events = self.lose_contact() if item.rate_hz != self._rate_hz else []
         events += [event for event in self.scans(item) if event is not None]
         return events
 
     @property
     def contact(self) -> ContactScan | None:
-        """Newest scan of the present contact; None without one, and until the shear of the press is known."""
+        """Newest scan of the present contact; None without one."""
         touch = self._touch
-        if touch is None or touch.grip is None or not touch.is_known:
+        if touch is None or touch.grip is None:
             return None
         return ContactScan(touch.model, touch.grip, touch.shear)
 
@@ -183,13 +196,14 @@ class GripDetector:
             self._history = np.zeros((history_scans(block.rate_hz), 3, self._array.n_taxels))
             self._n_hold = max(1, round(_HOLD_S * block.rate_hz))
         held = self._quantiser.process(block)
+        ok = held.ok & ~self._stuck.process(held.steps)
         details = self._bank.process(block)
         usable = np.all(details.usable, axis=1)
         late: list[bool] = block.late.tolist()
         readings = held.steps * self._quantiser.volts_per_step
         together = self._at_one_instant(readings, block)
         for scan, volts in enumerate(readings):
-            self.is_trusted = is_trusted = self._take_out(held.ok[scan]) and not late[scan]
+            self.is_trusted = is_trusted = self._take_out(ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0) if self._was_bad else False
             rows = details.volts[scan] if (usable[scan] | out).all() else None
             yield self._step(volts, together[scan], rows, float(block.time_s[scan]), is_trusted, late[scan])
@@ -206,6 +220,21 @@ class GripDetector:
         self._previous = readings[-1]
         back = np.clip(block.channel_offset_s * block.rate_hz, 0.0, 1.0)
         return np.asarray(readings - back * (readings - older))
+
+    def pass_gap(self, gap: Gap) -> list[Event]:
+        """Return the end of a contact that a gap interrupts, and predict over the gap.
+
+        Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
+        tells whether the contact went on.
+        """
+        if gap.cause not in _SCANNED or not self._rate_hz:
+            return self.lose_contact()
+        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
+        self._before_gap, self._touch = self._touch or self._before_gap, None
+        self._is_after_gap = True
+        self._bank.reset()
+        self._previous = None
+        return events
 
     def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
@@ -243,32 +272,38 @@ class GripDetector:
 
         Details (levels, channels) are None where they still see a gap.
         """
-        self._last_s = time_s
+        before_s, self._last_s = self._last_s, time_s
         if details is not None:
             self._floor.take(volts, details, self._rate_hz)
         pressed = together - self._baseline
         response = self._responses.of(pressed)
         was_relieved = self._relieved.relieved
-        if self._touch is not None:
+        if self._touch is not None or self._before_gap is not None:
             self._relieved.correct(response, pressed)
         response[:, self._dropped] = 0.0
-        self._history[:-1] = self._history[1:]
-        self._history[-1] = response
+        is_seen, self._is_after_gap = not self._is_after_gap, False
+        if is_seen:
+            self._history[:-1] = self._history[1:]
+            self._history[-1] = response
+        else:
+            self._history[:] = response  # no window straddles a gap
         channel_sd = self._floor.sd()
         shear_sd, total_sd, load_sd = self._responses.noise(channel_sd)
         load = float(response[0].mean())
         least = max(_CONTACT_NOISES * load_sd, _CONTACT_RANGE * self._array.full_scale)
+        if self._before_gap is not None:
+            self._touch = self._resume(self._before_gap, response[0], load > least, time_s - before_s)
+            self._before_gap = None
         if self._touch is None:
             if load <= least:
                 self._follow_baseline(volts)
                 return None
-            self._touch = _Touch(
-                ContactModel(self._places[0], self._places[1], self._friction), self._rate_hz
-            )
+            model = ContactModel(self._places[0], self._places[1], self._friction)
+            n_taxels, per_friction = self._array.n_taxels, self._array.shear_per_friction
+            zero = PressZero(n_taxels, self._rate_hz, per_friction, is_seen=is_seen)
+            self._touch = _Touch(model, zero, self._rate_hz)
         elif load < least / 2:
-            self._touch = None
-            self._relieved.reset()
-            self._friction.end_contact()
+            self._end_touch()
             return _no_contact(time_s, valid=is_trusted)
         if self._relieved.relieved is not was_relieved:
             switched = (self._relieved.relieved != was_relieved).any(axis=0)
@@ -277,6 +312,23 @@ class GripDetector:
         self._touch.take(self._history, shear_sd, total_sd)
         return self._touch.event(time_s, self._radius_mm, self._unit, is_trusted, is_late)
 
+    def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
+        """Return the contact if it went on in a gap, by the loads (taxels,) after it; else end it."""
+        before = touch.loads
+        changed = float(np.abs(load - before).sum())
+        most = _SAME_LOADS * max(float(before.sum()), float(load.sum()))
+        if touches and 0.0 < gap_s <= _LONGEST_GAP_S and changed < most:
+            touch.pass_gap(gap_s)
+            return touch
+        self._friction.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
+        self._end_touch()
+        return None
+
+    def _end_touch(self) -> None:
+        self._touch = None
+        self._relieved.reset()
+        self._friction.end_contact()
+
     def _follow_baseline(self, volts: FloatArray) -> None:
         self._n_baseline += 1
         part = 1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz))
@@ -284,54 +336,59 @@ class GripDetector:
 
 
 class _Touch:
-    """One contact: its zero, then its model."""
+    """One contact: its zero and its model."""
 
-    def __init__(self, model: ContactModel, rate_hz: float) -> None:
+    def __init__(self, model: ContactModel, zero: PressZero, rate_hz: float) -> None:
         self.model = model
+        self._zero = zero
         self._step_s = 1.0 / rate_hz
-        self._n_zero = max(2, round(_ZERO_S * rate_hz))
+        self._since_s = self._step_s  # the scan before
         self._n_look = max(1, round(STEP_S * rate_hz))
         self._n = 0
-        self._crossed: FloatArray = np.zeros(())  # sums of shear times load, then shear over load of a press
-        self._squares: FloatArray = np.zeros(())
         self._level = 0
         self._total = np.zeros(3)
+        self._offset_sd = 0.0  # of shear over load
         self._load = 0.0
+        self.loads: FloatArray = np.zeros(1)
+        """Loads (taxels,) of the newest scan."""
         self.grip: Grip | None = None
         self.shear: FloatArray = np.zeros((2, 1))
         """Shear (2, taxels) over the total load."""
 
-    @property
-    def is_known(self) -> bool:
-        """True once the shear that pressing alone makes is known."""
-        return self._n > self._n_zero
+    def pass_gap(self, gap_s: float) -> None:
+        """Predict over a gap in which the contact went on."""
+        self._zero.is_measured = True
+        self._since_s = gap_s
+        self.model.skip(gap_s)
 
     def take(self, history: FloatArray, shear_sd: float, total_sd: float) -> None:
         """Take loads and shears (n, 3, taxels) of the newest scans, with the noise of the last one."""
         self._n += 1
-        load, *shear = history[-1]
+        zero = self._zero
+        load, shear = history[-1, 0], history[-1, 1:]
+        self.loads = load.copy()
         self._load = max(float(load.sum()), 1e-9)
-        if self._n <= self._n_zero:
-            self._crossed = self._crossed + history[-1, 1:] * load
-            self._squares = self._squares + load**2
-            if self._n == self._n_zero:
-                # The load's own noise keeps taxels without load from a zero made of noise.
-                self._crossed = self._crossed / (self._squares + self._n_zero * shear_sd**2)
-                relative = shear_sd * len(load) / self._load
-                self._level = level_for(relative, 1.0 / self._step_s)
-            return
-        borne = np.asarray(shear) - self._crossed * load
+        self._offset_sd = zero.whole_sd
+        noise_sd = total_sd / self._load
+        is_clear = True
+        if not zero.is_measured:
+            zero.take(load, shear, shear_sd, total_sd)
+            self._level = level_for(shear_sd * len(load) / self._load, 1.0 / self._step_s)
+            self._offset_sd = math.hypot(zero.whole_sd, noise_sd)
+            is_clear = zero.is_measured or noise_sd < _CLEAR
+        borne = shear - zero.parts * load
         self._total, self.shear = self.model.total(borne), borne / self._load
-        self.model.follow(self._total / self._load, total_sd / self._load, self._step_s)
-        if self._n % self._n_look == 0:
+        if not is_clear:
+            return
+        self.model.follow(self._total / self._load, noise_sd, self._since_s, self._offset_sd)
+        self._since_s = self._step_s
+        shows = zero.is_measured or self.model.trend.size > _NOISES * self._offset_sd
+        if self._n % self._n_look == 0 and shows:
             kernel = approximation_taps(self._level)
             smooth = np.tensordot(kernel[::-1], history[-len(kernel) :], axes=1)
-            self.model.look(
-                smooth[0],
-                smooth[1:] - self._crossed * smooth[0],
-                shear_sd * noise_gain(self._level),
-                self._n_look * self._step_s,
-            )
+            look_sd = math.hypot(shear_sd * noise_gain(self._level), zero.taxel_sd * self._load / len(load))
+            step_s = self._n_look * self._step_s
+            self.model.look(smooth[0], smooth[1:] - zero.parts * smooth[0], look_sd, step_s)
 
     def event(
         self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
@@ -345,17 +402,21 @@ class _Touch:
             state = "unloading"
         elif grip.slipping_share > INCIPIENT_SHARE:
             state = "partial"
-        size = math.sqrt(float(self._total @ self._total))
+        # What is not known of the zero widens the interval of the utilisation.
+        offset = _FIVE_PERCENT * self._offset_sd
+        size = math.sqrt(float(self._total @ self._total)) + offset * self._load
         utilisation, friction, p_gross = (
             grip.utilisation.tolist(),
             grip.friction.tolist(),
             grip.p_gross.tolist(),
         )
+        low, median, high = utilisation
+        more = offset / friction[1]
         return GripEvent(
             time_s=time_s,
-            utilisation=utilisation[1],
-            utilisation_low=utilisation[0],
-            utilisation_high=utilisation[2],
+            utilisation=median,
+            utilisation_low=max(0.0, median - math.hypot(median - low, more)),
+            utilisation_high=min(1.0, median + math.hypot(high - median, more)),
             friction=friction[1],
             friction_low=friction[0],
             friction_high=friction[2],
@@ -370,7 +431,7 @@ class _Touch:
             unit=unit,
             needed_load=size / (NEEDED_UTILISATION * friction[0]),
             state=state,
-            valid=is_trusted and self.is_known,
+            valid=is_trusted,
             late=is_late,
         )
 

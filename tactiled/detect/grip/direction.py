@@ -26,7 +26,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 _TURNS, _TURNS_SD = 0.4, 0.33
 _MODEL_SD = 0.05  # radians: resistors that are 5 % unequal turn one taxel by so much
 _FEWEST = 4  # taxels whose spread has a variance: fewer have no more than three degrees of freedom
-_AVERAGED = 3  # scans at each end of the growth
+_AVERAGED, _AVERAGED_S = 3, 0.06  # scans at each end of the growth, and their time at most
 # Of the angle from the growth to its first half: what that half still has of the bend of the second.
 _BEND_LEFT = 0.2
 
@@ -38,7 +38,12 @@ class Direction(NamedTuple):
     sd_deg: float
 
 
-def direction(scan: ContactScan, past: Sequence[FloatArray], *, is_gross: bool) -> Direction:
+def averaged_scans(step_s: float) -> int:
+    """Return the number of scans that are averaged at each end of the growth."""
+    return max(1, min(_AVERAGED, round(_AVERAGED_S / step_s)))
+
+
+def direction(scan: ContactScan, past: Sequence[FloatArray], n_averaged: int, *, is_gross: bool) -> Direction:
     """Return the direction of a slip; the sd is `UNKNOWN_SD_DEG` where the skin turns on the spot.
 
     Parameters
@@ -46,15 +51,17 @@ def direction(scan: ContactScan, past: Sequence[FloatArray], *, is_gross: bool) 
     scan : ContactScan
     past : sequence of (2, taxels) float64
         Shear over the total load, of the newest scans up to this one.
+    n_averaged : int
+        See `averaged_scans`.
     is_gross : bool
         The slip is reported as gross.
     """
     shears = np.array(past)  # (scans, 2, taxels)
     totals = shears.sum(axis=2)
-    now = shears[-_AVERAGED:].mean(axis=0)
+    now = shears[-n_averaged:].mean(axis=0)
     change = now.sum(axis=1) - totals
     start = int(np.argmax((change**2).sum(axis=1)))
-    before = shears[max(0, start - _AVERAGED + 1) : start + _AVERAGED].mean(axis=0)
+    before = shears[max(0, start - n_averaged + 1) : start + n_averaged].mean(axis=0)
     size = float(np.hypot(*(now - before).sum(axis=1)))
     ratio = scan.model.trend.value
     if size <= 1e-9 or math.hypot(ratio[0], ratio[1]) < abs(float(ratio[2])):

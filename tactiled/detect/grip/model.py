@@ -31,6 +31,7 @@ _LEAST_RATIO = 0.02  # below it, noise and zero make the growth of the ratio's l
 INCIPIENT_SHARE = 0.1  # of the area that slips: what is called incipient slip
 # Utilisation at which a tenth of a ball's area slips in first loading: the sticking share is (1 - u)^(2/3).
 INCIPIENT_USED = 1.0 - (1.0 - INCIPIENT_SHARE) ** MINDLIN_POWER
+_SURELY = 2.0  # standard deviations
 _TINY = 1e-12
 
 
@@ -111,12 +112,27 @@ class ContactModel:
         total[2] = shear[1] @ self._x - shear[0] @ self._y
         return total
 
-    def follow(self, ratio: FloatArray, noise_sd: float, step_s: float) -> None:
-        """Take the ratio (3,) of total shear and moment over load."""
+    def follow(self, ratio: FloatArray, noise_sd: float, step_s: float, offset_sd: float = 0.0) -> None:
+        """Take the ratio (3,) of total shear and moment over load.
+
+        Parameters
+        ----------
+        noise_sd : float
+        step_s : float
+            Time since the last ratio.
+        offset_sd : float
+            Of a constant part that is not known: only what the ratio exceeds it by is surely borne.
+        """
         self.trend.step(ratio, noise_sd, step_s)
-        self.friction.bear(self.trend.size, step_s)
+        self.friction.bear(max(self.trend.size - _SURELY * offset_sd, 0.0), step_s)
         self._growth.take(float(np.sqrt(ratio @ ratio)), step_s)
         self._scan_s, self._noise_sd = step_s, noise_sd
+
+    def skip(self, gap_s: float) -> None:
+        """Predict over a gap: friction walks, and windows begin anew."""
+        self.friction.walk(gap_s)
+        self._growth = GrowthEvidence()
+        self._wander = ShareWander(self._x, self._y, len(self.friction.friction))
 
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
         """Forget the gains of taxels (taxels,) that are read otherwise from now on."""

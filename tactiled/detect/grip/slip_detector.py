@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from tactiled.array import Array
 from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.model import ContactModel
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.signal.contact import (
     ContactTracker,
@@ -64,6 +65,7 @@ class GripSlip:
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: PosteriorSlips | None = None
+        self._model: ContactModel | None = None  # whose slips these are
         self._rate_hz = 0.0
         self._last_s = 0.0
 
@@ -75,10 +77,11 @@ class GripSlip:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes.
 
-        A gap or a new scan rate ends slip and contact with events that are not valid.
+        A gap or a new scan rate ends slip and contact with events that are not valid, because their end was
+        not observed. A slip inside a gap is reported where the contact goes on after it.
         """
         if isinstance(item, Gap):
-            return self._forget()
+            return self._interrupt(item)
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
         if self._tracker is None:
             self._rate_hz = item.rate_hz
@@ -102,11 +105,12 @@ class GripSlip:
     def _slip(self, at: ScanInstant, *, touches: bool) -> list[SlipEvent]:
         """Return the slip events of a scan."""
         scan = self._grip.contact if touches else None
+        slips = self._slips
         if scan is not None:
-            if self._slips is None:
-                self._slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
-            return self._slips.step(scan, at)
-        slips, self._slips = self._slips, None
+            if slips is None or scan.model is not self._model:
+                slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
+                self._slips, self._model = slips, scan.model
+            return slips.step(scan, at)
         # Readings that are lost look like a contact that is lost.
         is_valid = at.is_valid and self._grip.is_trusted
         return [slips.end(at.time_s, valid=is_valid)] if slips is not None and slips.open else []
@@ -123,12 +127,23 @@ class GripSlip:
             return None if state == "sliding" else tracker.begin_sliding()
         return None if state == "shearing" else tracker.begin_shearing()
 
+    def _interrupt(self, gap: Gap) -> list[Event]:
+        """Cut off slip and contact; the contact model predicts over the gap."""
+        events = self._cut_off()
+        self._tracker = None
+        lost = self._grip.pass_gap(gap)
+        return events + (lost if self._params.enabled else [])
+
     def _forget(self) -> list[Event]:
+        events = self._cut_off()
+        lost = self._grip.lose_contact()
+        self.reset()
+        return events + (lost if self._params.enabled else [])
+
+    def _cut_off(self) -> list[Event]:
         events: list[Event] = []
         if self._slips is not None and self._slips.open:
             events.append(self._slips.end(self._last_s, valid=False))
         if self.contact_state != "none":
             events.append(lost_contact_event(self._last_s, self.contact_state))
-        lost = self._grip.lose_contact()
-        self.reset()
-        return events + (lost if self._params.enabled else [])
+        return events

@@ -17,7 +17,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.grip.detector import ContactScan
-from tactiled.detect.grip.direction import direction
+from tactiled.detect.grip.direction import averaged_scans, direction
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
@@ -27,6 +27,7 @@ _MAY_SLIDE = 0.05  # probability that the limit was met, below which an incipien
 _HISTORY_S = 1.0  # in which the beginning of a slip is looked for
 # Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
 _RELAXED = 0.85
+_GAP_STEPS = 1.5  # times the time between scans: a longer one is a gap
 _GROWN = 1.1  # of the smallest ratio since a slip ended, beyond which the next may begin
 
 
@@ -52,11 +53,13 @@ class PosteriorSlips:
         self._p, self._gross_p = incipient_p, gross_p
         self._slides = False
         self._step_s = 1.0 / rate_hz
+        self._n_averaged = averaged_scans(self._step_s)
         self._n_off = max(1, round(_OFF_S * rate_hz))
         length = max(2, round(_HISTORY_S * rate_hz))
         self._past: collections.deque[tuple[float, float, FloatArray]] = collections.deque(maxlen=length)
         self.open: SlipEvent | None = None
         """Newest onset of the slip that goes on."""
+        self._n_waits = 0  # scans after a gap, before a direction can be told
         self._n_low = 0
         self._largest = 0.0  # ratio of the gross slip that goes on
         self._least = 0.0  # ratio since the last slip ended
@@ -64,13 +67,17 @@ class PosteriorSlips:
     def step(self, scan: ContactScan, at: ScanInstant) -> list[SlipEvent]:
         """Take a scan and return the slip events that it completes."""
         grip, size = scan.grip, scan.model.trend.size
+        if self._past and at.time_s - self._past[-1][0] > _GAP_STEPS * self._step_s:
+            self._n_waits = self._n_averaged
         self._past.append((at.time_s, size, scan.shear))
         self._least = min(self._least, size)
         self._slides = grip.p_sliding > (self._gross_p / 2 if self._slides else self._gross_p)
         events: list[SlipEvent] = []
+        self._n_waits = max(0, self._n_waits - 1)
+        if self._n_waits:
+            return events
         if self.open is not None and self._has_ended(self.open, scan, size):
             events.append(self.end(at.time_s, valid=at.is_valid))
-            self._least = size
         if self.open is None and self._may_begin(scan, size):
             self._n_low = 0
             self.open = self._onset(scan, at)
@@ -86,6 +93,7 @@ class PosteriorSlips:
         assert self.open is not None
         ended = dataclasses.replace(self.open, state="end", time_s=time_s, detected_s=time_s, valid=valid)
         self.open = None
+        self._least = self._past[-1][1]
         return ended
 
     def _may_begin(self, scan: ContactScan, size: float) -> bool:
@@ -105,7 +113,7 @@ class PosteriorSlips:
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
         began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
-        towards = direction(scan, [shear for _, _, shear in self._past], is_gross=False)
+        towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=False)
         return SlipEvent(
             time_s=began_s,
             state="onset",
@@ -126,7 +134,7 @@ class PosteriorSlips:
     def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
         began_s, sd_s = self._began(friction.friction, friction.weights * friction.met, scan)
-        towards = direction(scan, [shear for _, _, shear in self._past], is_gross=True)
+        towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=True)
         began_s = max(began_s, slip.onset_s)
         return dataclasses.replace(
             slip,
@@ -154,12 +162,14 @@ class PosteriorSlips:
         below = size[:, np.newaxis] < limit
         # One after the last scan below the limit; the oldest scan where there is none.
         row = np.where(below.any(axis=0), len(size) - np.argmax(below[::-1], axis=0), 0)
-        began_s = time_s[np.minimum(row, len(size) - 1)]
+        row = np.minimum(row, len(size) - 1)
+        unseen_s = np.maximum(time_s[row] - time_s[np.maximum(row - 1, 0)] - _GAP_STEPS * self._step_s, 0.0)
+        began_s = time_s[row] - unseen_s / 2  # the ratio may have met the limit at any time of a gap
         met = weights * ~below[-1]
         if met.sum() <= 0:
             met = weights
         mean_s = float(np.average(began_s, weights=met))
-        spread = float(np.average((began_s - mean_s) ** 2, weights=met))
+        spread = float(np.average((began_s - mean_s) ** 2 + unseen_s**2 / 12, weights=met))
         trend = scan.model.trend
         noise_s = min(trend.value_sd / max(trend.growth, 1e-3), _HISTORY_S)
         return mean_s, math.sqrt(spread + noise_s**2 + self._step_s**2 / 12)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from tactiled.array import Array
 from tactiled.detect.grip.detector import ContactScan, GripDetector, GripParams
+from tactiled.detect.grip.model import ContactModel
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.signal.contact import ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
@@ -46,21 +47,24 @@ class SlipsByThreshold:
         self.found: Mapping[SlipThresholds, list[SlipEvent]] = {at: [] for at in self._thresholds}
         self._last = ScanInstant(0.0, 0.0, is_valid=False)
         self._rate_hz = 0.0
-        self._begin()
-
-    def _begin(self) -> None:
-        self._grip.lose_contact()
+        self._grip.reset()
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: dict[SlipThresholds, PosteriorSlips] = {}
+        self._model: ContactModel | None = None  # whose slips these are
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Take the item; return nothing, since events of different thresholds are no stream."""
-        if isinstance(item, Gap) or item.rate_hz != self._rate_hz:
-            self._end(self._last._replace(is_valid=False))
-            self._begin()
         if isinstance(item, Gap):
+            self._end(self._last._replace(is_valid=False))
+            self._tracker = None
+            self._grip.pass_gap(item)
             return []
+        if item.rate_hz != self._rate_hz:
+            self._end(self._last._replace(is_valid=False))
+            self._tracker = None
+            self._quantiser = Quantiser(self._array)
+            self._grip.lose_contact()
         self._rate_hz = item.rate_hz
         tracker = self._tracker
         if tracker is None:
@@ -79,7 +83,8 @@ class SlipsByThreshold:
 
     def take(self, scan: ContactScan, at: ScanInstant) -> None:
         """Take a scan in contact."""
-        if not self._slips:
+        if scan.model is not self._model:
+            self._model = scan.model
             self._slips = {key: PosteriorSlips(*key, self._rate_hz) for key in self._thresholds}
         for key, slips in self._slips.items():
             self.found[key].extend(slips.step(scan, at))
@@ -88,4 +93,3 @@ class SlipsByThreshold:
         for key, slips in self._slips.items():
             if slips.open is not None:
                 self.found[key].append(slips.end(at.time_s, valid=at.is_valid))
-        self._slips = {}

@@ -1,7 +1,7 @@
 """Slip detector on the summed shear response of the array ("coherent").
 
-1. `slip.segments` filters the response of all usable taxels. `slip.stuck_channels` finds channels that do not
-   follow the load; a missing, stuck or far noisier channel takes its taxel out of the response.
+1. `slip.segments` filters the response of all usable taxels. `signal.stuck_channels` finds channels that do
+   not follow the load; a missing, stuck or far noisier channel takes its taxel out of the response.
 2. `slip.evidence` tests whether shear grows by more than noise, pressure and elastic deformation explain. If
    so, an "incipient" onset is reported: a part of the contact slips, or is about to. Its instant is when the
    shear began to grow (`slip.kink`).
@@ -35,12 +35,12 @@ from tactiled.detect.signal.contact import (
     lost_contact_event,
 )
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.slip.alarm_rate import NOISE_PART, shear_at
 from tactiled.detect.slip.evidence import ShearEvidence
 from tactiled.detect.slip.gap import LOOK_SCANS, PreGapReadings
 from tactiled.detect.slip.scan_evidence import ScanEvidence
 from tactiled.detect.slip.segments import PIECE_SCANS, TaxelSetSegment
-from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.detect.slip.tracker import SlipTracker
 from tactiled.events.types import ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock

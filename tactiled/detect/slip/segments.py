@@ -1,7 +1,7 @@
 """Segments of scans with a constant set of taxels, and their filtered responses.
 
 A taxel is used while all its channels have been good for the length of the filters: a missing or stuck
-reading (`slip.stuck_channels`) excludes its taxel. So does noise. The mean over n taxels with independent
+reading (`signal.stuck_channels`) excludes its taxel. So does noise. The mean over n taxels with independent
 noise has the variance ``sum sd^2 / n^2``; one taxel with five times the noise of the others nearly doubles
 the standard deviation of the mean of nine. Weights by noise would gain little more, and would distort the
 response, to which all taxels contribute equally.

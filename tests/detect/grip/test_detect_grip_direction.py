@@ -25,7 +25,7 @@ def found(course: FloatArray, *, is_gross: bool = False, spread: float = 0.0, n:
     )
     grip = SimpleNamespace(p_sliding=0.3 if is_gross else 0.0, p_incipient=0.9)
     return direction(
-        cast(ContactScan, cast(Any, SimpleNamespace(model=model, grip=grip))), past, is_gross=is_gross
+        cast(ContactScan, cast(Any, SimpleNamespace(model=model, grip=grip))), past, 3, is_gross=is_gross
     )
 
 

@@ -10,9 +10,9 @@ from touches import LSB, Touch, onsets, pieces, run, slips, splits
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.slip.filters import lasting
-from tactiled.detect.slip.stuck_channels import StuckChannelDetector
 from tactiled.events.types import Event
 from tactiled.samples.block import ScanBlock, regular_block
 

@@ -1,0 +1,93 @@
+"""Shear that pressing alone makes: zero of the taxels' shear, as a multiple of their load.
+
+Unequal gains of the channels and a skin that is mounted at an angle turn a part of the load into shear. It is
+measured from touch on, until the shear leaves it by more than it can vary, or `_PRESS_S` have passed: hands
+that grasp and lift begin to pull a tenth of a second after touch. Each taxel's part is unknown by itself, so
+that the part of the whole array is small; a press at a slant, whose shear is larger, loads the contact. All
+shear of a contact that was not seen to begin is taken for the zero, and all of it may be load.
+
+What is not known of it yet is an offset of the shear over load: it widens intervals, and weakens what the
+shares of the taxels and the borne shear say of friction.
+"""
+
+import math
+
+import numpy as np
+
+from tactiled.array import FloatArray
+
+_PRESS_S = 0.6  # of a press that shear does not end, after which the zero is known
+# Standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into shear, and
+# an array that is mounted at 2 degrees so much of all of it.
+_TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
+_SDS = 2.0  # that the zero of the whole array may have
+_LEFT_SDS = 3.0  # by which shear must leave the zero to end the press
+
+
+class PressZero:
+    """Zero of one contact.
+
+    Parameters
+    ----------
+    n_taxels : int
+    rate_hz : float
+    shear_per_friction : float
+        Reading of shear over that of load at a friction of 1.
+    is_seen : bool
+        The contact was seen to begin. Otherwise shear may have come before.
+
+    Attributes
+    ----------
+    parts : (2, taxels) float64
+        Shear over load.
+    """
+
+    def __init__(self, n_taxels: int, rate_hz: float, shear_per_friction: float, *, is_seen: bool) -> None:
+        self._n_taxels = n_taxels
+        self._n_press = max(2, round(_PRESS_S * rate_hz))
+        self._taxel_sd = _TAXEL_SD * shear_per_friction
+        self._whole_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD) * shear_per_friction
+        self._is_seen = is_seen
+        self._unseen = 0.0  # shear over load of the zero that may be load
+        self._n = 0
+        self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
+        self._squares = np.zeros(n_taxels)  # and of load squared
+        self.parts = np.zeros((2, n_taxels))
+        self.is_measured = False
+        """True once the press is over."""
+
+    @property
+    def taxel_sd(self) -> float:
+        """Standard deviation of what is unknown of a taxel's part."""
+        return self._taxel_sd * self._unknown
+
+    @property
+    def whole_sd(self) -> float:
+        """Standard deviation of what is unknown of the part of the whole array."""
+        return math.hypot(self._whole_sd * self._unknown, self._unseen)
+
+    @property
+    def _unknown(self) -> float:
+        return 1.0 - self._n / self._n_press if self._is_seen else 1.0
+
+    def take(self, load: FloatArray, shear: FloatArray, shear_sd: float, total_sd: float) -> None:
+        """Take loads (taxels,) and shears (2, taxels) of a scan of the press, with their noise."""
+        whole = max(float(load.sum()), 1e-9)
+        if self._n:
+            left = (shear - self.parts * load).sum(axis=1) / whole
+            if math.hypot(*left) > _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole):
+                self.is_measured = True
+                return
+        self._n += 1
+        self._crossed += shear * load
+        self._squares += load**2
+        # The load's own noise keeps taxels without load from a zero made of noise.
+        parts = self._crossed / np.maximum(self._squares + self._n * shear_sd**2, 1e-300)
+        parts_of_whole = (parts * load / whole).sum(axis=1, keepdims=True)
+        size = math.hypot(*parts_of_whole[:, 0])
+        if self._is_seen:
+            parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
+        else:
+            self._unseen = size
+        self.parts = parts
+        self.is_measured = self._n >= self._n_press
