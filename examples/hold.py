@@ -26,29 +26,43 @@ import socket
 import sys
 from collections import deque
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from tactiled.client import Message, Stale, Subscription
 
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
-TARGET = 0.75  # utilisation (95 % quantile) at which an object is held
-PROBE = 0.8  # by likely friction: the grip is eased so far once, because friction shows near the limit only
+TARGET = 0.8  # utilisation (95 % quantile) at which an object is held
+PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
+FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
 LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's delay and its travel
 LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
 GROWTH_S = 0.03  # over which the growth of shear is measured
 GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
-REST_S, FALL_S = 0.6, 0.15  # shear is compared with what was borne so long ago
-FALL = 0.04  # of the shear that was borne, by which it falls only if the object slides or is set down
+ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so many times the present one
 LEAST = 0.05  # of the load: less shear is no object in the air
+# Signs of slip in shear, load and force; an object that sticks keeps its shear, whatever the grip does.
+DROP, DROP_S, FLAT = 0.03, 0.035, 0.012  # shear that falls at once and stays: friction of sliding is less
+FALL, FALL_S, REST_S = 0.04, 0.15, 0.6  # shear below all that was borne from FALL_S to REST_S ago
+FOLLOWS, FOLLOW_S = 0.6, 0.12  # of a change of force in this time, that shear follows only while it slides
+TIGHTER, EASED = 0.03, 0.05  # least such changes; tighter: within WATCH_S of a drop of the shear
+WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.3, 1.03  # eased: shear was not above its least before by more
+WEAKER = 0.8  # of the friction bound, that is left of it after a slip at least
+RECOVER_PER_S = 0.3  # rate at which the ratio of the last slip is forgotten
+GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
+CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
+EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
-FORGET_PER_S = 0.005  # rate at which the friction bound is lost: surfaces get wet
-RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
-CALM_S, CALM_AFTER_SLIP_S = 0.2, 1.0  # without growth of shear or slip, before the grip is eased
-EASE_PER_S = 3.0  # rate at which the grip in excess is eased
-GRASP_AGAIN = 1.3  # times the present force, while everything slides
-GRASP_MOST = 2.0  # times the command before the slip, at most
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
+
+
+class Seen(NamedTuple):
+    """Time, shear and load of a message, and the gripper's force."""
+
+    at_s: float
+    shear: float
+    load: float
+    force_n: float
 
 
 class HoldController:
@@ -73,51 +87,45 @@ class HoldController:
         """Begin with another object."""
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
-        self._past: deque[tuple[float, float, float]] = deque()  # time, shear, load
+        self._slides, self._probes = False, True
+        self._past: deque[Seen] = deque()
         self._calm_from_s = 0.0
+        self._dropped_s = -math.inf
         self._held_n, self._wanted_n = self.command_n, 0.0
         self._level_n = self._newtons = self._steady_from_s = 0.0
-        self._probes = True
 
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N), from a `grip` message and the force exerted now."""
-        now_s, load = grip["timestamp"], grip["load"]
         if grip["state"] == "none":
             self._forget()
-        if grip["state"] == "none" or not grip["valid"] or grip["late"] or load <= 0:
+        if grip["state"] == "none" or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
-        shear = math.hypot(grip["shear_x"], grip["shear_y"])
-        step_s = min(now_s - self._past[-1][0], 0.1) if self._past else 0.0
-        slides = grip["state"] == "gross" or self._falls(now_s, shear, load)
-        self._slid *= 1 + RECOVER_PER_S * step_s
+        now = Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
+        step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
+        dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
+        self._bound_friction(grip["friction_low"], ratio, step_s)
+        slides = dropped or ratio > 0
+        ahead = now.shear + min(LEAD_S * self._growth(now), LEAD_MOST * now.shear)
+        wanted_n = self._wanted(grip["friction"], now, ahead, slides)
         if slides:
-            self._slid = max(shear / load, 1e-6)
-        self._friction *= 1 - FORGET_PER_S * step_s
-        self._friction = min(max(self._friction, grip["friction_low"]), self._slid)
-        newtons = self._newtons_per_load(now_s, present_n, load)
-        # Growth is met with likely friction: with the bound, each lift would be a squeeze.
-        likely = max(math.sqrt(self._friction * grip["friction"]), self._friction)
-        bearable = self._friction * self._target
-        if self._probes:
-            bearable = max(bearable, PROBE * likely)
-            self._probes = not slides and (now_s < self._calm_from_s or shear / load < 0.97 * bearable)
-        ahead = shear + min(LEAD_S * self._growth(now_s, shear), LEAD_MOST * shear)
-        wanted_n = newtons * max(shear / bearable, ahead / likely)
-        if not slides:
-            self._held_n = self.command_n
-        else:
             wanted_n = max(wanted_n, min(GRASP_AGAIN * present_n, GRASP_MOST * self._held_n))
+        else:
+            self._held_n = self.command_n
+            if grip["p_gross_100ms"] > ALARM_P:
+                wanted_n = max(wanted_n, ALARM * present_n)
         if slides or not self._past:
-            self._calm_from_s = now_s + CALM_AFTER_SLIP_S
-        elif wanted_n > self.command_n or ahead > (1 + GROWS) * shear or shear < LEAST * load:
-            self._calm_from_s = max(now_s + CALM_S, self._calm_from_s)
+            self._calm_from_s = now.at_s + CALM_AFTER_SLIP_S
+        elif wanted_n > self.command_n or ahead > (1 + GROWS) * now.shear or now.shear < LEAST * now.load:
+            self._calm_from_s = max(now.at_s + CALM_S, self._calm_from_s)
         self._wanted_n = wanted_n
         if wanted_n > self.command_n:
             self.command_n = wanted_n
-        elif now_s > self._calm_from_s:
+        elif now.at_s > self._calm_from_s:
             self.command_n -= EASE_PER_S * step_s * (self.command_n - wanted_n)
         self.command_n = min(max(self.command_n, self._least_n), self._most_n)
-        self._past.append((now_s, shear, load))
+        self._past.append(now)
+        while self._past[0].at_s < now.at_s - REST_S:
+            self._past.popleft()
         return self.command_n
 
     def blind(self) -> float:
@@ -126,28 +134,80 @@ class HoldController:
         self._past.clear()
         return self.command_n
 
-    def _newtons_per_load(self, now_s: float, present_n: float, load: float) -> float:
+    def _bound_friction(self, friction_low: float, slip_ratio: float, step_s: float) -> None:
+        """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
+        self._slid *= 1 + RECOVER_PER_S * step_s
+        if slip_ratio > 0 and not self._slides:
+            self._slid = max(slip_ratio, WEAKER * self._friction)
+        self._slides = slip_ratio > 0
+        self._friction *= 1 - FORGET_PER_S * step_s
+        self._friction = min(max(self._friction, friction_low), self._slid)
+
+    def _wanted(self, friction: float, now: Seen, ahead: float, slides: bool) -> float:
+        """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
+        newtons = self._newtons_per_load(now)
+        likely = max(math.sqrt(self._friction * friction), self._friction)
+        target = self._target
+        if self._probes and not slides and now.at_s > self._calm_from_s:
+            target = max(target, PROBE)
+            self._probes = now.shear / now.load < 0.97 * target * self._friction
+        self._probes = self._probes and not slides
+        return newtons * max(now.shear / (self._friction * target), ahead / likely)
+
+    def _newtons_per_load(self, now: Seen) -> float:
         """Force over load reading, measured while the grip is steady: message and gripper differ in age."""
-        if abs(present_n - self._level_n) > STEADY * self._level_n:
-            self._level_n, self._steady_from_s = present_n, now_s + STEADY_S
-        now = present_n / load
-        if now_s >= self._steady_from_s or not self._newtons:
-            self._newtons = now
-        return min(max(now, self._newtons), UNSTEADY * self._newtons)
+        if abs(now.force_n - self._level_n) > STEADY * self._level_n:
+            self._level_n, self._steady_from_s = now.force_n, now.at_s + STEADY_S
+        present = now.force_n / now.load
+        if now.at_s >= self._steady_from_s or not self._newtons:
+            self._newtons = present
+        return min(max(present, self._newtons), UNSTEADY * self._newtons)
 
-    def _falls(self, now_s: float, shear: float, load: float) -> bool:
-        """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
-        while self._past and self._past[0][0] < now_s - REST_S:
-            self._past.popleft()
-        borne = [s for t, s, _ in self._past if t < now_s - FALL_S]
-        if len(borne) < 10 or shear < LEAST * load:
-            return False
-        return shear < (1 - FALL) * min(borne) and load < 1.02 * min(p for _, _, p in self._past)
-
-    def _growth(self, now_s: float, shear: float) -> float:
+    def _growth(self, now: Seen) -> float:
         """Rate at which shear has grown over `GROWTH_S`, 0 where it has not."""
-        before = [s for t, s, _ in self._past if t >= now_s - GROWTH_S - 1e-3]
-        return max(shear - before[0], 0.0) / GROWTH_S if before else 0.0
+        before = self._since(now.at_s - GROWTH_S)
+        return max(now.shear - before[0].shear, 0.0) / GROWTH_S if before else 0.0
+
+    def _since(self, at_s: float) -> list[Seen]:
+        return [seen for seen in self._past if seen.at_s >= at_s - 1e-3]
+
+    def _drops(self, now: Seen) -> bool:
+        """Return True where the largest shear of late has just fallen at once, and falls no further."""
+        recent = self._since(now.at_s - DROP_S)
+        if not recent or now.shear < LEAST * now.load:
+            return False
+        largest = max(seen.shear for seen in recent)
+        is_peak = largest >= 0.98 * max(seen.shear for seen in self._past)
+        drops = is_peak and (1 - FLAT) * recent[-1].shear < now.shear < (1 - DROP) * largest
+        if drops:
+            self._dropped_s = now.at_s
+        return drops
+
+    def _slip_ratio(self, grip: Mapping[str, Any], now: Seen) -> float:
+        """Shear over load at which the object slides, 0 where it does not."""
+        if grip["state"] == "gross" or self._falls(now):
+            return now.shear / now.load
+        watched = now.at_s < self._dropped_s + WATCH_S
+        before = self._since(max(now.at_s - FOLLOW_S, self._dropped_s + 2e-3 if watched else 0.0))
+        if len(before) < 2 or before[0].shear < LEAST * before[0].load or now.shear <= 0 or now.force_n <= 0:
+            return 0.0
+        then = before[0]
+        tightened, grown = math.log(now.force_n / then.force_n), math.log(now.shear / then.shear)
+        if watched:
+            follows = tightened > TIGHTER and FOLLOWS < grown / tightened < 1.1
+        else:
+            least = min(
+                (s.shear for s in self._since(then.at_s - PLATEAU_S) if s.at_s < then.at_s), default=0
+            )
+            follows = tightened < -EASED and grown < FOLLOWS * tightened and then.shear < PLATEAU * least
+        return then.shear / then.load if follows else 0.0
+
+    def _falls(self, now: Seen) -> bool:
+        """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
+        borne = [seen.shear for seen in self._past if seen.at_s < now.at_s - FALL_S]
+        if len(borne) < 10 or now.shear < LEAST * now.load:
+            return False
+        return now.shear < (1 - FALL) * min(borne) and now.load < 1.02 * min(s.load for s in self._past)
 
 
 class EmulatedGripper:

@@ -23,6 +23,7 @@ STEP_S = 1e-3  # a fifth of the period of the lightest object on the skin
 RATE_HZ = 100.0
 _STEPS = round(1 / RATE_HZ / STEP_S)
 _ADC_BITS, _ADC_V = 12, 3.0
+ALL_SLIDES = 0.99  # share of the contact area from which all of it slips
 
 
 class HeldBatch:
@@ -41,12 +42,17 @@ class HeldBatch:
         Present grip, and the one that the gripper follows.
     place_mm : (e, 2) float64
         How far each object has moved over the skin.
+    shear_n : (e, 2) float64
+        Friction on each object, against its motion over the skin.
+    friction : (e,) float64
+        Friction coefficient at rest.
     sliding : (e,) float64
         Share of the taxels' contact area that slips.
     has_fallen : (e,) bool
     """
 
     def __init__(self, scenes: Sequence[Scene], array: Array) -> None:
+        self.scenes = scenes
         self._array = array
         held = [scene.held_object for scene in scenes]
         plates = [scene.surface for scene in scenes]
@@ -66,6 +72,7 @@ class HeldBatch:
         self._step_n = np.array([h.grip_step_n for h in held if h])
         presses = [next(p.force_n for p in scene.phases if isinstance(p, PressPhase)) for scene in scenes]
         self._stiffness = np.array([stiffness_n_mm(force_n) for force_n in presses])
+        self._at_rest = np.array([plate.friction * plate.static_ratio for plate in plates])
         self._surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
         self._azimuth_deg = np.unique(array.azimuth_deg % 360)
         self._model = Lumped(self._surface, self._azimuth_deg, e * t)
@@ -89,11 +96,17 @@ class HeldBatch:
         self._friction_n, self._held_share = np.zeros(e, complex), np.ones(e)
         self.has_fallen: NDArray[np.bool_] = np.zeros(e, dtype=np.bool_)
         self.sliding = np.zeros(e)
+        self.friction = self._at_rest
 
     @property
     def place_mm(self) -> FloatArray:
         """How far each object has moved over the skin, (e, 2)."""
         return np.stack([self._place.real, self._place.imag], axis=-1)
+
+    @property
+    def shear_n(self) -> FloatArray:
+        """Friction on each object (e, 2), against its motion over the skin."""
+        return np.stack([-self._friction_n.real, -self._friction_n.imag], axis=-1)
 
     def command(self, grip_n: FloatArray) -> None:
         """Command the grip of each gripper (e,); NaN leaves it as it is."""
@@ -129,6 +142,7 @@ class HeldBatch:
             self._velocity = np.where(fallen, 0.0, self._velocity)
         self._k += 1
         t = self._t
+        self.friction = self._at_rest * self._friction_part[:, k]
         self._model.friction_part = np.repeat(self._friction_part[:, k], t)
         base_mm = self._base_mm + np.repeat(self.place_mm, t, axis=0)
         self._felt = self._model.step("force", np.repeat(self.grip_n, t) * self._share, base_mm, STEP_S)

@@ -14,6 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.hold.batch import HeldBatch
+from bench.hold.messages import DetectorMessages, Messages, TrueFriction, TrueMessages
+from bench.hold.oracle import UtilisationController
 from bench.hold.play import Controller, Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
 from bench.hold.real import EXAMPLE, play_in_processes
 from bench.hold.result import GraspResult
@@ -30,7 +33,6 @@ from bench.report import (
     table,
 )
 from tactiled.array import load_array
-from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector
 from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.emulator.scene.description import Scene
@@ -40,12 +42,13 @@ from tactiled.progress import ProgressBar
 
 TUNED_FROM = 500  # seeds on which the controller's numbers were set
 REPORTED_FROM = 10_000
-N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
+N_MARGIN, N_ORACLE, N_OTHERS, N_QUICK = 1000, 400, 120, 40
 N_REAL, N_REAL_QUICK = 10, 2
 _BATCH = 40  # grasps that are simulated at once, and by one process
 _FIXED = (1.5, 3.0, 6.0)  # times the least grip of each object, which no controller knows
 _FIXED_N = (8.0, 12.0, 16.0, 24.0)  # the same for all objects
 _TIGHTER = (1.2, 1.5, 2.0)
+_ORACLE = (0.65, 0.7, 0.75, 0.8)  # true utilisations
 _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are dropped
 
@@ -66,7 +69,8 @@ class Arm(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"`` or ``"margin"``.
+        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"``, ``"margin"``,
+        ``"margin, friction known"``, ``"margin, all known"`` or ``"oracle"``.
     number : float
     n : int
     """
@@ -83,7 +87,7 @@ def default_target() -> float:
 
 def arms(quick: bool) -> list[Arm]:
     """List what is compared."""
-    n, n_margin = (N_QUICK, N_QUICK) if quick else (N_OTHERS, N_MARGIN)
+    n, n_margin, n_oracle = (N_QUICK,) * 3 if quick else (N_OTHERS, N_MARGIN, N_ORACLE)
     target = default_target()
     return [
         *(Arm("times the least", number, n) for number in _FIXED),
@@ -94,6 +98,9 @@ def arms(quick: bool) -> list[Arm]:
             Arm("margin", round(target * part, 2), n_margin if part == 1.0 else n)
             for part in (0.7, 0.85, 1.0, 1.15)
         ),
+        Arm("margin, friction known", round(target, 2), n),
+        Arm("margin, all known", round(target, 2), n),
+        *(Arm("oracle", number, n_oracle) for number in _ORACLE),
     ]
 
 
@@ -101,30 +108,40 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     """Play grasps of some seeds."""
     scenes = [hold(seed) for seed in seeds]
     array = load_array("wang2019-3x3")
-    makers: dict[str, tuple[Callable[[Scene], Controller], Callable[[], Detector] | None, str]] = {
-        "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None, ""),
-        "newtons": (lambda _: FixedGrip(arm.number), None, ""),
-        "slip events": (
-            lambda _: TightenOnSlip(arm.number),
-            lambda: CoherentSlip(array, SETTINGS["balanced"]),
-            "slip",
-        ),
-        "slip events, eased": (
-            lambda _: TightenOnSlip(arm.number, eases=True),
-            lambda: CoherentSlip(array, SETTINGS["balanced"]),
-            "slip",
-        ),
-        "margin": (lambda _: example().HoldController(arm.number), lambda: GripDetector(array), "grip"),
+
+    def detected(batch: HeldBatch) -> Messages:
+        return DetectorMessages(batch, lambda: GripDetector(array), "grip")
+
+    def slips(batch: HeldBatch) -> Messages:
+        return DetectorMessages(batch, lambda: CoherentSlip(array, SETTINGS["balanced"]), "slip")
+
+    def friction_known(batch: HeldBatch) -> Messages:
+        return TrueFriction(batch, lambda: GripDetector(array))
+
+    def margin(_: Scene) -> Controller:
+        return example().HoldController(arm.number)  # type: ignore[no-any-return]  # a module without a package
+
+    makers: dict[str, tuple[Callable[[Scene], Controller], Callable[[HeldBatch], Messages] | None]] = {
+        "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None),
+        "newtons": (lambda _: FixedGrip(arm.number), None),
+        "slip events": (lambda _: TightenOnSlip(arm.number), slips),
+        "slip events, eased": (lambda _: TightenOnSlip(arm.number, eases=True), slips),
+        "margin": (margin, detected),
+        "margin, friction known": (margin, friction_known),
+        "margin, all known": (margin, TrueMessages),
+        "oracle": (lambda _: UtilisationController(arm.number), TrueMessages),
     }
-    make, detector, topic = makers[arm.kind]
-    return results(play(scenes, array, [make(scene) for scene in scenes], detector, topic))
+    make, messages = makers[arm.kind]
+    return results(play(scenes, array, [make(scene) for scene in scenes], messages))
 
 
 def margin_episodes(seeds: Sequence[int]) -> Episodes:
     """Play grasps of some seeds with the example's controller."""
     scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
     controllers = [example().HoldController() for _ in scenes]
-    return play(scenes, array, controllers, lambda: GripDetector(array), "grip")
+    return play(
+        scenes, array, controllers, lambda b: DetectorMessages(b, lambda: GripDetector(array), "grip")
+    )
 
 
 def results(episodes: Episodes) -> list[GraspResult]:
@@ -252,6 +269,9 @@ def in_words(arm: Arm) -> str:
         "slip events": f"times {arm.number:g} at each slip event",
         "slip events, eased": f"the same, {arm.number:g}, eased between",
         "margin": f"margin, target {arm.number:g}",
+        "margin, friction known": f"margin, target {arm.number:g}, if friction were known",
+        "margin, all known": f"margin, target {arm.number:g}, if messages were true",
+        "oracle": f"oracle, true utilisation {arm.number:g}",
     }[arm.kind]
 
 

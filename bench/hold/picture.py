@@ -16,6 +16,7 @@ from tactiled.emulator.scene.families.holding import hold
 _SHOWN = ("jerks", "filling", "easing")
 _KINDS = {
     "margin": ("margin, by target", "o-"),
+    "oracle": ("oracle, by true utilisation", "*-"),
     "slip events": ("tightened at each slip event", "s-"),
     "slip events, eased": ("the same, eased between", "D"),
     "newtons": ("one grip for all objects", "^-"),

@@ -7,19 +7,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.hold.batch import RATE_HZ, HeldBatch
+from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
+from bench.hold.messages import Messages
 from tactiled.array import Array, FloatArray
-from tactiled.detect.base import Detector
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import LIFTED_S, START_N
 from tactiled.emulator.scene.motion import SceneMotion
-from tactiled.events.codec import to_map
-from tactiled.samples.block import regular_block
 
 MOST_N = 40.0  # of a gripper
 _BEFORE_S = 0.1
 _TIGHTER = 1.05
-_ALL = 0.99  # of the contact area
 
 
 class Controller(Protocol):
@@ -137,22 +134,21 @@ def play(
     scenes: Sequence[Scene],
     array: Array,
     controllers: Sequence[Controller],
-    make_detector: Callable[[], Detector] | None = None,
-    topic: str = "",
+    make_messages: Callable[[HeldBatch], Messages] | None = None,
 ) -> Episodes:
-    """Play grasps with a controller for each; without a detector, controllers get an empty message.
+    """Play grasps with a controller for each; without messages, each gets an empty one.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
     The gripper's own delay follows.
     """
     batch = HeldBatch(scenes, array)
     scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
-    detectors = [make_detector() for _ in scenes] if make_detector else []
+    messages = make_messages(batch) if make_messages else None
     shape = (batch.n_scans, len(scenes))
     grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
     slides = np.zeros(shape, dtype=np.bool_)
     command = np.full(len(scenes), START_N)
-    if not detectors:
+    if messages is None:
         command = np.array([controller.take({}, 0.0) for controller in controllers])
     batch.command(command)
     sent = command.copy()
@@ -160,23 +156,13 @@ def play(
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)
-        # Slip events are rare: between them, their controllers are given the time alone.
-        idle = [{"timestamp": scan / RATE_HZ}] if topic == "slip" else []
-        for e, detector in enumerate(detectors):
-            if batch.has_fallen[e]:
-                continue
-            block = regular_block(volts[e : e + 1], RATE_HZ, start_s=scan / RATE_HZ, index=scan)
-            messages = [
-                to_map(event, seq=0, board="", unix_offset_s=0.0)
-                for event in detector.process(block)
-                if event.topic == topic
-            ]
-            for message in messages or idle:
-                command[e] = controllers[e].take(message, float(batch.grip_n[e]))
-        slides[scan] = (batch.sliding > _ALL) & (batch.grip_n > 0)
-        command_n[scan] = command
-        if detectors:
+        if messages is not None:
+            for e in np.flatnonzero(~batch.has_fallen).tolist():
+                for message in messages.of(e, scan, volts[e : e + 1]):
+                    command[e] = controllers[e].take(message, float(batch.grip_n[e]))
             batch.command(sent)
             sent = command.copy()
+        slides[scan] = (batch.sliding > ALL_SLIDES) & (batch.grip_n > 0)
+        command_n[scan] = command
     least = np.stack([least_n(scene, scan_s) for scene in scenes], axis=1)
     return Episodes(scenes, grip_n, least, command_n, slides, place_mm, batch.has_fallen)
