@@ -42,14 +42,21 @@ ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so
 LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force; an object that sticks keeps its shear, whatever the grip does.
 DROP, DROP_S, FLAT = 0.03, 0.035, 0.012  # shear that falls at once and stays: friction of sliding is less
-FALL, FALL_S, REST_S = 0.04, 0.15, 0.6  # shear below all that was borne from FALL_S to REST_S ago
+FALL, FALL_S, REST_S, AT_ONCE = (
+    0.04,
+    0.15,
+    0.6,
+    0.02,
+)  # shear below all that was borne from FALL_S to REST_S ago
 FOLLOWS, FOLLOW_S = 0.6, 0.12  # of a change of force in this time, that shear follows only while it slides
+FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
 TIGHTER, EASED = 0.03, 0.05  # least such changes; tighter: within WATCH_S of a drop of the shear
 WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.3, 1.03  # eased: shear was not above its least before by more
-WEAKER = 0.8  # of the friction bound, that is left of it after a slip at least
-RECOVER_PER_S = 0.3  # rate at which the ratio of the last slip is forgotten
+WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
+RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
+CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
 EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
@@ -113,8 +120,10 @@ class HoldController:
             self._held_n = self.command_n
             if grip["p_gross_100ms"] > ALARM_P:
                 wanted_n = max(wanted_n, ALARM * present_n)
-        if slides or not self._past:
-            self._calm_from_s = now.at_s + CALM_AFTER_SLIP_S
+        if not self._past:
+            self._calm_from_s = now.at_s + CALM_AFTER_STALE_S
+        elif slides:
+            self._calm_from_s = max(now.at_s + CALM_AFTER_SLIP_S, self._calm_from_s)
         elif wanted_n > self.command_n or ahead > (1 + GROWS) * now.shear or now.shear < LEAST * now.load:
             self._calm_from_s = max(now.at_s + CALM_S, self._calm_from_s)
         self._wanted_n = wanted_n
@@ -194,7 +203,7 @@ class HoldController:
         then = before[0]
         tightened, grown = math.log(now.force_n / then.force_n), math.log(now.shear / then.shear)
         if watched:
-            follows = tightened > TIGHTER and FOLLOWS < grown / tightened < 1.1
+            follows = tightened > TIGHTER and FOLLOWS_ON < grown / tightened < 1.1
         else:
             least = min(
                 (s.shear for s in self._since(then.at_s - PLATEAU_S) if s.at_s < then.at_s), default=0
@@ -206,6 +215,8 @@ class HoldController:
         """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
         borne = [seen.shear for seen in self._past if seen.at_s < now.at_s - FALL_S]
         if len(borne) < 10 or now.shear < LEAST * now.load:
+            return False
+        if not 0 <= self._past[-1].shear - now.shear < AT_ONCE * now.shear:  # a collision is faster
             return False
         return now.shear < (1 - FALL) * min(borne) and now.load < 1.02 * min(s.load for s in self._past)
 

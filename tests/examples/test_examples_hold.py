@@ -17,7 +17,7 @@ HOLD: ModuleType = example()
 def grip(at_s: float, shear: float = 1.0, load: float = 4.0, **rest: Any) -> dict[str, Any]:
     return {
         "timestamp": at_s, "load": load, "shear_x": shear, "shear_y": 0.0, "state": "sticking", "valid": True,
-        "late": False, "friction_low": 0.5, "friction": 0.6,
+        "late": False, "friction_low": 0.5, "friction": 0.6, "p_gross_100ms": 0.0,
     } | rest  # fmt: skip
 
 
@@ -52,9 +52,32 @@ def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_
     for load, is_slip in ((4.0, True), (5.0, False)):
         controller = HOLD.HoldController(start_n=6.0)
         before_n = played(controller, [grip(k / 100, shear=1.8) for k in range(60)])[-1]
-        after_n = controller.take(grip(0.6, shear=1.7, load=load), 6.0)
+        falling = [grip(0.6 + k / 100, shear=1.8 - k / 100, load=load) for k in range(12)]
+        after_n = max(played(controller, falling))
         assert (after_n >= HOLD.GRASP_AGAIN * 6.0) == is_slip
         assert before_n < HOLD.GRASP_AGAIN * 6.0
+
+
+def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_falling_is_none() -> None:
+    for after, is_slip in ((1.9, True), (1.8, False)):
+        controller = HOLD.HoldController(start_n=6.0)
+        played(controller, [grip(k / 100, shear=1.5 + k / 100) for k in range(50)])
+        before_n = played(controller, [grip(0.5, shear=2.0), grip(0.51, shear=1.9)])[-1]
+        after_n = controller.take(grip(0.52, shear=after), before_n)
+        assert (after_n >= HOLD.GRASP_AGAIN * before_n * 0.99) == is_slip
+
+
+@pytest.mark.parametrize(("shear_follows", "is_slip"), [(1.0, True), (0.0, False)])
+def test_shear_that_follows_an_easing_grip_is_a_slip(shear_follows: float, is_slip: bool) -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    played(controller, [grip(k / 100, shear=1.0) for k in range(60)])
+    tighter = []
+    for k in range(1, 13):
+        force_n = 6.0 * (1 - 0.005 * k)
+        shear = 1.0 * (force_n / 6.0) ** shear_follows
+        before_n = controller.command_n
+        tighter += [controller.take(grip(0.6 + k / 100, shear, 4.0 * force_n / 6.0), force_n) > before_n]
+    assert any(tighter) == is_slip
 
 
 @given(st.sampled_from([{"valid": False}, {"late": True}, {"state": "none"}, {"load": 0.0}]))

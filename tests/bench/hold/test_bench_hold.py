@@ -1,10 +1,15 @@
 """The hold bench against the emulator, and its numbers against what is known of them."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import AIMS, Arm, default_target, report
+from bench.hold.messages import TrueMessages
+from bench.hold.oracle import UtilisationController
 from bench.hold.play import Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
 from bench.hold.result import GraspResult
 from tactiled.array import load_array
@@ -60,6 +65,33 @@ def test_reaction_counts_from_the_slip_and_may_be_ahead_of_it() -> None:
     blank = np.zeros((100, 2))
     episodes = Episodes([hold(0), hold(1)], blank, blank, command_n, slides, blank, slides[0])
     assert episodes.reaction_s == pytest.approx([0.04, -0.05])
+
+
+def test_the_truth_holds_where_the_gripper_can_and_the_oracle_holds_at_its_target() -> None:
+    seeds = [seed for seed in range(40) if hold(seed).description == "none"][:3]
+    scenes = [hold(seed) for seed in seeds]
+    oracles = [UtilisationController(0.7) for _ in scenes]
+    played = play(scenes, ARRAY, oracles, TrueMessages)
+    assert not played.dropped.any()
+    np.testing.assert_allclose(played.grip_n[-1] / played.least_n[-1], 1 / 0.7, rtol=0.05)
+
+
+def test_true_messages_say_what_the_batch_plays() -> None:
+    batch = HeldBatch([hold(510)], ARRAY)
+    messages = TrueMessages(batch)
+    batch.command(np.full(1, 9.0))
+    said: list[Mapping[str, Any]] = []
+    for scan in range(230):
+        volts = batch.scan()
+        said += messages.of(0, scan, volts)
+    assert [m["valid"] for m in said] == [scan >= 60 for scan in range(230)]
+    last = said[-1]
+    assert last["load"] == batch.grip_n[0]
+    assert last["friction_low"] == last["friction_high"] == batch.friction[0]
+    assert last["utilisation"] == pytest.approx(
+        np.hypot(last["shear_x"], last["shear_y"]) / (last["load"] * last["friction"])
+    )
+    assert {m["state"] for m in said} <= {"none", "sticking", "gross"}
 
 
 def test_slip_events_tighten_and_quiet_eases() -> None:
