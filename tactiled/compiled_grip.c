@@ -377,7 +377,7 @@ struct shares_numbers {
     real tiny, meets, least_used, power, even, degrees;
 };
 
-enum { KINDS = 3 }; /* of nuisances: gain, softening, offset */
+enum { KINDS = 5 }; /* of nuisances: gains of shear along x and y, softening, offsets along x and y */
 
 /* Forces of the taxels along their direction, over their limits, of one hypothesis. */
 static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real friction, const real *restrict x,
@@ -390,7 +390,7 @@ static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real f
     }
 }
 
-/* Nuisances (3, taxels) with covariance (3, 3, taxels) after a look, of one hypothesis; they lie `all` apart. Turns
+/* Nuisances (5, taxels) with covariance (5, 5, taxels) after a look, of one hypothesis; they lie `all` apart. Turns
  * `root`, the cubic root of what is left of the limit, into one over the likelihood. */
 static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numbers *with, real scale, real size,
                        real noise, real unexplained, real temper, const real *restrict shear_x,
@@ -402,7 +402,9 @@ static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numb
     for (ptrdiff_t t = 0; t < taxels; t++) {
         real along = (shear_x[t] * x[t] + shear_y[t] * y[t]) / force[t], model = force[t] * scale;
         real softening = 1 - power * (1 - root[t] * root[t]) * root[t] / used[t];
-        real direction[KINDS] = {model, model * softening, load[t]}, spread[KINDS], moved = 0, known = 0;
+        real to_x = x[t] / force[t], to_y = y[t] / force[t], spread[KINDS], moved = 0, known = 0;
+        real direction[KINDS] = {model * to_x * to_x, model * to_y * to_y, model * softening, load[t] * to_x,
+                                 load[t] * to_y};
         for (int a = 0; a < KINDS; a++) {
             spread[a] = 0;
             for (int b = 0; b < KINDS; b++)
@@ -426,7 +428,7 @@ static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numb
 
 /* Log likelihoods (hypotheses) of a look that counts: `ShareEvidence._weigh`.
  *
- * nuisance (3, hypotheses, taxels) and their covariance (3, 3, hypotheses, taxels) are kept. shear (2, taxels),
+ * nuisance (5, hypotheses, taxels) and their covariance (5, 5, hypotheses, taxels) are kept. shear (2, taxels),
  * predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
 API void tactiled_shares(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
                          const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,

@@ -148,7 +148,8 @@ class GripDetector:
         self._n_baseline = 0
         self._rate_hz = 0.0
         self._history = np.zeros((1, 3, self._array.n_taxels))
-        self._previous: FloatArray | None = None
+        self._remainders = np.zeros(1)
+        self._previous: FloatArray | None = None  # readings (2, channels) of the scans before
         self._relieved.reset()
         self._touch: _Touch | None = None
         self._before_gap: _Touch | None = None  # contact that a gap interrupted
@@ -194,6 +195,7 @@ class GripDetector:
         if not self._rate_hz:
             self._rate_hz = block.rate_hz
             self._history = np.zeros((history_scans(block.rate_hz), 3, self._array.n_taxels))
+            self._remainders = np.zeros(history_scans(block.rate_hz))
             self._n_hold = max(1, round(_HOLD_S * block.rate_hz))
         held = self._quantiser.process(block)
         ok = held.ok & ~self._stuck.process(held.steps)
@@ -201,25 +203,34 @@ class GripDetector:
         usable = np.all(details.usable, axis=1)
         late: list[bool] = block.late.tolist()
         readings = held.steps * self._quantiser.volts_per_step
-        together = self._at_one_instant(readings, block)
+        together, remainder = self._at_one_instant(readings, block)
         for scan, volts in enumerate(readings):
             self.is_trusted = is_trusted = self._take_out(ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0) if self._was_bad else False
             rows = details.volts[scan] if (usable[scan] | out).all() else None
-            yield self._step(volts, together[scan], rows, float(block.time_s[scan]), is_trusted, late[scan])
+            left = None if remainder is None else remainder[scan]
+            time_s = float(block.time_s[scan])
+            yield self._step(volts, together[scan], left, rows, time_s, is_trusted, late[scan])
 
-    def _at_one_instant(self, readings: FloatArray, block: ScanBlock) -> FloatArray:
-        """Return readings (n, channels) interpolated to the instant at which their scan began.
+    def _at_one_instant(self, readings: FloatArray, block: ScanBlock) -> tuple[FloatArray, FloatArray | None]:
+        """Return readings (n, channels) interpolated to the beginning of their scan, and the remainders.
 
         A board reads its channels one after the other. While shear grows, the taxels that are read last have
-        grown the most, by several times what partial slip changes of their shares.
+        grown the most, by several times what partial slip changes of their shares. Linear interpolation
+        leaves half of the second derivative times the times to both readings (Abramowitz and Stegun, 25.2.3).
+        That is None where all channels are read at once.
         """
-        older = np.empty_like(readings)
-        older[0] = readings[0] if self._previous is None else self._previous
-        older[1:] = readings[:-1]
-        self._previous = readings[-1]
+        if not block.channel_offset_s.any():
+            return readings, None
+        n = len(readings)
+        seen = np.empty((n + 2, readings.shape[1]))
+        seen[:2] = readings[0] if self._previous is None else self._previous
+        seen[2:] = readings
+        self._previous = seen[-2:].copy()
         back = np.clip(block.channel_offset_s * block.rate_hz, 0.0, 1.0)
-        return np.asarray(readings - back * (readings - older))
+        change = np.diff(seen, axis=0)
+        together = readings - back * change[1:]
+        return np.asarray(together), np.asarray(0.5 * back * (1.0 - back) * np.diff(change, axis=0))
 
     def pass_gap(self, gap: Gap) -> list[Event]:
         """Return the end of a contact that a gap interrupts, and predict over the gap.
@@ -263,6 +274,7 @@ class GripDetector:
         self,
         volts: FloatArray,
         together: FloatArray,
+        remainder: FloatArray | None,
         details: FloatArray | None,
         time_s: float,
         is_trusted: bool,
@@ -270,7 +282,8 @@ class GripDetector:
     ) -> GripEvent | None:
         """Take a scan (channels,) as it was read and at one instant.
 
-        Details (levels, channels) are None where they still see a gap.
+        The remainder (channels,) of the interpolation is None where there is none, details (levels, channels)
+        where they still see a gap.
         """
         before_s, self._last_s = self._last_s, time_s
         if details is not None:
@@ -289,6 +302,10 @@ class GripDetector:
             self._history[:] = response  # no window straddles a gap
         channel_sd = self._floor.sd()
         shear_sd, total_sd, load_sd = self._responses.noise(channel_sd)
+        if remainder is not None:
+            self._remainders[:-1] = self._remainders[1:]
+            self._remainders[-1] = (self._responses.of(remainder)[1:] ** 2).mean()
+            shear_sd = math.sqrt(shear_sd**2 + self._remainders.max())
         load = float(response[0].mean())
         least = max(_CONTACT_NOISES * load_sd, _CONTACT_RANGE * self._array.full_scale)
         if self._before_gap is not None:

@@ -1,10 +1,11 @@
 """Likelihood of each friction hypothesis, from how the taxels share the shear.
 
 Before any slip the shear of a taxel goes with its stiffness; when all slips it goes with its load. How far
-the shares have moved from the one to the other tells friction before gross slip. Three nuisances of each
-taxel are followed for each hypothesis by a Kalman filter: its gain, the softening (a taxel that is stiffer
-than its load says slips sooner), and an offset that goes with its load. What is left is the model's misfit,
-with the tails of Student's t.
+the shares have moved from the one to the other tells friction before gross slip. Nuisances of each taxel are
+followed for each hypothesis by a Kalman filter: its gains along x and y, the softening (a taxel that is
+stiffer than its load says slips sooner), and offsets along x and y that go with its load. Gains that were
+learnt along one direction are not those of another: a pull that turns brings new ones. What is left is the
+model's misfit, with the tails of Student's t.
 
 Only new places count. A look is taken where the ratio of shear over load is near its largest and differs from
 all ratios at which one was taken before: swings at one level repeat the same misfit and are no new evidence,
@@ -25,7 +26,9 @@ from tactiled.detect.grip.constants import MISFIT, TEMPER
 from tactiled.detect.grip.elementary import cbrt, log
 from tactiled.detect.grip.rings import MINDLIN_POWER
 
-_GAIN_SD = 0.15  # of gains and stiffness of taxels: 10 % each is usual for printed and cast sensors, a prior
+# Of a taxel: its stiffness, common to both axes, and its gain along one of them. 10 % each is usual for
+# printed and cast sensors, a prior.
+_GAIN_SD, _COMMON = 0.15, 0.5  # standard deviation of both; part of the variance that is common
 # Standard deviations on an array whose loads are uneven: a taxel's softening, relative to its shear, because
 # stiffness and friction of taxels differ; and a taxel's shear over its load, which the zero leaves.
 _SOFTENING_SD, _OFFSET_SD = 0.15, 0.02
@@ -59,8 +62,8 @@ class ShareEvidence:
     def __init__(self, friction: FloatArray, n_taxels: int) -> None:
         shape = (len(friction), n_taxels)
         self._friction = friction[:, np.newaxis]
-        self._nuisance = np.zeros((3, *shape))
-        self._cov = np.zeros((3, 3, *shape))
+        self._nuisance = np.zeros((5, *shape))
+        self._cov = np.zeros((5, 5, *shape))
         self._compiled: Callable[..., None] | None = None
         if (library := compiled.library()) is not None:
             numbers = [_TINY, _MEETS, _LEAST_USED, MINDLIN_POWER, _EVEN, _DEGREES]
@@ -148,8 +151,11 @@ class ShareEvidence:
         force = np.maximum(np.sqrt((predicted**2).sum(axis=0)), _TINY)
         along = (shear[0] * predicted[0] + shear[1] * predicted[1]) / force
         model = force * scale
-        offset = np.broadcast_to(part_of_load, model.shape)
-        direction = np.stack([model, model * self._softening(force, part_of_load), offset])
+        to_x, to_y = predicted / force
+        softening = model * self._softening(force, part_of_load)
+        direction = np.stack(
+            [model * to_x * to_x, model * to_y * to_y, softening, part_of_load * to_x, part_of_load * to_y]
+        )
         expected = model + (self._nuisance * direction).sum(axis=0)
         spread = (self._cov * direction).sum(axis=1)
         known = (spread * direction).sum(axis=0)
@@ -169,15 +175,18 @@ class ShareEvidence:
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
         """Forget the gains of some taxels (taxels,), which are read otherwise from now on."""
         if self._uneven:  # taxels that are alike change alike
-            self._cov[0, 0][:, taxels] += (_GAIN_SD * self._uneven) ** 2
+            for axis in range(2):
+                self._cov[axis, axis][:, taxels] += (_GAIN_SD * self._uneven) ** 2
 
     def _begin(self, part_of_load: FloatArray) -> None:
         """Set the spread of the nuisances, from how uneven the loads are."""
         loaded = part_of_load[part_of_load > _LOADED]
         spread = float(np.std(np.log(loaded))) if len(loaded) > 1 else _UNEVEN
         self._uneven = max(_LEAST_UNEVEN, min(1.0, spread / _UNEVEN))
-        for k, sd in enumerate((_GAIN_SD, _SOFTENING_SD * self._uneven, _OFFSET_SD * self._uneven)):
+        softening_sd, offset_sd = _SOFTENING_SD * self._uneven, _OFFSET_SD * self._uneven
+        for k, sd in enumerate((_GAIN_SD, _GAIN_SD, softening_sd, offset_sd, offset_sd)):
             self._cov[k, k] = sd**2
+        self._cov[0, 1] = self._cov[1, 0] = _COMMON * _GAIN_SD**2
 
     def _softening(self, force: FloatArray, part_of_load: FloatArray) -> FloatArray:
         """Return the part of a taxel's shear by which it falls short of its stiffness times the travel.

@@ -12,7 +12,7 @@ MU = FRICTION[8]
 
 
 class IdealContact:
-    """A contact of known friction that is pulled along x, beside the model's hypotheses."""
+    """A contact of known friction that is pulled in the plane, beside the model's hypotheses."""
 
     def __init__(self) -> None:
         none = np.zeros_like(LOAD)
@@ -20,8 +20,8 @@ class IdealContact:
         self.model = RingForces(FRICTION, none, none, mindlin_rings())
         self.evidence = ShareEvidence(FRICTION, len(LOAD))
 
-    def pull(self, used: float, gain: FloatArray | float = 1.0) -> FloatArray | None:
-        wanted = np.array([used * MU * LOAD.sum(), 0.0, 0.0])
+    def pull(self, used: float, gain: FloatArray | float = 1.0, angle: float = 0.0) -> FloatArray | None:
+        wanted = used * MU * LOAD.sum() * np.array([np.cos(angle), np.sin(angle), 0.0])
         self.truth.advance(LOAD, wanted)
         shear = self.truth.taxel_forces()[:, 0] * gain
         total = np.array([*shear.sum(axis=1), 0.0])
@@ -54,3 +54,17 @@ def test_shares_of_a_growing_shear_find_friction_before_slip_whatever_the_gains(
     # What can hardly bear the shear and what hardly begins to slip under it are both refuted.
     assert weights[0] < 0.01
     assert weights[-1] < 0.1
+
+
+def test_a_pull_that_turns_meets_gains_that_are_not_known_yet() -> None:
+    gain = np.array([[1.1, 0.93, 1.05, 0.9, 1.02], [0.94, 1.04, 0.9, 1.08, 1.04]])
+    contact, found = IdealContact(), np.zeros_like(FRICTION)
+    for used in np.arange(0.05, 0.4, 0.01):
+        contact.pull(float(used), gain)
+    for angle in np.arange(0.1, 1.5, 0.1):
+        some = contact.pull(0.4, gain, float(angle))
+        found += 0 if some is None else some
+    weights = np.exp(found - found.max())
+    # 40 % of the limit says little between the truth and twice of it, and that it slips is wrong.
+    assert weights[8:].max() > 0.9
+    assert weights[FRICTION < 0.55 * MU].sum() < 0.1 * weights[8:].sum()
