@@ -11,6 +11,7 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.jumps import JumpGate
 from tactiled.detect.grip.model import INCIPIENT_SHARE, NEEDED_UTILISATION, STEP_S, ContactModel, Grip
 from tactiled.detect.grip.observe import (
     FLOOR_LEVELS,
@@ -155,6 +156,7 @@ class GripDetector:
         self._before_gap: _Touch | None = None  # contact that a gap interrupted
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._stuck = StuckChannelDetector(self._array)
+        self._jumps = JumpGate(self._responses.taxel_channels)
         self._last_s = 0.0
         self._bad_scans = np.zeros(self._array.n_channels, dtype=np.int64)
         self._dropped = np.zeros(self._array.n_taxels, dtype=np.bool_)
@@ -205,12 +207,23 @@ class GripDetector:
         readings = held.steps * self._quantiser.volts_per_step
         together, remainder = self._at_one_instant(readings, block)
         for scan, volts in enumerate(readings):
+            if (jumped := self._jumping(volts)) is not None:
+                ok[scan] &= ~jumped
+                together[scan, jumped] = self._jumps.accepted[jumped]
             self.is_trusted = is_trusted = self._take_out(ok[scan]) and not late[scan]
             out = self._responses.taxel_channels[self._dropped].any(axis=0) if self._was_bad else False
             rows = details.volts[scan] if (usable[scan] | out).all() else None
             left = None if remainder is None else remainder[scan]
             time_s = float(block.time_s[scan])
             yield self._step(volts, together[scan], left, rows, time_s, is_trusted, late[scan])
+
+    def _jumping(self, volts: FloatArray) -> NDArray[np.bool_] | None:
+        """Return the channels (channels,) that jump, or None; a press moves taxels one after the other."""
+        touch = self._touch
+        if touch is None or not touch.is_pressed:
+            self._jumps.skip(volts)
+            return None
+        return self._jumps.take(volts, touch.loads, self._floor.sd())
 
     def _at_one_instant(self, readings: FloatArray, block: ScanBlock) -> tuple[FloatArray, FloatArray | None]:
         """Return readings (n, channels) interpolated to the beginning of their scan, and the remainders.
@@ -299,7 +312,7 @@ class GripDetector:
             self._history[:-1] = self._history[1:]
             self._history[-1] = response
         else:
-            self._history[:] = response  # no window straddles a gap
+            self._history[:], self._remainders[:] = response, 0.0  # no window straddles a gap
         channel_sd = self._floor.sd()
         shear_sd, total_sd, load_sd = self._responses.noise(channel_sd)
         if remainder is not None:
@@ -371,6 +384,11 @@ class _Touch:
         self.grip: Grip | None = None
         self.shear: FloatArray = np.zeros((2, 1))
         """Shear (2, taxels) over the total load."""
+
+    @property
+    def is_pressed(self) -> bool:
+        """True once the press is over."""
+        return self._zero.is_measured
 
     def pass_gap(self, gap_s: float) -> None:
         """Predict over a gap in which the contact went on."""

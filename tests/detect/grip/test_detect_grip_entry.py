@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from touches import contact_states, onsets, pieces, run, slips, splits
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.grip.detector import GripDetector
+from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.press import PressZero
 from tactiled.detect.grip.slip_detector import GripSlip
 from tactiled.events.types import Event, GripEvent
@@ -17,6 +17,7 @@ from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 ARRAY = load_array("wang2019-3x3")
 SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))  # (2, channels)
 DIRECTION_DEG = 25.0
+GRIP_FAST = GripParams(incipient_p=0.5)
 FIRST, LAST = 398, 418  # scans that are lost
 
 
@@ -209,3 +210,36 @@ def test_a_contact_that_is_pressed_and_pulled_within_a_scan_is_told(rate_hz: flo
     first = onsets(GripSlip(ARRAY).process(block))[0]
     assert first.detected_s == pytest.approx(6 / rate_hz, abs=2.1 / rate_hz)
     assert abs(first.direction_deg - DIRECTION_DEG) < max(3.0, first.direction_sd_deg)
+
+
+# --- faults of channels
+
+
+@pytest.mark.parametrize("channels", [1, 3, 6])
+@pytest.mark.parametrize("jump", [-1.0, 0.3, 1.0])
+@pytest.mark.parametrize("scans", [1, 20, 300])
+def test_neighbouring_channels_that_jump_are_no_slip(channels: int, jump: float, scans: int) -> None:
+    """A spark beside the cable, a bit that sticks, a wire that comes loose."""
+    block = touch(0.05 * ramp(1.5, 0.5), PRESSED)
+    volts = block.volts.copy()
+    struck = (7 * scans + round(10 * jump) + np.arange(channels)) % ARRAY.n_channels
+    volts[400 : 400 + scans, struck] = np.clip(volts[400 : 400 + scans, struck] + jump, 0, 3)
+    events = GripSlip(ARRAY, GRIP_FAST).process(regular_block(volts[:750], 100.0))
+    assert [event for event in slips(events) if event.detected_s > 3.99] == []
+
+
+@pytest.mark.parametrize("volts", [None, 0.0, 2.9])
+def test_channels_that_stick_take_their_taxels_out_and_hide_no_slip(volts: float | None) -> None:
+    block = touch(0.6 * ramp(6.0, 0.3), PRESSED)
+    stuck = block.volts.copy()
+    stuck[350:, [0, 18]] = stuck[350, [0, 18]] if volts is None else volts
+    told = onsets(GripSlip(ARRAY).process(regular_block(stuck, 100.0)))
+    assert 6.0 < told[0].detected_s < 6.3
+    assert set(told[-1].taxels) <= {1, 2, 3, 5, 6, 7, 8}
+    assert abs(told[0].direction_deg - DIRECTION_DEG) < 3.0
+
+
+def test_a_slip_of_all_taxels_within_a_scan_is_no_jump_of_channels() -> None:
+    told = onsets(GripSlip(ARRAY).process(touch(0.6 * ramp(4.0, 0.01), PRESSED)))
+    assert 4.0 < told[0].detected_s < 4.05
+    assert told[0].valid
