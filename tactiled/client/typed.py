@@ -200,8 +200,9 @@ class GripData(TypedDict):
     slips with a probability of one half or more; unloading: shear over load falls.
     """
     valid: bool
-    """False for the first 0.6 s of a contact, in which the shear of pressing alone is measured, and where
-    readings cannot be trusted or the message is suppressed: do not act on it.
+    """False where readings cannot be trusted or the message is suppressed: do not act on it. While the shear
+    that pressing alone makes is not known, in the first 0.6 s of a contact, the interval of utilisation is
+    wider.
     """
     late: bool
     """True where the scan was delivered long after its instant."""
