@@ -31,8 +31,10 @@ from typing import Any, NamedTuple
 from tactiled.client import Message, Stale, Subscription
 
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
+PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
 TARGET = 0.8  # utilisation (95 % quantile) at which an object is held
 PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
+SURELY = 0.87  # of the median of friction, that the bound is at most
 FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
 LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's delay and its travel
 LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
@@ -42,18 +44,19 @@ ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so
 LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force; an object that sticks keeps its shear, whatever the grip does.
 DROP, DROP_S, FLAT = 0.03, 0.035, 0.012  # shear that falls at once and stays: friction of sliding is less
+TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
 FALL, FALL_S, REST_S, AT_ONCE = (
     0.04,
     0.15,
     0.6,
     0.02,
 )  # shear below all that was borne from FALL_S to REST_S ago
-FOLLOWS, FOLLOW_S = 0.6, 0.12  # of a change of force in this time, that shear follows only while it slides
+FOLLOWS, FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
 FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
-TIGHTER, EASED = 0.03, 0.05  # least such changes; tighter: within WATCH_S of a drop of the shear
-WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.3, 1.03  # eased: shear was not above its least before by more
+TIGHTER, EASED = 0.03, 0.03  # least such changes; tighter: within WATCH_S of a drop of the shear
+WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
 WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
-RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
+RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
 CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
@@ -96,6 +99,7 @@ class HoldController:
         self._slid = math.inf  # shear over load at the last slip
         self._slides, self._probes = False, True
         self._past: deque[Seen] = deque()
+        self._touched_s = math.inf
         self._calm_from_s = 0.0
         self._dropped_s = -math.inf
         self._held_n, self._wanted_n = self.command_n, 0.0
@@ -105,12 +109,15 @@ class HoldController:
         """Return the force to command (N), from a `grip` message and the force exerted now."""
         if grip["state"] == "none":
             self._forget()
-        if grip["state"] == "none" or not grip["valid"] or grip["late"] or grip["load"] <= 0:
+            return self.command_n
+        self._touched_s = min(self._touched_s, grip["timestamp"])
+        presses = grip["timestamp"] < self._touched_s + PRESS_S
+        if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
         now = Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
-        self._bound_friction(grip["friction_low"], ratio, step_s)
+        self._bound_friction(grip["friction_low"], grip["friction"], ratio, step_s)
         slides = dropped or ratio > 0
         ahead = now.shear + min(LEAD_S * self._growth(now), LEAD_MOST * now.shear)
         wanted_n = self._wanted(grip["friction"], now, ahead, slides)
@@ -143,14 +150,14 @@ class HoldController:
         self._past.clear()
         return self.command_n
 
-    def _bound_friction(self, friction_low: float, slip_ratio: float, step_s: float) -> None:
+    def _bound_friction(self, friction_low: float, friction: float, slip_ratio: float, step_s: float) -> None:
         """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
         self._slid *= 1 + RECOVER_PER_S * step_s
         if slip_ratio > 0 and not self._slides:
             self._slid = max(slip_ratio, WEAKER * self._friction)
         self._slides = slip_ratio > 0
         self._friction *= 1 - FORGET_PER_S * step_s
-        self._friction = min(max(self._friction, friction_low), self._slid)
+        self._friction = min(max(self._friction, friction_low), self._slid, SURELY * friction)
 
     def _wanted(self, friction: float, now: Seen, ahead: float, slides: bool) -> float:
         """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
@@ -185,9 +192,10 @@ class HoldController:
         recent = self._since(now.at_s - DROP_S)
         if not recent or now.shear < LEAST * now.load:
             return False
-        largest = max(seen.shear for seen in recent)
-        is_peak = largest >= 0.98 * max(seen.shear for seen in self._past)
-        drops = is_peak and (1 - FLAT) * recent[-1].shear < now.shear < (1 - DROP) * largest
+        peak = max(recent, key=lambda seen: seen.shear)
+        is_peak = peak.shear >= 0.93 * max(seen.shear for seen in self._past)
+        least_drop = DROP + TIGHTENED * max(now.load / peak.load - 1, 0.0)
+        drops = is_peak and (1 - FLAT) * recent[-1].shear < now.shear < (1 - least_drop) * peak.shear
         if drops:
             self._dropped_s = now.at_s
         return drops

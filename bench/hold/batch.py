@@ -69,7 +69,7 @@ class HeldBatch:
         self._fall_mm = np.array([h.fall_mm for h in held if h])
         self._most_n = np.array([h.grip_rate_n_s * STEP_S for h in held if h])
         self._delay = np.array([round(h.grip_delay_s / STEP_S) for h in held if h])
-        self._step_n = np.array([h.grip_step_n for h in held if h])
+        self._step_n = np.array([h.grip_step_n or 1e-9 for h in held if h])
         presses = [next(p.force_n for p in scene.phases if isinstance(p, PressPhase)) for scene in scenes]
         self._stiffness = np.array([stiffness_n_mm(force_n) for force_n in presses])
         self._at_rest = np.array([plate.friction * plate.static_ratio for plate in plates])
