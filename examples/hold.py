@@ -36,27 +36,25 @@ TARGET = 0.8  # utilisation (95 % quantile) at which an object is held
 PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
 SURELY = 0.87  # of the median of friction, that the bound is at most
 FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
+RENEW_PER_S, GREW = 0.3, 1.02  # the same while shear has grown so within REST_S, which is new evidence
 LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's delay and its travel
 LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
 GROWTH_S = 0.03  # over which the growth of shear is measured
 GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so many times the present one
 LEAST = 0.05  # of the load: less shear is no object in the air
-# Signs of slip in shear, load and force; an object that sticks keeps its shear, whatever the grip does.
-DROP, DROP_S, FLAT = 0.03, 0.035, 0.012  # shear that falls at once and stays: friction of sliding is less
+# Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
+DROP, FLAT = 0.03, 0.012  # shear that falls by so much at once, and then no further: sliding friction is less
+DROP_S, PEAK = 0.035, 0.98  # within this time, from so much of its largest value
 TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
-FALL, FALL_S, REST_S, AT_ONCE = (
-    0.04,
-    0.15,
-    0.6,
-    0.02,
-)  # shear below all that was borne from FALL_S to REST_S ago
+FALL = 0.04  # of all the shear that was borne from REST_S to FALL_S ago, by which it is less: friction falls
+FALL_S, REST_S, AT_ONCE = 0.15, 0.6, 0.02  # and by less than AT_ONCE from message to message
 FOLLOWS, FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
 FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
-TIGHTER, EASED = 0.03, 0.03  # least such changes; tighter: within WATCH_S of a drop of the shear
-WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
+CHANGED = 0.03  # of the force: the least such change, tighter within WATCH_S of a drop, eased at other times
+WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.3, 1.03  # eased: shear was not above its least before by more
 WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
-RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
+RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
 CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
@@ -64,6 +62,7 @@ EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
+SAY_S = 0.5  # between two lines on the terminal
 
 
 class Seen(NamedTuple):
@@ -117,7 +116,7 @@ class HoldController:
         now = Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
-        self._bound_friction(grip["friction_low"], grip["friction"], ratio, step_s)
+        self._bound_friction(grip, now, ratio, step_s)
         slides = dropped or ratio > 0
         ahead = now.shear + min(LEAD_S * self._growth(now), LEAD_MOST * now.shear)
         wanted_n = self._wanted(grip["friction"], now, ahead, slides)
@@ -150,14 +149,16 @@ class HoldController:
         self._past.clear()
         return self.command_n
 
-    def _bound_friction(self, friction_low: float, friction: float, slip_ratio: float, step_s: float) -> None:
+    def _bound_friction(self, grip: Mapping[str, Any], now: Seen, slip_ratio: float, step_s: float) -> None:
         """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
+        grows = bool(self._past) and now.shear > GREW * self._past[0].shear
         self._slid *= 1 + RECOVER_PER_S * step_s
         if slip_ratio > 0 and not self._slides:
             self._slid = max(slip_ratio, WEAKER * self._friction)
         self._slides = slip_ratio > 0
-        self._friction *= 1 - FORGET_PER_S * step_s
-        self._friction = min(max(self._friction, friction_low), self._slid, SURELY * friction)
+        self._friction *= 1 - (RENEW_PER_S if grows else FORGET_PER_S) * step_s
+        self._friction = max(self._friction, grip["friction_low"])
+        self._friction = min(self._friction, self._slid, SURELY * grip["friction"])
 
     def _wanted(self, friction: float, now: Seen, ahead: float, slides: bool) -> float:
         """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
@@ -193,7 +194,7 @@ class HoldController:
         if not recent or now.shear < LEAST * now.load:
             return False
         peak = max(recent, key=lambda seen: seen.shear)
-        is_peak = peak.shear >= 0.93 * max(seen.shear for seen in self._past)
+        is_peak = peak.shear >= PEAK * max(seen.shear for seen in self._past)
         least_drop = DROP + TIGHTENED * max(now.load / peak.load - 1, 0.0)
         drops = is_peak and (1 - FLAT) * recent[-1].shear < now.shear < (1 - least_drop) * peak.shear
         if drops:
@@ -206,17 +207,16 @@ class HoldController:
             return now.shear / now.load
         watched = now.at_s < self._dropped_s + WATCH_S
         before = self._since(max(now.at_s - FOLLOW_S, self._dropped_s + 2e-3 if watched else 0.0))
-        if len(before) < 2 or before[0].shear < LEAST * before[0].load or now.shear <= 0 or now.force_n <= 0:
+        then = before[0] if before else now
+        if min(then.shear, now.shear) < LEAST * then.load or min(then.force_n, now.force_n) <= 0:
             return 0.0
-        then = before[0]
         tightened, grown = math.log(now.force_n / then.force_n), math.log(now.shear / then.shear)
         if watched:
-            follows = tightened > TIGHTER and FOLLOWS_ON < grown / tightened < 1.1
+            follows = tightened > CHANGED and FOLLOWS_ON < grown / tightened < 1.1
         else:
-            least = min(
-                (s.shear for s in self._since(then.at_s - PLATEAU_S) if s.at_s < then.at_s), default=0
-            )
-            follows = tightened < -EASED and grown < FOLLOWS * tightened and then.shear < PLATEAU * least
+            earlier = [seen.shear for seen in self._since(then.at_s - PLATEAU_S) if seen.at_s < then.at_s]
+            was_steady = then.shear < PLATEAU * min(earlier, default=0.0)
+            follows = was_steady and tightened < -CHANGED and grown < FOLLOWS * tightened
         return then.shear / then.load if follows else 0.0
 
     def _falls(self, now: Seen) -> bool:
@@ -246,12 +246,18 @@ class EmulatedGripper:
 def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
     """Hold until Ctrl-C."""
     gripper, controller = EmulatedGripper(address), HoldController()
-    present_n = gripper.move(controller.command_n)
+    present_n, said_s = gripper.move(controller.command_n), 0.0
     with Subscription(endpoint, topics=("grip",)) as subscription:
         while True:
             match subscription.next_item():
                 case Message(topic="grip", data=grip) if subscription.fresh:
                     present_n = gripper.move(controller.take(grip, present_n))
+                    if grip["timestamp"] > said_s + SAY_S:
+                        said_s = grip["timestamp"]
+                        used = (
+                            f"utilisation {grip['utilisation']:.2f}, at most {grip['utilisation_high']:.2f}"
+                        )
+                        print(f"{present_n:5.1f} N, {used}, {grip['state']}", file=sys.stderr)
                 case Stale():
                     present_n = gripper.move(controller.blind())
 

@@ -25,9 +25,23 @@ def played(controller: Any, messages: list[dict[str, Any]], present_n: float = 6
     return [controller.take(message, present_n) for message in messages]
 
 
+def pressed(**limits: float) -> Any:
+    """Controller that has pressed for a second, without a weight."""
+    controller = HOLD.HoldController(start_n=6.0, **limits)
+    played(controller, [grip(-1.0, shear=0.0)])
+    return controller
+
+
+def test_the_grip_is_kept_while_the_fingers_press() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    pressing = [grip(k / 100, shear=4.0, state="gross") for k in range(round(100 * HOLD.PRESS_S) - 1)]
+    assert set(played(controller, pressing)) == {6.0}
+    assert played(controller, [grip(HOLD.PRESS_S, shear=4.0, state="gross")]) != [6.0]
+
+
 def test_the_grip_eases_to_the_target_and_no_further() -> None:
     # Shear over load is 0.25 at 6 N, half of what the bound bears: 6 N * 0.5 / TARGET is enough.
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     present_n = 6.0
     for k in range(600):
         present_n = controller.take(grip(k / 100, load=4.0 * present_n / 6.0), present_n)
@@ -35,7 +49,7 @@ def test_the_grip_eases_to_the_target_and_no_further() -> None:
 
 
 def test_growing_shear_is_met_before_it_arrives() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     played(controller, [grip(k / 100) for k in range(10)])
     growing = played(controller, [grip(0.1 + k / 100, shear=1.0 + 0.2 * k) for k in range(1, 6)])
     enough_n = 6.0 / 4.0 * 2.0 / (0.5 * HOLD.TARGET)  # for the shear of the last message
@@ -43,14 +57,14 @@ def test_growing_shear_is_met_before_it_arrives() -> None:
 
 
 def test_gross_slip_tightens_beyond_the_present_force() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     played(controller, [grip(k / 100) for k in range(10)])
     assert controller.take(grip(0.1, state="gross"), 6.0) >= HOLD.GRASP_AGAIN * 6.0
 
 
 def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_is_none() -> None:
     for load, is_slip in ((4.0, True), (5.0, False)):
-        controller = HOLD.HoldController(start_n=6.0)
+        controller = pressed()
         before_n = played(controller, [grip(k / 100, shear=1.8) for k in range(60)])[-1]
         falling = [grip(0.6 + k / 100, shear=1.8 - k / 100, load=load) for k in range(12)]
         after_n = max(played(controller, falling))
@@ -60,7 +74,7 @@ def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_
 
 def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_falling_is_none() -> None:
     for after, is_slip in ((1.9, True), (1.8, False)):
-        controller = HOLD.HoldController(start_n=6.0)
+        controller = pressed()
         played(controller, [grip(k / 100, shear=1.5 + k / 100) for k in range(50)])
         before_n = played(controller, [grip(0.5, shear=2.0), grip(0.51, shear=1.9)])[-1]
         after_n = controller.take(grip(0.52, shear=after), before_n)
@@ -69,7 +83,7 @@ def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_f
 
 @pytest.mark.parametrize(("shear_follows", "is_slip"), [(1.0, True), (0.0, False)])
 def test_shear_that_follows_an_easing_grip_is_a_slip(shear_follows: float, is_slip: bool) -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     played(controller, [grip(k / 100, shear=1.0) for k in range(60)])
     tighter = []
     for k in range(1, 13):
@@ -82,7 +96,7 @@ def test_shear_that_follows_an_easing_grip_is_a_slip(shear_follows: float, is_sl
 
 @given(st.sampled_from([{"valid": False}, {"late": True}, {"state": "none"}, {"load": 0.0}]))
 def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(50)])[-1]
     assert controller.take(grip(0.5, shear=50.0) | fault, 6.0) == before_n
 
@@ -96,7 +110,7 @@ def test_another_object_is_met_without_what_was_learnt() -> None:
 
 
 def test_stale_data_tighten_once_and_ease_nothing() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
     tight_n = controller.blind()
     assert tight_n == controller.blind() == pytest.approx(HOLD.BLIND * before_n, rel=0.02)
@@ -112,7 +126,7 @@ def test_stale_data_tighten_once_and_ease_nothing() -> None:
     )
 )
 def test_commands_stay_within_the_limits(rows: list[tuple[float, float, float, str]]) -> None:
-    controller = HOLD.HoldController(start_n=6.0, least_n=1.0, most_n=20.0)
+    controller = pressed(least_n=1.0, most_n=20.0)
     for k, (shear, load, friction, state) in enumerate(rows):
         message = grip(k / 100, shear, load, friction_low=friction, friction=1.2 * friction, state=state)
         assert 1.0 <= controller.take(message, 6.0) <= 20.0
