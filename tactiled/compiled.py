@@ -41,7 +41,7 @@ _DECLARED = {
     "loads": ("", "sspppp"),
     "load_noise": ("", "sspppp"),
     "floor": ("", "ssrrrpppprrpp"),
-    "bear": ("", "sppppprr"),
+    "bear": ("", "sppppprrrr"),
     "grip": ("i", "sppppppprrriip"),
     "wander": ("", "ssspppppppppppri"),
     "shares": ("", "ssppppppppprrrr"),

@@ -131,20 +131,25 @@ API void tactiled_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real 
 
 /* ---- friction and forecast (tactiled.detect.grip.friction, .forecast, .model) ---------------------------------- */
 
-/* Take the ratio that the contact bears: `FrictionPosterior.bear`. weights, met and penalty (n) are kept.
+/* Take the ratio that the contact bears, and the largest one since it fell, before and now: `FrictionPosterior.bear`.
+ * weights, met and penalty (n) are kept.
  * `numbers`: least ratio, log of the ratio at the limit, logs over which it is met, log of the kinetic part, mean
  * duration of sliding, spread of the excess. */
 API void tactiled_bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
-                       real *penalty, real ratio, real step_s)
+                       real *penalty, real ratio, real before, real level, real step_s)
 {
     const real log_ratio = log(at_least(ratio, numbers[0])), kept = exp(-step_s / numbers[4]);
+    const real log_before = log(at_least(before, numbers[0])), log_level = log(at_least(level, numbers[0]));
     real most = -INFINITY, sum = 0, found[n];
     int refutes = 0;
     for (ptrdiff_t j = 0; j < n; j++) {
         real above = log_ratio - log_friction[j], excess = at_least(above, 0) / numbers[5];
-        real meets = at_most(at_least((above - numbers[1]) / numbers[2] + 0.5, 0), 1);
+        real was_met = at_most(at_least((log_before - log_friction[j] - numbers[1]) / numbers[2] + 0.5, 0), 1);
+        real is_met = at_most(at_least((log_level - log_friction[j] - numbers[1]) / numbers[2] + 0.5, 0), 1);
+        real begins = at_least(is_met - was_met, 0) / at_least(1 - was_met, numbers[0]);
+        real goes_on = above > numbers[3] ? met[j] * kept : 0;
         real more = at_least(0.5 * (excess * excess), penalty[j]);
-        met[j] = at_least(above > numbers[3] ? met[j] * kept : 0, meets);
+        met[j] = goes_on + (1 - goes_on) * begins;
         refutes |= more > penalty[j];
         found[j] = penalty[j] - more;
         penalty[j] = more;

@@ -23,8 +23,12 @@ _EXCESS_SD = (
 FULL = 0.97  # of the ratio at the limit: taxels of unequal friction slip one after the other
 _SOFT = 0.10  # log ratios over which a limit is met: a cell of the grid
 _KINETIC_LEAST = 0.75  # of the static limit: kinetic friction of rubber is seldom less, a prior
-_SLIDE_S = 0.4  # mean duration of gross slip: then it is caught, or the object is lost; a prior
+# Mean duration of gross slip: a dropped object is lost within 1 s, an arm strokes for 1 to 5 s; a prior.
+# An even slide and a rest after it look the same, so that nothing else tells when it ended.
+_SLIDE_S = 3.0
+_FALLEN = 0.95  # of the largest ratio: a limit is met anew only after the ratio fell below this part; a prior
 LEAST_RATIO = 1e-9  # whose logarithm is taken
+_LEAST_WEIGHT = 1e-300
 _CARRIED = 0.7  # probability that the next contact is of the same hand and object: a prior
 _CARRIED_SD = 0.15  # by which log friction differs between contacts of the same two, at most
 
@@ -77,6 +81,7 @@ class FrictionPosterior:
     def _forget_contact(self) -> None:
         self.met = np.zeros(N_FRICTION)
         self._penalty = np.zeros(N_FRICTION)
+        self._level = 0.0  # largest ratio since it fell
 
     def take(self, log_likelihood: FloatArray) -> None:
         """Multiply the weights by likelihoods given as logarithms (N_FRICTION,)."""
@@ -97,18 +102,32 @@ class FrictionPosterior:
         Shear borne beyond a value refutes it; each excess counts once. A value whose limit was met may slide
         until the ratio falls below what sliding bears.
         """
+        before, self._level = self._level, min(max(self._level, ratio), ratio / _FALLEN)
         if self._compiled is not None:
             kept = (compiled.address(values) for values in (self.weights, self.met, self._penalty))
-            self._compiled(*kept, ratio, step_s)
+            self._compiled(*kept, ratio, before, self._level, step_s)
             return
         above = math.log(max(ratio, LEAST_RATIO)) - self.log_friction
-        met = np.clip((above - math.log(FULL)) / _SOFT + 0.5, 0.0, 1.0)
-        remembered = np.where(above > math.log(_KINETIC_LEAST), self.met * math.exp(-step_s / _SLIDE_S), 0.0)
-        self.met = np.maximum(met, remembered)
+        was_met, is_met = self._part_met(before), self._part_met(self._level)
+        begins = np.maximum(is_met - was_met, 0.0) / np.maximum(1.0 - was_met, LEAST_RATIO)
+        goes_on = np.where(above > math.log(_KINETIC_LEAST), self.met * math.exp(-step_s / _SLIDE_S), 0.0)
+        self.met = goes_on + (1.0 - goes_on) * begins
         penalty = np.maximum(self._penalty, 0.5 * (np.maximum(above, 0.0) / _EXCESS_SD) ** 2)
         if np.any(penalty > self._penalty):
             self.take(self._penalty - penalty)
             self._penalty = penalty
+
+    def _part_met(self, ratio: float) -> FloatArray:
+        """Return the part of each cell whose limit a ratio meets."""
+        above = math.log(max(ratio, LEAST_RATIO)) - self.log_friction
+        return np.asarray(np.clip((above - math.log(FULL)) / _SOFT + 0.5, 0.0, 1.0))
+
+    def take_sliding(self, log_odds: float) -> None:
+        """Take a log likelihood ratio of sliding over sticking, which is the same for all friction values."""
+        slides = self.weights * self.met * math.exp(log_odds)
+        weights = slides + self.weights * (1.0 - self.met)
+        self.met = slides / np.maximum(weights, _LEAST_WEIGHT)
+        self.weights = weights / sum_in_order(weights)
 
     def sliding(self, log_odds: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what slides and what sticks of each cell, as probabilities that sum to 1.

@@ -9,7 +9,7 @@ A ratio stays where friction is met, or where the hand stops. Two things tell th
   that is laid on comes evenly and stops; a hand that sets its force ends by minimum jerk (Flash and Hogan,
   J. Neurosci. 5, 1985), which is slower yet.
 
-The evidence fades, since a slide is over some time and the ratio stays nevertheless.
+Each growth counts once. How long a slide goes on is for `friction` to say.
 """
 
 import collections
@@ -29,11 +29,10 @@ _HALF, _SLOWS, _NEARLY, _STAYS = 0.5, 0.9, 0.95, 0.98  # parts of the ratio that
 _SLIDE, _EVEN, _SMOOTH = (0.53, 0.4), (0.0, 0.2), (1.03, 0.4)
 _OTHER = 0.02  # density of any other course
 _FEW = 3  # scans, below which a course has no shape
-_SLIDE_S = 0.4  # mean duration of gross slip, as in `friction`
 _LEAST = 0.05  # ratio, below which offsets grow and fall
 _NOISY = 0.05  # of the ratio: with more noise, the times are not known
-_TURNED, _NOISES = 1.02, 3.0  # of the ratio, and of its noise: it has been larger, as in a swing
-_SAME = 0.15  # relative change of a ratio that stays
+# A ratio that was larger by twice this part has turned, as in a swing; noise counts up to so many deviations.
+_TURN, _NOISES = 0.01, 3.0
 
 
 class GrowthEvidence:
@@ -41,52 +40,62 @@ class GrowthEvidence:
 
     def __init__(self) -> None:
         self._sizes: collections.deque[float] = collections.deque()
-        self._found = 0.0  # log odds when the ratio began to stay
-        self._level, self._took_s, self._stayed_s = 0.0, 0.0, 0.0
+        self._n = 0  # scans so far
+        self._taken = 0.0  # log odds of the growth that was taken last
+        self._taken_at = -1  # scan at which it was taken first
 
     def take(self, size: float, step_s: float) -> None:
         """Take the ratio of a scan."""
+        self._n += 1
         self._sizes.append(size)
         if len(self._sizes) > _HISTORY_S / step_s:
             self._sizes.popleft()
 
-    def log_odds(self, size_sd: float, step_s: float, since_s: float) -> float:
-        """Return the log likelihood ratio of sliding over sticking; 0 while the ratio grows.
+    def log_odds(self, size_sd: float, step_s: float) -> float:
+        """Return the log likelihood ratio of sliding over sticking that is new since this was asked before.
 
         Parameters
         ----------
         size_sd : float
-            Noise of the newest ratio.
-        step_s, since_s : float
-            Time between scans, and since this was asked before.
+            Noise of a ratio.
+        step_s : float
+            Time between scans.
         """
         sizes = np.array(self._sizes)
         level = float(sizes[-2:].mean())
-        self._stayed_s += since_s
-        if level < max(_LEAST, size_sd / _NOISY):
-            self._found = 0.0
-        elif len(below := np.flatnonzero(sizes < _HALF * level)):
-            self._grown(sizes[below[-1] :], level, size_sd, step_s)
-        elif abs(level - self._level) > _SAME * level:
-            self._found = 0.0
-        fades = max(self._stayed_s - self._took_s, 0.0) / _SLIDE_S
-        return max(self._found - fades, 0.0) if self._found > 0 else self._found
+        below = np.flatnonzero(sizes < _HALF * level)
+        if level < max(_LEAST, size_sd / _NOISY) or not len(below):
+            return 0.0
+        found = _of_growth(sizes[below[-1] :], level, size_sd, step_s)
+        if found is None:
+            return 0.0
+        began = self._n - len(sizes) + int(below[-1])
+        if began >= self._taken_at:
+            self._taken, self._taken_at = 0.0, self._n
+        new, self._taken = found - self._taken, found
+        return new
 
-    def _grown(self, rise: FloatArray, level: float, size_sd: float, step_s: float) -> None:
-        """Evaluate a growth (n,) from half of the level."""
-        half, slows, nearly, stays = (step_s * _crossing(rise, part * level) for part in _PARTS)
-        self._stayed_s = step_s * (len(rise) - 1) - nearly
-        took_s = max(nearly - half, step_s)
-        self._level, self._found, self._took_s = level, 0.0, took_s
-        has_turned = rise.max() > _TURNED * level + _NOISES * size_sd
-        if has_turned or self._stayed_s < max(took_s, 2 * step_s):
-            return
-        z = math.log(took_s / _HAND_S) / _HAND_LOG_SD
-        self._found = -math.log(max(0.5 * (1.0 + math.erf(z / math.sqrt(2.0))), _RARE))
-        if slows - half >= _FEW * step_s:
-            course = math.log(max(stays - slows, 0.5 * step_s) / (0.2 * (slows - half)))
-            holds = 0.5 * (_density(course, *_EVEN) + _density(course, *_SMOOTH))
-            self._found += math.log((_density(course, *_SLIDE) + _OTHER) / (holds + _OTHER))
+
+def _of_growth(rise: FloatArray, level: float, size_sd: float, step_s: float) -> float | None:
+    """Return the log odds of a growth (n,) from half of the level; None while the ratio does not stay."""
+    half, slows, nearly, stays = (step_s * _crossing(rise, part * level) for part in _PARTS)
+    stayed_s = step_s * (len(rise) - 1) - nearly
+    took_s = max(nearly - half, step_s)
+    # Averaged over so many scans that noise is no turn; the ratio must have stayed for as long.
+    n = max(1, math.ceil((_NOISES * size_sd / (_TURN * level)) ** 2))
+    if stayed_s < max(took_s, max(2, n) * step_s):
+        return None
+    averaged = np.convolve(rise, np.ones(n) / n, mode="valid")
+    fell = max(averaged.max() - averaged[-1] - _TURN * level, rise.max() - level - _NOISES * size_sd)
+    if fell > _TURN * level:
+        return None
+    z = math.log(took_s / _HAND_S) / _HAND_LOG_SD
+    found = -math.log(max(0.5 * (1.0 + math.erf(z / math.sqrt(2.0))), _RARE))
+    if slows - half >= _FEW * step_s:
+        course = math.log(max(stays - slows, 0.5 * step_s) / (0.2 * (slows - half)))
+        holds = 0.5 * (_density(course, *_EVEN) + _density(course, *_SMOOTH))
+        found += math.log((_density(course, *_SLIDE) + _OTHER) / (holds + _OTHER))
+    return found
 
 
 _PARTS = (_HALF, _SLOWS, _NEARLY, _STAYS)

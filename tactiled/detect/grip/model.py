@@ -165,7 +165,9 @@ class ContactModel:
         if found is not None:
             self.friction.take(found)
         wanders = self._wander.log_odds(shear / whole, predicted / whole, load / whole, noise_sd / whole)
-        self._odds = wanders + self._growth.log_odds(self._noise_sd, self._scan_s, step_s)
+        self._odds = wanders
+        if new := self._growth.log_odds(self._noise_sd, self._scan_s):
+            self.friction.take_sliding(new)
         self.friction.walk(step_s)
         self._sticking = np.exp(-self._odds)
         self._slipping, self._part = self._rings.sliding_share(), load / whole

@@ -75,11 +75,30 @@ def test_a_limit_that_is_met_slides_until_kinetic_friction_bears_the_ratio() -> 
         sliding, sticking = posterior.sliding(odds)
         assert sliding.sum() + sticking.sum() == pytest.approx(1)
         assert (sliding.sum() > 0.5) == slides
-    # The memory of a limit that was met fades: a slide that nothing shows has ended.
+    # Nothing tells an even slide from a rest after it: the mean duration of slides decides.
     posterior.bear(0.62, 0.01)
-    for _ in range(200):
-        posterior.bear(0.52, 0.01)
-    assert posterior.sliding(odds)[0].sum() < 0.3
+    course = [posterior.sliding(odds)[0].sum()]
+    for _ in range(600):
+        posterior.bear(0.6, 0.01)
+        course.append(posterior.sliding(odds)[0].sum())
+    assert course[0] > 0.5
+    assert course[100] > 0.7 * course[0]
+    assert course[600] == pytest.approx(course[0] * np.exp(-2), rel=0.1)
+
+
+def test_evidence_of_sliding_tells_friction_and_stays_after_the_slide() -> None:
+    posterior = FrictionPosterior(0.6, 0.6)
+    for ratio in np.linspace(0, 0.6, 50):
+        posterior.bear(ratio, 0.01)
+    before = posterior.friction_quantiles(AT)
+    posterior.take_sliding(4.0)
+    assert posterior.sliding(np.zeros(N_FRICTION))[0].sum() > 0.8
+    for _ in range(1000):
+        posterior.bear(0.6, 0.01)
+    assert posterior.sliding(np.zeros(N_FRICTION))[0].sum() < 0.1
+    after = posterior.friction_quantiles(AT)
+    assert after[1] == pytest.approx(0.6, rel=0.1)
+    assert after[2] < before[2]
 
 
 def test_odds_of_sliding_count_where_a_limit_may_be_met() -> None:

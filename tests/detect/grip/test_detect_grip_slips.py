@@ -43,7 +43,8 @@ def slide(direction_deg: float = 30.0, turn: float = 0.0, noise: float = 0.001) 
     t = np.arange(450) / RATE_HZ
     load = LOADS * np.interp(t, [0.5, 1.0], [0.0, 1.0])[:, np.newaxis]
     # The limit is not met exactly, since rings do not converge there.
-    used = np.interp(t, [2.0, SLIPS_S, RELAXES_S, 3.8], [0.0, 0.96, 0.96, 0.3])
+    travel = np.interp(t, [2.0, SLIPS_S], [0.0, 1.0])
+    used = 0.96 * (1 - (1 - travel) ** 1.5) * np.interp(t, [RELAXES_S, 3.8], [1.0, 0.3])
     x, y = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
     # A pull through the centre of the loads does not turn the skin.
     along = np.array([x, y, float(LOADS @ (ARRAY.x_mm * y - ARRAY.y_mm * x) / LOADS.sum())])
