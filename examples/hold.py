@@ -32,7 +32,7 @@ from tactiled.client import Message, Stale, Subscription
 
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
 PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
-TARGET = 0.8  # utilisation (95 % quantile) at which an object is held
+TARGET = 0.85  # utilisation (95 % quantile) at which an object is held
 PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
 SURELY = 0.87  # of the median of friction, that the bound is at most
 FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
@@ -45,16 +45,16 @@ ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so
 LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
 DROP, FLAT = 0.03, 0.012  # shear that falls by so much at once, and then no further: sliding friction is less
-DROP_S, PEAK = 0.035, 0.98  # within this time, from so much of its largest value
+DROP_S, PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
 FALL = 0.04  # of all the shear that was borne from REST_S to FALL_S ago, by which it is less: friction falls
 FALL_S, REST_S, AT_ONCE = 0.15, 0.6, 0.02  # and by less than AT_ONCE from message to message
 FOLLOWS, FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
 FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
 CHANGED = 0.03  # of the force: the least such change, tighter within WATCH_S of a drop, eased at other times
-WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.3, 1.03  # eased: shear was not above its least before by more
+WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
 WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
-RECOVER_PER_S = 0.1  # rate at which the ratio of the last slip is forgotten
+RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
 CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
