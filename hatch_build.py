@@ -49,7 +49,8 @@ def with_absolute_links(text: str, address: str, tag: str) -> str:
     return _LINK.sub(absolute, text)
 
 
-SOURCES, LIBRARY = ("tactiled/compiled.c", "tactiled/compiled_grip.c"), "tactiled/_compiled.so"
+NAMES = "compiled.h", "compiled.c", "compiled_readings.c", "compiled_contact.c", "compiled_grip.c"
+SOURCES, LIBRARY = tuple(f"tactiled/{name}" for name in NAMES), "tactiled/_compiled.so"
 # No fused multiply-add, which rounds otherwise than numpy; no errno, so that sqrt is one instruction; nobody
 # reads the flags of floating-point exceptions, so that a choice between two values needs no branch.
 FLAGS = (
@@ -68,7 +69,7 @@ def compile_library(root: Path) -> bool:
         print("no C compiler (cc): tactiled runs on numpy, with the same results", file=sys.stderr)
         return False
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    names = [str(source) for source in sources]
+    names = [str(source) for source in sources if source.suffix == ".c"]
     command = [compiler, *FLAGS, f'-DTACTILED_SOURCE="{digest}"', *names, "-lm", "-o", str(new)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

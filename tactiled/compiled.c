@@ -8,15 +8,7 @@
  * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels, r ramps. Arguments
  * before n belong to an object and stay; those from n on belong to a call.
  */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#define API __attribute__((visibility("default")))
-
-typedef double real;
-typedef uint8_t flag;
+#include "compiled.h"
 
 API const char *tactiled_source(void)
 {
@@ -116,22 +108,22 @@ API int tactiled_hold(ptrdiff_t channels, real limit, real steps_per_volt, real 
 static void fir(ptrdiff_t n, ptrdiff_t columns, const real *newest, ptrdiff_t filters, const int64_t *lengths,
                 const real *taps, int last_filter, real *out)
 {
-    enum { WIDE = 4 };
+    enum { LANES = 4 };
     for (ptrdiff_t i = 0; i < n; i++, newest += columns, out += filters * columns) {
         const real *tap = taps;
         for (ptrdiff_t f = 0; f < filters; tap += lengths[f++])
-            for (ptrdiff_t c = 0; c < columns; c += WIDE) {
-                real sum[WIDE] = {0};
+            for (ptrdiff_t c = 0; c < columns; c += LANES) {
+                real sum[LANES] = {0};
                 const real *x = newest + c;
-                if (c + WIDE <= columns)
+                if (c + LANES <= columns)
                     for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
-                        for (int w = 0; w < WIDE; w++)
+                        for (int w = 0; w < LANES; w++)
                             sum[w] += tap[k] * x[w];
                 else
                     for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
                         for (int w = 0; w < columns - c; w++)
                             sum[w] += tap[k] * x[w];
-                for (int w = 0; w < WIDE && c + w < columns; w++)
+                for (int w = 0; w < LANES && c + w < columns; w++)
                     out[last_filter ? (c + w) * filters + f : f * columns + c + w] = sum[w];
             }
     }

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("compiled.c", "compiled_grip.c"))
+_NAMES = "compiled.h", "compiled.c", "compiled_readings.c", "compiled_contact.c", "compiled_grip.c"
+SOURCES = tuple(Path(__file__).with_name(name) for name in _NAMES)
 LIBRARY = Path(__file__).with_name("_compiled.so")
 SETTING = "TACTILED_COMPILED"
 _octet_of: Callable[[Any], Any] = ctypes.c_char.from_buffer
@@ -38,15 +39,19 @@ _DECLARED = {
     "clean": ("i", "sssppsspp"),
     "respond": ("", "srspppp"),
     "evidence": ("", "sppsprrrrrsppppp"),
-    "loads": ("", "sspppp"),
-    "load_noise": ("", "sspppp"),
-    "floor": ("", "ssrrrpppprrpp"),
-    "bear": ("", "sppppprrrr"),
-    "grip": ("i", "sppppppprrriip"),
-    "wander": ("", "ssspppppppppppri"),
-    "shares": ("", "ssppppppppprrrr"),
-    "relieve": ("", "sspppppppppp"),
-    "rings": ("", "sssppppppppsppp"),
+    "readings": ("s", "pppppppp"),
+    "readings_take": ("", "ppppii"),
+    "readings_rest": ("", "pr"),
+    "readings_release": ("", "p"),
+    "readings_interrupt": ("", "p"),
+    "model": ("s", "ssssrppppppppppppp"),
+    "model_measure": ("", "pr"),
+    "model_follow": ("", "prrr"),
+    "model_skip": ("", "p"),
+    "model_look": ("", "psprr"),
+    "model_grip": ("", "p"),
+    "model_loosen": ("", "pp"),
+    "model_taxels": ("", "pp"),
 }
 
 

@@ -1,4 +1,4 @@
-/* The contact model's part of the path of a scan: arrays in, arrays out, nothing kept here.
+/* Evidence and mechanics of the contact model: arrays in, arrays out, nothing kept here.
  *
  * `compiled.c` has the rules, which hold here too: every function does what numpy does beside its call, bit for
  * bit. Logarithms, exponentials and powers are those of the C library, which Python's `math` calls too
@@ -8,126 +8,7 @@
  *
  * Arrays are dense, with the last index moving fastest. j counts hypotheses, t taxels, k rings.
  */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#define API __attribute__((visibility("default")))
-
-/* Four numbers at once where the processor can, chosen when the library is loaded; with the same bits. */
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define WIDE
-#endif
-
-typedef double real;
-
-/* numpy's maximum and clip, which keep a value that is not a number. */
-static real at_least(real value, real least) { return least > value ? least : value; }
-static real at_most(real value, real most) { return most < value ? most : value; }
-
-/* ---- readings (tactiled.detect.grip.observe) ---------------------------------------------------------------- */
-
-/* Responses (3, taxels) of readings (channels): `weights` of the channels `own`, both (n, 3, taxels). */
-API void tactiled_loads(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *volts,
-                        real *out)
-{
-    for (ptrdiff_t i = 0; i < 3 * taxels; i++) {
-        real sum = 0;
-        for (ptrdiff_t k = i; k < 3 * taxels * n; k += 3 * taxels)
-            sum += weights[k] * volts[own[k]];
-        out[i] = sum;
-    }
-}
-
-/* Variances of the totals of load, shear x and shear y (3), from the noise of the channels. */
-API void tactiled_load_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights,
-                             const real *channel_sd, real *out)
-{
-    for (ptrdiff_t kind = 0; kind < 3; kind++) {
-        out[kind] = 0;
-        for (ptrdiff_t i = kind * taxels; i < (kind + 1) * taxels; i++) {
-            real sum = 0;
-            for (ptrdiff_t k = i; k < 3 * taxels * n; k += 3 * taxels) {
-                real sd = weights[k] * channel_sd[own[k]];
-                sum += sd * sd;
-            }
-            out[kind] += sum;
-        }
-    }
-}
-
-/* Correct the response (3, taxels) of a scan where sides are relieved: `RelievedSides.correct`.
- *
- * Sides (half, axis, taxel) have `weights` of the channels `own`, both (n, 4, taxels), and readings `even` (4, taxels)
- * under an even load of 1. `numbers`: part of the other side below which a side is relieved, most spread, least
- * pressed part. load (taxels), proportion and its weight (2, taxels) are kept. relieved (2, taxels). */
-API void tactiled_relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *even,
-                          const real *numbers, real *load, real *proportion, real *weight, const real *readings,
-                          real *response, uint8_t *relieved)
-{
-    for (ptrdiff_t t = 0; t < taxels; t++) {
-        real side[4], high[2], other = INFINITY;
-        for (ptrdiff_t s = 0; s < 4; s++) {
-            ptrdiff_t i = s * taxels + t;
-            side[s] = 0;
-            for (ptrdiff_t k = i; k < 4 * taxels * n; k += 4 * taxels)
-                side[s] += weights[k] * readings[own[k]];
-            side[s] /= even[i];
-        }
-        for (int a = 0; a < 2; a++) {
-            high[a] = at_least(side[a], side[2 + a]);
-            relieved[a * taxels + t] = at_most(side[a], side[2 + a]) < numbers[0] * high[a];
-            if (!relieved[a * taxels + t])
-                other = at_most((side[a] + side[2 + a]) / 2, other);
-        }
-        int whole = !relieved[t] && !relieved[taxels + t];
-        load[t] = whole ? response[t] : at_least(response[t] / numbers[1], other < INFINITY ? other : load[t]);
-        for (int a = 0; a < 2; a++) {
-            real *shear = response + (1 + a) * taxels + t, *share = proportion + a * taxels + t;
-            real pressed = high[a] - (relieved[(1 - a) * taxels + t] ? load[t] : (side[1 - a] + side[3 - a]) / 2);
-            if (relieved[a * taxels + t])
-                *shear = (side[a] >= side[2 + a] ? 1 : -1) * *share * at_least(pressed, 0);
-            else if (pressed > numbers[2] * load[t]) {
-                weight[a * taxels + t] += pressed * pressed;
-                *share += pressed * (fabs(*shear) - *share * pressed) / weight[a * taxels + t];
-            }
-        }
-        response[t] = load[t];
-    }
-}
-
-static real noise_of(real mean_abs, real per_sd, real step, real per_rounding, real floor)
-{
-    real noise = mean_abs / per_sd, rounding = (step < INFINITY ? step : 0) / per_rounding;
-    return at_least(sqrt(noise * noise + rounding * rounding), floor);
-}
-
-/* Noise floor after a scan: `NoiseFloor.take`. mean_abs (levels, channels), last, step and sd (channels) are kept;
- * details (levels, channels). */
-API void tactiled_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real per_rounding, real floor,
-                        real *mean_abs, real *last, real *step, real *sd, real part, real clip, const real *volts,
-                        const real *details)
-{
-    for (ptrdiff_t c = 0; c < channels; c++) {
-        real moved = fabs(volts[c] - last[c]), largest = 0;
-        last[c] = volts[c];
-        if (moved > 0 && moved < step[c])
-            step[c] = moved;
-        for (ptrdiff_t k = 0; k < levels; k++)
-            largest = at_least(mean_abs[k * channels + c], largest);
-        real most = clip * noise_of(largest, per_sd, step[c], per_rounding, floor);
-        largest = 0;
-        for (ptrdiff_t k = 0; k < levels; k++) {
-            real *mean = mean_abs + k * channels + c;
-            *mean += part * (at_most(fabs(details[k * channels + c]), most) - *mean);
-            largest = at_least(*mean, largest);
-        }
-        sd[c] = noise_of(largest, per_sd, step[c], per_rounding, floor);
-    }
-}
+#include "compiled.h"
 
 /* ---- friction and forecast (tactiled.detect.grip.friction, .forecast, .model) ---------------------------------- */
 
@@ -135,7 +16,7 @@ API void tactiled_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real 
  * weights, met and penalty (n) are kept.
  * `numbers`: least ratio, log of the ratio at the limit, logs over which it is met, log of the kinetic part, mean
  * duration of sliding, spread of the excess. */
-API void tactiled_bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
+void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
                        real *penalty, real ratio, real before, real level, real step_s)
 {
     const real log_ratio = log(at_least(ratio, numbers[0])), kept = exp(-step_s / numbers[4]);
@@ -163,15 +44,6 @@ API void tactiled_bear(ptrdiff_t n, const real *numbers, const real *log_frictio
         weights[j] /= sum;
 }
 
-/* Sum of weights (n). */
-static real sum_of(ptrdiff_t n, const real *weights)
-{
-    real sum = 0;
-    for (ptrdiff_t j = 0; j < n; j++)
-        sum += weights[j];
-    return sum;
-}
-
 /* Quantile of log friction: where the weights (n) of cells from `lowest` on reach a part of their sum. */
 static real log_quantile(ptrdiff_t n, const real *weights, real part, real lowest, real cell)
 {
@@ -182,18 +54,9 @@ static real log_quantile(ptrdiff_t n, const real *weights, real part, real lowes
     return lowest + cell * ((real)j + (wanted - below) / at_least(weights[j], 1e-300));
 }
 
-/* Constants of `tactiled_grip`, in the order in which `ContactModel` and `forecast_numbers` have them. */
-enum { THREE = 3 };
-struct grip_numbers {
-    real least_logged, log_full, lowest, cell, least_ratio, gross_on, gross_off, incipient_share, incipient_used;
-    real quantiles[THREE];
-    real least_rate, least_gap, time_power, e_folds, fresh, revisited;
-    real rate_nodes[THREE], node_weights[THREE], soon[THREE], unseen[THREE];
-};
-
 /* Posterior after a scan: `ContactModel.grip`. weights, met, sticking and area (n). out (12): utilisation,
  * friction, p_gross (three each), slipping share, p_sliding, p_incipient. Returns whether all slides. */
-API int tactiled_grip(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
+int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
                       const real *weights, const real *met, const real *sticking, const real *area, real size,
                       real growth, real rate_sd, int is_fresh, int was_gross, real *out)
 {
@@ -247,14 +110,6 @@ API int tactiled_grip(ptrdiff_t n, const struct grip_numbers *with, const real *
 
 /* ---- changes of the shares (tactiled.detect.grip.wander) ------------------------------------------------------ */
 
-static real dot(ptrdiff_t n, const real *a, const real *b)
-{
-    real sum = 0;
-    for (ptrdiff_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
 /* Part of values (n) in an orthonormal basis (k, n). */
 static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const real *restrict values,
                     real *restrict out)
@@ -270,22 +125,17 @@ static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const 
     }
 }
 
-/* Constants of `tactiled_wander`, in the order in which `ShareWander` has them. */
-struct wander_numbers {
-    real least_norm, same, leak, least_variance, least_square, slope, offset, least, most;
-};
-
 /* Log odds (hypotheses) of sliding from the changes of the shares: `ShareWander.log_odds`.
  *
  * measured (2 half, 2 taxels) and predicted (2 half, 2 taxels, hypotheses) of the looks so far are kept; `work`
  * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, hypotheses, taxels), load and stiffness
  * (taxels) are those of this look. `odds` stay as they are where the looks `can_tell` nothing. */
-API void tactiled_wander(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
+void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
                          const real *x, const real *y, real *measured, real *predicted, real *work,
                          const real *shear, const real *expected, const real *load, const real *stiffness,
                          real *odds, real noise_sd, int can_tell)
 {
-    enum { PATTERNS = 8 };
+
     const ptrdiff_t n = 2 * taxels, all = n * hypotheses, looks = 2 * half;
     real *basis = work, *change = work + PATTERNS * n, *part = change + n, *rest = part + n;
     memmove(measured, measured + n, sizeof(real[(looks - 1) * n]));
@@ -377,13 +227,6 @@ API void tactiled_wander(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half,
 
 /* ---- evidence of the shares (tactiled.detect.grip.shares) ----------------------------------------------------- */
 
-/* Constants of `tactiled_shares`, in the order in which `ShareEvidence` has them. */
-struct shares_numbers {
-    real tiny, meets, least_used, power, even, degrees;
-};
-
-enum { KINDS = 5 }; /* of nuisances: gains of shear along x and y, softening, offsets along x and y */
-
 /* Forces of the taxels along their direction, over their limits, of one hypothesis. */
 static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real friction, const real *restrict x,
                      const real *restrict y, const real *restrict load, real *restrict force, real *restrict used)
@@ -435,7 +278,7 @@ static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numb
  *
  * nuisance (5, hypotheses, taxels) and their covariance (5, 5, hypotheses, taxels) are kept. shear (2, taxels),
  * predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
-API void tactiled_shares(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
+void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
                          const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
                          const real *borne, const real *load, real *out, real size, real noise_sd,
                          real unexplained, real temper)
@@ -549,7 +392,7 @@ static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real
  * stiffness, the longest step, the extent of the places, the part of
  * its limit below which a ring sticks, and the least divisor. force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses)
  * are the forces of the taxels and the sticking shares of their stiffness. `work` (12, hypotheses) is scratch. */
-API void tactiled_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
+void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
                         const real *x, const real *y, const real *rings, const real *limits, real *force,
                         real *sums, real *work, ptrdiff_t n_steps, const real *load, const real *stiffness,
                         const real *target)

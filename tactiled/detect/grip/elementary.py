@@ -42,5 +42,16 @@ def sum_in_order(values: FloatArray) -> float:
     return float(np.add.accumulate(values)[-1])
 
 
+def sums_in_order(values: FloatArray) -> FloatArray:
+    """Return sums (...,) over the last axis of values (..., n), added one after the other."""
+    return np.asarray(np.add.accumulate(values, axis=-1)[..., -1])
+
+
+def length(vector: FloatArray) -> float:
+    """Return the length of a vector (3,)."""
+    x, y, z = vector.tolist()
+    return math.sqrt(x * x + y * y + z * z)
+
+
 def _each(function: Callable[[float], float], values: FloatArray) -> FloatArray:
     return np.array([function(value) for value in values.ravel().tolist()]).reshape(values.shape)

@@ -59,7 +59,7 @@ def p_gross_within(
 
 
 def forecast_numbers(horizons_s: FloatArray) -> FloatArray:
-    """Return the constants of `p_gross_within` for three horizons, in the order of `compiled_grip.c`."""
+    """Return the constants of `p_gross_within` for three horizons, in the order of `struct grip_numbers`."""
     soon = power(Ahead.TIME_PART * horizons_s, -Ahead.TIME_POWER)
     single = [_LEAST_RATE, _LEAST_GAP, Ahead.TIME_POWER, Ahead.E_FOLDS, Ahead.FRESH, Ahead.REVISITED]
     return np.concatenate([single, _RATE_SD_PART * _NODES, _NODE_WEIGHTS, soon, _UNSEEN_PER_S * horizons_s])

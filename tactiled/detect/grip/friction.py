@@ -1,16 +1,14 @@
 """Posterior of the friction coefficient on a logarithmic grid, and what follows from it.
 
 Utilisation is the borne ratio over friction, so that its quantiles are those of friction, turned round. Each
-grid value stands for a cell. `compiled_grip.c` has what is done at each scan, with the same bits: `bear`,
-and with `ContactModel.grip` the sliding parts and the quantiles.
+grid value stands for a cell. What happens in a contact, `compiled_contact.c` does with the same bits, in the
+same arrays.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import WALK_PART
 from tactiled.detect.grip.elementary import exp, sum_in_order
@@ -49,6 +47,10 @@ class FrictionPosterior:
     weights : (N_FRICTION,) float64
     met : (N_FRICTION,) float64
         Part of each cell whose limit is met, or was, with a ratio since that kinetic friction can bear.
+    penalty : (N_FRICTION,) float64
+        Minus the log likelihood of what the contact has borne.
+    diffusion : float
+        Of the weights by a walk of friction, in squared cells for each second, halved.
     """
 
     def __init__(self, median: float, log_sd: float) -> None:
@@ -62,35 +64,30 @@ class FrictionPosterior:
         self._prior /= self._prior.sum()
         self.weights = self._prior.copy()
         self._log_sd = log_sd
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            self._numbers = np.array(
-                [LEAST_RATIO, math.log(FULL), _SOFT, math.log(_KINETIC_LEAST), _SLIDE_S, _EXCESS_SD]
-            )
-            self._compiled = compiled.bind(
-                library.tactiled_bear, N_FRICTION, self._numbers, self.log_friction
-            )
-        self._forget_contact()
+        self.diffusion = 0.5 * (WALK_PART * log_sd / self.cell) ** 2
+        self.met = np.zeros(N_FRICTION)
+        self.penalty = np.zeros(N_FRICTION)
+        self._level = 0.0  # largest ratio since it fell
 
     def end_contact(self) -> None:
         """Turn the posterior into the prior of the next contact: hand and object may be the same."""
         self.spread(min(_CARRIED_SD, self._log_sd / 2))
-        self.weights = _CARRIED * self.weights + (1 - _CARRIED) * self._prior
+        self.weights[:] = _CARRIED * self.weights + (1 - _CARRIED) * self._prior
         self._forget_contact()
 
     def _forget_contact(self) -> None:
-        self.met = np.zeros(N_FRICTION)
-        self._penalty = np.zeros(N_FRICTION)
+        self.met[:] = 0.0
+        self.penalty[:] = 0.0
         self._level = 0.0  # largest ratio since it fell
 
     def take(self, log_likelihood: FloatArray) -> None:
         """Multiply the weights by likelihoods given as logarithms (N_FRICTION,)."""
-        weights = self.weights * exp(log_likelihood - log_likelihood.max())
-        self.weights = weights / sum_in_order(weights)
+        self.weights *= exp(log_likelihood - log_likelihood.max())
+        self.weights /= sum_in_order(self.weights)
 
     def walk(self, step_s: float) -> None:
         """Let friction change for a time."""
-        self._diffuse(0.5 * (WALK_PART * self._log_sd) ** 2 * step_s / self.cell**2)
+        self._diffuse(self.diffusion * step_s)
 
     def spread(self, log_sd: float) -> None:
         """Widen the posterior by a standard deviation of log friction."""
@@ -103,19 +100,15 @@ class FrictionPosterior:
         until the ratio falls below what sliding bears.
         """
         before, self._level = self._level, min(max(self._level, ratio), ratio / _FALLEN)
-        if self._compiled is not None:
-            kept = (compiled.address(values) for values in (self.weights, self.met, self._penalty))
-            self._compiled(*kept, ratio, before, self._level, step_s)
-            return
         above = math.log(max(ratio, LEAST_RATIO)) - self.log_friction
         was_met, is_met = self._part_met(before), self._part_met(self._level)
         begins = np.maximum(is_met - was_met, 0.0) / np.maximum(1.0 - was_met, LEAST_RATIO)
         goes_on = np.where(above > math.log(_KINETIC_LEAST), self.met * math.exp(-step_s / _SLIDE_S), 0.0)
-        self.met = goes_on + (1.0 - goes_on) * begins
-        penalty = np.maximum(self._penalty, 0.5 * (np.maximum(above, 0.0) / _EXCESS_SD) ** 2)
-        if np.any(penalty > self._penalty):
-            self.take(self._penalty - penalty)
-            self._penalty = penalty
+        self.met[:] = goes_on + (1.0 - goes_on) * begins
+        penalty = np.maximum(self.penalty, 0.5 * (np.maximum(above, 0.0) / _EXCESS_SD) ** 2)
+        if np.any(penalty > self.penalty):
+            self.take(self.penalty - penalty)
+            self.penalty[:] = penalty
 
     def _part_met(self, ratio: float) -> FloatArray:
         """Return the part of each cell whose limit a ratio meets."""
@@ -126,8 +119,8 @@ class FrictionPosterior:
         """Take a log likelihood ratio of sliding over sticking, which is the same for all friction values."""
         slides = self.weights * self.met * math.exp(log_odds)
         weights = slides + self.weights * (1.0 - self.met)
-        self.met = slides / np.maximum(weights, _LEAST_WEIGHT)
-        self.weights = weights / sum_in_order(weights)
+        self.met[:] = slides / np.maximum(weights, _LEAST_WEIGHT)
+        self.weights[:] = weights / sum_in_order(weights)
 
     def sliding(self, log_odds: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what slides and what sticks of each cell, as probabilities that sum to 1.
@@ -138,7 +131,7 @@ class FrictionPosterior:
             Log likelihood ratio of sliding over sticking at this moment.
         """
         slides = self.weights * self.met
-        sticks = self.weights * (1.0 - self.met) * np.exp(-log_odds)
+        sticks = self.weights * (1.0 - self.met) * exp(-log_odds)
         total = sum_in_order(slides) + sum_in_order(sticks)
         return slides / total, sticks / total
 
@@ -179,3 +172,19 @@ class FrictionPosterior:
         below = np.where(cell > 0, up_to[cell - 1], 0.0)
         part = (wanted - below) / np.maximum(weights[cell], 1e-300)
         return np.asarray(self.lowest + self.cell * (cell + part))
+
+
+def bear_numbers() -> FloatArray:
+    """Return the constants of `FrictionPosterior.bear` in the order of `struct contact_numbers`."""
+    return np.array(
+        [
+            LEAST_RATIO,
+            math.log(FULL),
+            _SOFT,
+            math.log(_KINETIC_LEAST),
+            _SLIDE_S,
+            _EXCESS_SD,
+            _FALLEN,
+            _LEAST_WEIGHT,
+        ]
+    )

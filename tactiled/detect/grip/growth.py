@@ -82,10 +82,12 @@ def _of_growth(rise: FloatArray, level: float, size_sd: float, step_s: float) ->
     stayed_s = step_s * (len(rise) - 1) - nearly
     took_s = max(nearly - half, step_s)
     # Averaged over so many scans that noise is no turn; the ratio must have stayed for as long.
-    n = max(1, math.ceil((_NOISES * size_sd / (_TURN * level)) ** 2))
+    noise = _NOISES * size_sd / (_TURN * level)
+    n = max(1, math.ceil(noise * noise))
     if stayed_s < max(took_s, max(2, n) * step_s):
         return None
-    averaged = np.convolve(rise, np.ones(n) / n, mode="valid")
+    total = np.append(0.0, np.add.accumulate(rise))
+    averaged = (total[n:] - total[:-n]) / n
     fell = max(averaged.max() - averaged[-1] - _TURN * level, rise.max() - level - _NOISES * size_sd)
     if fell > _TURN * level:
         return None
@@ -113,3 +115,11 @@ def _crossing(rise: FloatArray, value: float) -> float:
 def _density(value: float, mean: float, sd: float) -> float:
     """Return a normal density, up to the factor that all have."""
     return math.exp(-0.5 * ((value - mean) / sd) ** 2) / sd
+
+
+def growth_numbers() -> FloatArray:
+    """Return the constants of `GrowthEvidence` in the order of `struct growth_numbers`."""
+    looks = _LEAST, _NOISY, _TURN, _NOISES, _FEW
+    return np.array(
+        [_HISTORY_S, *_PARTS, *looks, _HAND_S, _HAND_LOG_SD, _RARE, *_SLIDE, *_EVEN, *_SMOOTH, _OTHER]
+    )

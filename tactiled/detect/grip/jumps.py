@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.grip.elementary import sum_in_order
 
 # From scan to scan: of the mean load of a taxel, below which a jump changes the total shear by less than the
 # zero; standard deviations of noise; times the change of the median taxel, whose load may be a third.
@@ -49,7 +50,7 @@ class JumpGate:
             Noise.
         """
         change = np.abs(volts - self._accepted)
-        least = _LEAST * float(loads.sum()) / len(loads)
+        least = _LEAST * sum_in_order(loads) / len(loads)
         if not self._is_out and change.max() <= least:
             self._accepted = volts
             return None
@@ -76,3 +77,8 @@ class JumpGate:
         jumps = change > np.maximum(max(least, _TIMES * usual), _NOISES * channel_sd)
         struck = (self._own[loaded] & jumps).any(axis=1)
         return jumps if np.count_nonzero(struck) <= _MOST * len(struck) else np.zeros_like(jumps)
+
+
+def jump_numbers() -> FloatArray:
+    """Return the constants of `JumpGate` in the order of `struct readings_numbers`."""
+    return np.array([_LEAST, _NOISES, _TIMES, _LOADED, _FEWEST, _MOST])

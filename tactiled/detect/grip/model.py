@@ -2,25 +2,28 @@
 
 Arrays in, numbers out; no clock. `ContactModel.follow` takes every scan, `ContactModel.look` the smoothed
 loads and shears of every `STEP_S`, which may be delayed.
+
+`compiled_contact.c` does the same with the same bits. Sums are therefore taken one term after the other, and
+exponentials are those of the C library (`elementary`).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled import compiled
 from tactiled.array import FloatArray
-from tactiled.detect.grip.elementary import sum_in_order
+from tactiled.detect.grip.elementary import exp, length, sum_in_order, sums_in_order
 from tactiled.detect.grip.forecast import forecast_numbers, p_gross_within
-from tactiled.detect.grip.friction import FULL, LEAST_RATIO, FrictionPosterior
-from tactiled.detect.grip.growth import GrowthEvidence
-from tactiled.detect.grip.rings import MINDLIN_POWER, RingForces, mindlin_rings
-from tactiled.detect.grip.shares import ShareEvidence
-from tactiled.detect.grip.trend import Trend
-from tactiled.detect.grip.wander import ShareWander
+from tactiled.detect.grip.friction import FULL, LEAST_RATIO, FrictionPosterior, bear_numbers
+from tactiled.detect.grip.growth import GrowthEvidence, growth_numbers
+from tactiled.detect.grip.observe import approximation_taps
+from tactiled.detect.grip.rings import MINDLIN_POWER, RingForces, mindlin_rings, rings_numbers
+from tactiled.detect.grip.shares import ShareEvidence, shares_numbers
+from tactiled.detect.grip.trend import Trend, trend_numbers
+from tactiled.detect.grip.wander import ShareWander, wander_numbers
 
 STEP_S = 0.02  # between looks at the shares: a fifth of the shortest horizon that is useful
 HORIZONS_S = np.array([0.05, 0.1, 0.3])
@@ -40,10 +43,10 @@ class Grip(NamedTuple):
 
     Attributes
     ----------
-    utilisation, friction : (3,) float64
+    utilisation, friction : sequence of 3 float
         Quantiles of 5, 50 and 95 %.
     slipping_share : float
-    p_gross : (3,) float64
+    p_gross : sequence of 3 float
         That gross slip begins within `HORIZONS_S`.
     p_sliding : float
         That all of the contact slides now.
@@ -52,10 +55,10 @@ class Grip(NamedTuple):
     is_gross, is_unloading : bool
     """
 
-    utilisation: FloatArray
-    friction: FloatArray
+    utilisation: Sequence[float]
+    friction: Sequence[float]
     slipping_share: float
-    p_gross: FloatArray
+    p_gross: Sequence[float]
     p_sliding: float
     p_incipient: float
     is_gross: bool
@@ -71,17 +74,34 @@ class ContactModel:
         Places from their mean, over their effective radius.
     friction : FrictionPosterior
         Prior of this contact; it is updated.
+    history : (n, 3, taxels) float64
+        Load, shear along x and along y of the newest scans; others fill it.
+
+    Attributes
+    ----------
+    parts : (2, taxels) float64
+        Zero of the shear, over the load; others set it.
+    total : tuple of float
+        Sums of the shear along x and y, and its moment.
+    shear : (2, taxels) float64
+        Over the total load.
     """
 
-    def __init__(self, x: FloatArray, y: FloatArray, friction: FrictionPosterior) -> None:
-        self._x, self._y = x, y
+    def __init__(
+        self, x: FloatArray, y: FloatArray, friction: FrictionPosterior, history: FloatArray
+    ) -> None:
+        self._x, self._y, self._history = x, y, history
+        self.parts = np.zeros((2, len(x)))
+        self.total = (0.0, 0.0, 0.0)
+        self.shear: FloatArray = np.zeros((2, len(x)))
+        self._ratio = np.zeros(3)
         self.friction = friction
         self.trend = Trend()
         n = len(friction.friction)
         self._rings = RingForces(friction.friction, x, y, mindlin_rings())
         self._evidence = ShareEvidence(friction.friction, len(x))
         self._growth = GrowthEvidence()
-        self._scan_s = 0.0
+        self._scan_s = self._noise_sd = 0.0
         self._wander = ShareWander(x, y, n)
         self._odds = np.zeros(n)
         self._slipping = np.zeros((n, len(x)))  # share of each taxel's stiffness
@@ -89,43 +109,35 @@ class ContactModel:
         self._sticking = np.ones(n)  # likelihood of sticking over that of sliding
         self._part = np.full(len(x), 1.0 / len(x))  # of the load
         self._is_gross = False
-        self._compiled: Callable[..., int] | None = None
-        if (library := compiled.library()) is not None:
-            single = [
-                *(LEAST_RATIO, math.log(FULL), friction.lowest, friction.cell, _LEAST_RATIO),
-                *(_GROSS_ON, _GROSS_OFF, INCIPIENT_SHARE, INCIPIENT_USED),
-            ]
-            self._numbers = np.concatenate([single, _QUANTILES, forecast_numbers(HORIZONS_S)])
-            self._compiled = compiled.bind(
-                library.tactiled_grip, n, self._numbers, friction.friction, friction.log_friction
-            )
 
     @property
     def sliding_log_odds(self) -> float:
         """Mean log likelihood ratio of sliding over sticking at this moment."""
-        return float(self.friction.weights @ self._odds)
+        return sum_in_order(self.friction.weights * self._odds)
 
-    def total(self, shear: FloatArray) -> FloatArray:
-        """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
-        total = np.empty((3, *shear.shape[1:-1]))
-        np.add.reduce(shear, axis=-1, out=total[:2])
-        total[2] = shear[1] @ self._x - shear[0] @ self._y
-        return total
+    def measure(self, whole: float) -> None:
+        """Take the newest loads and shears of the history, whose loads sum to `whole`."""
+        newest = self._history[-1]
+        borne = newest[1:] - self.parts * newest[0]
+        x, y, moment = self._total(borne).tolist()
+        self.total, self.shear = (x, y, moment), borne / whole
+        self._ratio = np.array(self.total) / whole
 
-    def follow(self, ratio: FloatArray, noise_sd: float, step_s: float, offset_sd: float = 0.0) -> None:
-        """Take the ratio (3,) of total shear and moment over load.
+    def follow(self, noise_sd: float, step_s: float, offset_sd: float = 0.0) -> None:
+        """Follow the ratio of the total that was measured to its load.
 
         Parameters
         ----------
         noise_sd : float
+            Of the ratio.
         step_s : float
             Time since the last ratio.
         offset_sd : float
             Of a constant part that is not known: only what the ratio exceeds it by is surely borne.
         """
-        self.trend.step(ratio, noise_sd, step_s)
+        self.trend.step(self._ratio, noise_sd, step_s)
         self.friction.bear(max(self.trend.size - _SURELY * offset_sd, 0.0), step_s)
-        self._growth.take(float(np.sqrt(ratio @ ratio)), step_s)
+        self._growth.take(length(self._ratio), step_s)
         self._scan_s, self._noise_sd = step_s, noise_sd
 
     def skip(self, gap_s: float) -> None:
@@ -138,26 +150,29 @@ class ContactModel:
         """Forget the gains of taxels (taxels,) that are read otherwise from now on."""
         self._evidence.loosen(taxels)
 
-    def look(self, load: FloatArray, shear: FloatArray, noise_sd: float, step_s: float) -> None:
-        """Take loads (taxels,) and shears (2, taxels) of the taxels.
+    def look(self, level: int, noise_sd: float, step_s: float) -> None:
+        """Look at the shares of the taxels, in the coif1 approximation of a level.
 
         Parameters
         ----------
         noise_sd : float
-            Of one entry of `shear`.
+            Of one entry of the approximated shear.
         step_s : float
             Time since the last look.
         """
+        kernel = approximation_taps(level)[::-1, np.newaxis, np.newaxis]
+        load, *sheared = (kernel * self._history[-len(kernel) :]).sum(axis=0)
+        shear = np.array(sheared) - self.parts * load
         load = np.maximum(load, 0.0)
-        whole = max(float(load.sum()), _TINY)
+        whole = max(sum_in_order(load), _TINY)
         mean = whole / len(load)
-        total = self.total(shear)
+        total = self._total(shear)
         self._rings.advance(load, total)
         predicted = self._rings.taxel_forces()
         found = self._evidence.log_likelihood(
             shear / mean,
             predicted / mean,
-            np.sqrt((self.total(predicted) ** 2).sum(axis=0)) / whole,
+            np.sqrt((self._total(predicted) ** 2).sum(axis=0)) / whole,
             load / mean,
             total / whole,
             noise_sd / mean,
@@ -169,29 +184,16 @@ class ContactModel:
         if new := self._growth.log_odds(self._noise_sd, self._scan_s):
             self.friction.take_sliding(new)
         self.friction.walk(step_s)
-        self._sticking = np.exp(-self._odds)
+        self._sticking = exp(-self._odds)
         self._slipping, self._part = self._rings.sliding_share(), load / whole
         # The area of a ball that sticks goes as the square of its stick radius (Johnson, 7.2).
-        self._area = 1.0 - (1.0 - self._slipping @ self._part) ** 2
+        self._area = 1.0 - (1.0 - sums_in_order(self._slipping * self._part)) ** 2
 
     def grip(self) -> Grip:
-        """Return the present posterior; `compiled_grip.c` has the same."""
+        """Return the present posterior."""
         trend, friction = self.trend, self.friction
         size, growth = trend.size, trend.growth
         is_unloading = growth < -2 * trend.rate_sd
-        if self._compiled is not None:
-            out = np.empty(12)
-            state = (friction.weights, friction.met, self._sticking, self._area)
-            self._is_gross = bool(
-                self._compiled(
-                    *(compiled.address(values) for values in state),
-                    *(size, growth, trend.rate_sd, trend.is_fresh, self._is_gross, compiled.address(out)),
-                )
-            )
-            share, p_sliding, p_incipient = out[9:].tolist()
-            return Grip(
-                out[:3], out[3:6], share, out[6:9], p_sliding, p_incipient, self._is_gross, is_unloading
-            )
         slides, sticks = friction.sliding(self._odds)
         p_sliding = sum_in_order(slides)
         self._is_gross = p_sliding > (_GROSS_OFF if self._is_gross else _GROSS_ON)
@@ -202,8 +204,10 @@ class ContactModel:
             partial |= size > INCIPIENT_USED * friction.friction
         scale = max(size, _LEAST_RATIO)
         return Grip(
-            utilisation=friction.utilisation_quantiles(size, sticks if self._is_gross else holds, _QUANTILES),
-            friction=friction.friction_quantiles(_QUANTILES),
+            utilisation=friction.utilisation_quantiles(
+                size, sticks if self._is_gross else holds, _QUANTILES
+            ).tolist(),
+            friction=friction.friction_quantiles(_QUANTILES).tolist(),
             slipping_share=min(max(share, 0.0), 1.0),
             p_gross=p_gross_within(
                 friction.log_used(size),
@@ -212,14 +216,37 @@ class ContactModel:
                 trend.rate_sd / scale,
                 trend.is_fresh,
                 HORIZONS_S,
-            ),
+            ).tolist(),
             p_sliding=p_sliding,
             p_incipient=p_sliding + sum_in_order(sticks * partial),
             is_gross=self._is_gross,
             is_unloading=is_unloading,
         )
 
+    def _total(self, shear: FloatArray) -> FloatArray:
+        """Return sums along x and y and the moment (3, ...) of shears (2, ..., taxels)."""
+        x, y = shear
+        moment = sums_in_order(y * self._x) - sums_in_order(x * self._y)
+        return np.array([sums_in_order(x), sums_in_order(y), moment])
+
     def slipping_taxels(self) -> tuple[int, ...]:
         """Return the taxels of which a tenth or more slips."""
-        area = 1.0 - (1.0 - self.friction.weights @ self._slipping) ** 2
+        area = 1.0 - (1.0 - sums_in_order(self.friction.weights * self._slipping.T)) ** 2
         return tuple(np.flatnonzero((area >= INCIPIENT_SHARE) & (self._part > 0)).tolist())
+
+
+def contact_numbers(x: FloatArray, y: FloatArray, friction: FrictionPosterior) -> FloatArray:
+    """Return the constants of a contact in the order of `struct contact_numbers`."""
+    grip = LEAST_RATIO, math.log(FULL), friction.lowest, friction.cell, _LEAST_RATIO, _GROSS_ON, _GROSS_OFF
+    return np.concatenate(
+        [
+            trend_numbers(),
+            bear_numbers(),
+            growth_numbers(),
+            rings_numbers(x, y),
+            shares_numbers(),
+            wander_numbers(),
+            [friction.diffusion, _TINY, _SURELY, *grip, INCIPIENT_SHARE, INCIPIENT_USED, *_QUANTILES],
+            forecast_numbers(HORIZONS_S),
+        ]
+    )

@@ -9,14 +9,13 @@ energy, so that white noise has the same standard deviation in each.
 
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pywt
 from numpy.typing import NDArray
 
-from tactiled import compiled
 from tactiled.array import Array, FloatArray
+from tactiled.detect.grip.elementary import sums_in_order
 from tactiled.detect.signal.wavelet import delay_scans, taps
 
 FLOOR_LEVELS = 2
@@ -26,6 +25,7 @@ _NOISE_WANTED = (
 )
 _FLOOR_S = 1.0  # averaging time of the noise
 _CLIP = 3.0  # standard deviations: a coefficient beyond counts as this much, since it is signal
+_CLIPPED_AFTER = 20  # scans: before, the mean is too uncertain to clip by
 _ROUNDING = math.sqrt(12)  # rounding to steps of q has a standard deviation of q / sqrt(12)
 _MEAN_ABS = math.sqrt(2 / math.pi)  # of a normal variable of unit variance
 
@@ -99,8 +99,8 @@ def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
 class Responses:
     """Weights that make loads and shears of the taxels out of readings.
 
-    `compiled_grip.c` does the same with the same bits, here and in `NoiseFloor`, so that sums over channels
-    and taxels run over a leading axis, where numpy adds one term after the other.
+    `compiled_readings.c` does the same with the same bits, so that sums over channels run over a leading
+    axis, where numpy adds one term after the other.
 
     Parameters
     ----------
@@ -117,37 +117,20 @@ class Responses:
 
     def __init__(self, array: Array) -> None:
         self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
-        n_taxels = self.weights.shape[1]
-        self._own, self._own_weights = own_channels(self.weights)
-        self._compiled: Callable[..., None] | None = None
-        self._compiled_noise: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            fixed = n_taxels, len(self._own), self._own, self._own_weights
-            self._compiled = compiled.bind(library.tactiled_loads, *fixed)
-            self._compiled_noise = compiled.bind(library.tactiled_load_noise, *fixed)
+        self.own, self.own_weights = own_channels(self.weights)
         self.taxel_channels = np.any(self.weights != 0, axis=0)
         self.senses_load = bool(np.any(self.weights[0] != 0))
         self.senses_shear = array.has_shear
 
     def of(self, volts: FloatArray) -> FloatArray:
         """Return load, shear x and shear y (3, taxels) of one scan (channels,)."""
-        if self._compiled is not None:
-            out = np.empty(self._own.shape[1:])
-            self._compiled(compiled.address(compiled.dense(volts, np.float64)), compiled.address(out))
-            return out
-        return np.asarray((self._own_weights * volts[self._own]).sum(axis=0))
+        return np.asarray((self.own_weights * volts[self.own]).sum(axis=0))
 
     def noise(self, channel_sd: FloatArray) -> tuple[float, float, float]:
         """Return standard deviations of a taxel's shear, of the total shear and of the mean load."""
-        n_taxels = self._own.shape[2]
-        if self._compiled_noise is not None:
-            sums = np.empty(3)
-            channel_sd = compiled.dense(channel_sd, np.float64)
-            self._compiled_noise(compiled.address(channel_sd), compiled.address(sums))
-        else:
-            variances = ((self._own_weights * channel_sd[self._own]) ** 2).sum(axis=0)
-            sums = np.ascontiguousarray(variances.T).sum(axis=0)
-        load, shear_x, shear_y = sums.tolist()
+        n_taxels = self.own.shape[2]
+        variances = ((self.own_weights * channel_sd[self.own]) ** 2).sum(axis=0)
+        load, shear_x, shear_y = sums_in_order(variances).tolist()
         return (
             math.sqrt((shear_x + shear_y) / (2 * n_taxels)),
             math.sqrt((shear_x + shear_y) / 2),
@@ -172,22 +155,12 @@ class NoiseFloor:
         self._step = np.full(n_channels, np.inf)
         self._sd = np.full(n_channels, volts_per_step)
         self._n = 0
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            kept = self._mean_abs, self._last, self._step, self._sd
-            self._compiled = compiled.bind(
-                library.tactiled_floor, n_channels, FLOOR_LEVELS, _MEAN_ABS, _ROUNDING, volts_per_step, *kept
-            )
 
     def take(self, volts: FloatArray, details: FloatArray, rate_hz: float) -> None:
         """Take readings (channels,) and details (FLOOR_LEVELS, channels) of a scan whose filters are full."""
         self._n += 1
         part = 1.0 / min(self._n, max(2.0, _FLOOR_S * rate_hz))
-        clip = _CLIP if self._n > 20 else math.inf  # before, the mean is too uncertain to clip by
-        if self._compiled is not None:
-            volts, details = compiled.dense(volts, np.float64), compiled.dense(details, np.float64)
-            self._compiled(part, clip, compiled.address(volts), compiled.address(details))
-            return
+        clip = _CLIP if self._n > _CLIPPED_AFTER else math.inf
         step = np.abs(volts - self._last)
         self._step[:] = np.minimum(np.where(step > 0, step, np.inf), self._step)
         self._last[:] = volts
@@ -212,3 +185,8 @@ class NoiseFloor:
 def history_scans(rate_hz: float) -> int:
     """Return the number of scans that the coarsest affordable approximation needs."""
     return len(taps(longest_level(rate_hz))) if longest_level(rate_hz) else 1
+
+
+def floor_numbers(rate_hz: float) -> FloatArray:
+    """Return the constants of `NoiseFloor` in the order of `struct readings_numbers`."""
+    return np.array([_MEAN_ABS, _ROUNDING, max(2.0, _FLOOR_S * rate_hz), _CLIP, _CLIPPED_AFTER])

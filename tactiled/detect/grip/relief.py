@@ -8,12 +8,9 @@ from the pressed side alone, in the proportion that it had, and the load from th
 that pair has a relieved side, too, the load stays where it was.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled import compiled
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.observe import own_channels
 
@@ -28,7 +25,7 @@ _TINY = 1e-12
 
 
 class RelievedSides:
-    """Correction of loads and shears, scan by scan; `compiled_grip.c` does the same with the same bits.
+    """Correction of loads and shears, scan by scan.
 
     Parameters
     ----------
@@ -40,27 +37,13 @@ class RelievedSides:
         shear = -array.shear_weights()
         sides = np.concatenate([np.maximum(shear, 0.0), np.maximum(-shear, 0.0)]) * is_side
         even = sides.sum(axis=2).reshape(2, 2, array.n_taxels)
-        self._own, self._weights = own_channels(sides)
+        self.own, self.weights = own_channels(sides)
         # Arrays whose taxels have no opposed sides need no correction.
-        self._is_needed = bool(np.all(even > 0))
+        self.is_needed = bool(np.all(even > 0))
         # Readings of the sides (half, axis, taxel) under an even load of 1.
-        self._even = np.maximum(even, _TINY)
+        self.even = np.maximum(even, _TINY)
         self._load = np.zeros(array.n_taxels)
         self._proportion, self._weight = np.zeros((2, 2, array.n_taxels))
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            # Arrays whose addresses are bound must live as long as this object.
-            self._numbers = np.array([_RELIEVED, _MOST_SPREAD, _LEAST_PRESSED])
-            kept = (
-                self._own,
-                self._weights,
-                self._even,
-                self._numbers,
-                self._load,
-                self._proportion,
-                self._weight,
-            )
-            self._compiled = compiled.bind(library.tactiled_relieve, array.n_taxels, len(self._own), *kept)
         self.reset()
 
     def reset(self) -> None:
@@ -72,14 +55,9 @@ class RelievedSides:
 
     def correct(self, response: FloatArray, readings: FloatArray) -> None:
         """Replace loads and shears (3, taxels) of a scan where readings (channels,) show a relieved side."""
-        if not self._is_needed:
+        if not self.is_needed:
             return
-        if self._compiled is not None:
-            self.relieved = np.empty_like(self.relieved)
-            readings = compiled.dense(readings, np.float64)
-            self._compiled(*(compiled.address(values) for values in (readings, response, self.relieved)))
-            return
-        side = (self._weights * readings[self._own]).sum(axis=0).reshape(self._even.shape) / self._even
+        side = (self.weights * readings[self.own]).sum(axis=0).reshape(self.even.shape) / self.even
         high, low = side.max(axis=0), side.min(axis=0)
         self.relieved = relieved = low < _RELIEVED * high
         whole = ~relieved.any(axis=0)
@@ -104,3 +82,8 @@ class RelievedSides:
 def _other_pair(side: FloatArray, relieved: NDArray[np.bool_]) -> FloatArray:
     """Return the least load (taxels,) of the pairs without a relieved side; infinite without such a pair."""
     return np.asarray(np.where(relieved, np.inf, side.mean(axis=0)).min(axis=0))
+
+
+def relief_numbers() -> FloatArray:
+    """Return the constants of `RelievedSides` in the order of `struct readings_numbers`."""
+    return np.array([_RELIEVED, _MOST_SPREAD, _LEAST_PRESSED, _TINY])

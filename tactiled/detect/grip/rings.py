@@ -11,14 +11,12 @@ first, since its limit grows as P and its stiffness as P^(1/3). All arrays have 
 of the friction coefficient.
 """
 
-import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from tactiled import compiled
 from tactiled.array import FloatArray
+from tactiled.detect.grip.elementary import cbrt, length, sum_in_order
 
 N_RINGS = 10  # leave the curve within 0.002 of mu P
 MINDLIN_POWER = 1.5  # p of Q / mu P = 1 - (1 - x)^p; also its slope at x = 0
@@ -84,24 +82,12 @@ class RingForces:
         self._stiffness = rings.stiffness[:, np.newaxis, np.newaxis]
         self._x, self._y = x[:, np.newaxis], y[:, np.newaxis]
         self._across = float(np.sqrt((x**2 + y**2).max()))
+        self._least_turn = _LEAST_TURN * self._across * self._across
         self._force = np.zeros((2, n_rings, *shape))
         self._sums = np.zeros(
             (3, *shape)
         )  # forces of the taxels along x and y; share of stiffness that sticks
         self._sums[2] = 1.0
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            # Arrays whose addresses are bound must live as long as this object.
-            self._bound = (
-                *(compiled.dense(values, np.float64) for values in (friction, x, y, np.stack(rings))),
-                np.array([_STIFFNESS_FLOOR, _LONGEST_STEP, self._across, _STICKS, _TINY]),
-                self._force,
-                self._sums,
-                np.empty((12, len(friction))),
-            )
-            self._compiled = compiled.bind(
-                library.tactiled_rings, len(friction), len(x), n_rings, *self._bound, _N_NEWTON
-            )
 
     def advance(self, load: FloatArray, wanted: FloatArray) -> None:
         """Move the taxels so that their forces sum to the measured total.
@@ -115,13 +101,9 @@ class RingForces:
             unit of the loads (and of the places). A hypothesis that cannot bear it comes close to its limit
             in the same direction: steps towards what it cannot reach would turn it on the spot.
         """
-        stiffness = np.cbrt(load)
-        bearable = _REACHED * float(load.sum()) / max(math.sqrt(float(wanted @ wanted)), _TINY)
-        least_turn = max(_LEAST_TURN * float(stiffness.sum()) * self._across**2, _TINY)
-        if self._compiled is not None:
-            load, target = compiled.dense(load, np.float64), np.array([*wanted, bearable, least_turn])
-            self._compiled(*(compiled.address(values) for values in (load, stiffness, target)))
-            return
+        stiffness = cbrt(load)
+        bearable = _REACHED * sum_in_order(load) / max(length(wanted), _TINY)
+        least_turn = max(self._least_turn * sum_in_order(stiffness), _TINY)
         targets = wanted[:, np.newaxis] * np.minimum(self._friction * bearable, 1.0)
         load, stiffness = load[:, np.newaxis], stiffness[:, np.newaxis]
         cap = self._friction * load * self._limit
@@ -182,3 +164,10 @@ class RingForces:
         part = np.minimum(reach / np.maximum(length, _TINY), 1.0)
         shift_x, shift_y, turn = shift_x * part, shift_y * part, turn * part
         return shift_x - turn * y, shift_y + turn * x
+
+
+def rings_numbers(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the constants of `RingForces` for taxels at places, in the order of `struct contact_numbers`."""
+    across = float(np.sqrt((x**2 + y**2).max()))
+    limits = _STIFFNESS_FLOOR, _LONGEST_STEP, across, _STICKS, _TINY
+    return np.array([*limits, _N_NEWTON, _REACHED, _LEAST_TURN * across * across])

@@ -11,19 +11,16 @@ Only new places count. A look is taken where the ratio of shear over load is nea
 all ratios at which one was taken before: swings at one level repeat the same misfit and are no new evidence,
 and on the way back the shares depend on more of the past than the rings remember. At a known place a look
 counts by the part of its variance that is noise, since noise is new each time.
-
-`compiled_grip.c` does with a look that counts the same as `ShareEvidence._weigh`, with the same bits.
 """
 
-from collections.abc import Callable
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import MISFIT, TEMPER
-from tactiled.detect.grip.elementary import cbrt, log
+from tactiled.detect.grip.elementary import cbrt, length, log, sum_in_order
 from tactiled.detect.grip.rings import MINDLIN_POWER
 
 # Of a taxel: its stiffness, common to both axes, and its gain along one of them. 10 % each is usual for
@@ -64,12 +61,6 @@ class ShareEvidence:
         self._friction = friction[:, np.newaxis]
         self._nuisance = np.zeros((5, *shape))
         self._cov = np.zeros((5, 5, *shape))
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            numbers = [_TINY, _MEETS, _LEAST_USED, MINDLIN_POWER, _EVEN, _DEGREES]
-            # Arrays whose addresses are bound must live as long as this object.
-            self._bound = np.array(numbers), compiled.dense(friction, np.float64), self._nuisance, self._cov
-            self._compiled = compiled.bind(library.tactiled_shares, *shape, *self._bound)
         self._uneven = 0.0  # part of the scatter of taxels that are nothing alike; 0 before the first look
         self._places = np.full((_N_PLACES, 3), np.inf)
         self._n = 0
@@ -106,17 +97,18 @@ class ShareEvidence:
         (hypotheses,) float64 or None
             None where the look says nothing new.
         """
-        size = float(np.sqrt(ratio @ ratio))
+        size = length(ratio)
         self._largest = max(self._largest, size)
         least = max(_LEAST_RATIO, _NOISES * noise_sd / np.sqrt(shear.shape[1]), _GROWN * self._largest)
         if size < least:
             return None
         if not self._uneven:
             self._begin(part_of_load)
-        unexplained = (MISFIT * self._uneven * size) ** 2
+        misfit = MISFIT * self._uneven * size
+        unexplained = misfit * misfit
         temper = TEMPER
-        if float(((self._places - ratio) ** 2).sum(axis=1).min()) < (_PLACE * size) ** 2:
-            part = noise_sd**2 / (noise_sd**2 + unexplained)
+        if float(((self._places - ratio) ** 2).sum(axis=1).min()) < _PLACE * size * (_PLACE * size):
+            part = noise_sd * noise_sd / (noise_sd * noise_sd + unexplained)
             if part < _NOISY:
                 return None
             temper *= part
@@ -138,13 +130,6 @@ class ShareEvidence:
         temper: float,
     ) -> FloatArray:
         """Return the log likelihood of a look that counts by `temper`, and learn the nuisances from it."""
-        if self._compiled is not None:
-            out = np.empty(len(borne))
-            arrays = [compiled.dense(one, np.float64) for one in (shear, predicted, borne, part_of_load)]
-            self._compiled(
-                *(compiled.address(values) for values in (*arrays, out)), size, noise_sd, unexplained, temper
-            )
-            return out
         # A hypothesis that slides predicts how the shear is shared, and not how much there is of it.
         scale = size / np.maximum(borne, _TINY)
         scale = np.where(np.abs(scale - 1.0) < _MEETS, 1.0, scale)[:, np.newaxis]
@@ -175,18 +160,19 @@ class ShareEvidence:
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
         """Forget the gains of some taxels (taxels,), which are read otherwise from now on."""
         if self._uneven:  # taxels that are alike change alike
+            sd = _GAIN_SD * self._uneven
             for axis in range(2):
-                self._cov[axis, axis][:, taxels] += (_GAIN_SD * self._uneven) ** 2
+                self._cov[axis, axis][:, taxels] += sd * sd
 
     def _begin(self, part_of_load: FloatArray) -> None:
         """Set the spread of the nuisances, from how uneven the loads are."""
         loaded = part_of_load[part_of_load > _LOADED]
-        spread = float(np.std(np.log(loaded))) if len(loaded) > 1 else _UNEVEN
+        spread = _scatter(log(loaded)) if len(loaded) > 1 else _UNEVEN
         self._uneven = max(_LEAST_UNEVEN, min(1.0, spread / _UNEVEN))
         softening_sd, offset_sd = _SOFTENING_SD * self._uneven, _OFFSET_SD * self._uneven
         for k, sd in enumerate((_GAIN_SD, _GAIN_SD, softening_sd, offset_sd, offset_sd)):
-            self._cov[k, k] = sd**2
-        self._cov[0, 1] = self._cov[1, 0] = _COMMON * _GAIN_SD**2
+            self._cov[k, k] = sd * sd
+        self._cov[0, 1] = self._cov[1, 0] = _COMMON * _GAIN_SD * _GAIN_SD
 
     def _softening(self, force: FloatArray, part_of_load: FloatArray) -> FloatArray:
         """Return the part of a taxel's shear by which it falls short of its stiffness times the travel.
@@ -198,3 +184,17 @@ class ShareEvidence:
         used = np.clip(force / limit, _LEAST_USED, 1.0)
         root = cbrt(1.0 - used)
         return np.asarray(1.0 - MINDLIN_POWER * (1.0 - root * root) * root / used)
+
+
+def _scatter(values: FloatArray) -> float:
+    """Return the standard deviation of values (n,)."""
+    off = values - sum_in_order(values) / len(values)
+    return math.sqrt(sum_in_order(off * off) / len(values))
+
+
+def shares_numbers() -> FloatArray:
+    """Return the constants of `ShareEvidence` in the order of `struct places_numbers`."""
+    spreads = _GAIN_SD, _COMMON, _SOFTENING_SD, _OFFSET_SD, _UNEVEN, _LEAST_UNEVEN
+    looks = _PLACE, _NOISY, _GROWN, _LEAST_RATIO, _NOISES, _LOADED, MISFIT, TEMPER, _N_PLACES
+    weight = _TINY, _MEETS, _LEAST_USED, MINDLIN_POWER, _EVEN, _DEGREES
+    return np.array([*spreads, *looks, *weight])

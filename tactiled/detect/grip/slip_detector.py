@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array
+from tactiled.detect.grip.compiled_model import AnyContactModel
 from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grip.model import ContactModel
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.signal.contact import (
     ContactTracker,
@@ -65,7 +65,7 @@ class GripSlip:
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: PosteriorSlips | None = None
-        self._model: ContactModel | None = None  # whose slips these are
+        self._model: AnyContactModel | None = None  # whose slips these are
         self._rate_hz = 0.0
         self._last_s = 0.0
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from tactiled.array import Array
+from tactiled.detect.grip.compiled_model import AnyContactModel
 from tactiled.detect.grip.detector import ContactScan, GripDetector, GripParams
-from tactiled.detect.grip.model import ContactModel
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.signal.contact import ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
@@ -51,7 +51,7 @@ class SlipsByThreshold:
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: dict[SlipThresholds, PosteriorSlips] = {}
-        self._model: ContactModel | None = None  # whose slips these are
+        self._model: AnyContactModel | None = None  # whose slips these are
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Take the item; return nothing, since events of different thresholds are no stream."""

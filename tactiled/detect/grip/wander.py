@@ -9,14 +9,11 @@ coif1 approximation. A coif1 detail of the same scale comes 100 ms later and doe
 axis before that of the hypotheses or are accumulated, so that numpy adds one term after the other.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
-from tactiled import compiled
 from tactiled.array import FloatArray
 from tactiled.detect.grip.constants import Wander
-from tactiled.detect.grip.elementary import log, sum_in_order
+from tactiled.detect.grip.elementary import cbrt, log, sum_in_order
 
 HALF = 4  # looks of 20 ms: a surface of 0.1 to 1 mm structure passes at 1 to 10 mm/s
 _LEAK = 0.05  # part of a common movement that unequal gains leave in the rest; gains differ by 5 to 15 %
@@ -43,17 +40,6 @@ class ShareWander:
         self._predicted = np.zeros((2 * HALF, 2 * len(x), n_hypotheses))
         self._n = 0
         self._haar = np.repeat([-1.0, 1.0], HALF) / HALF
-        self._compiled: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            numbers = [_LEAST_NORM, _SAME, _LEAK, _LEAST_VARIANCE, _LEAST_SQUARE]
-            # Arrays whose addresses are bound must live as long as this object.
-            self._bound = (
-                np.array([*numbers, Wander.SLOPE, Wander.OFFSET, _LEAST, _MOST]),
-                *(compiled.dense(places, np.float64) for places in (x, y)),
-                *(self._measured, self._predicted),
-                np.empty((_N_PATTERNS + 2 + n_hypotheses, 2 * len(x))),
-            )
-            self._compiled = compiled.bind(library.tactiled_wander, n_hypotheses, len(x), HALF, *self._bound)
 
     def log_odds(
         self, shear: FloatArray, predicted: FloatArray, load: FloatArray, noise_sd: float
@@ -80,11 +66,7 @@ class ShareWander:
         odds = np.zeros(n_hypotheses)
         self._n += 1
         can_tell = self._n >= 2 * HALF and 2 * n_taxels > _N_PATTERNS
-        stiffness = np.cbrt(load)
-        if self._compiled is not None:
-            taken = [compiled.dense(values, np.float64) for values in (shear, predicted, load, stiffness)]
-            self._compiled(*(compiled.address(values) for values in (*taken, odds)), noise_sd, can_tell)
-            return odds
+        stiffness = cbrt(load)
         self._measured[:-1] = self._measured[1:]
         self._measured[-1] = shear.ravel()
         self._predicted[:-1] = self._predicted[1:]
@@ -144,3 +126,9 @@ def _project(basis: FloatArray, values: FloatArray) -> FloatArray:
 
 def _norm(values: FloatArray) -> float:
     return float(np.sqrt(sum_in_order(values**2)))
+
+
+def wander_numbers() -> FloatArray:
+    """Return the constants of `ShareWander` in the order of `struct wander_numbers`."""
+    least = _LEAST_NORM, _SAME, _LEAK, _LEAST_VARIANCE, _LEAST_SQUARE
+    return np.array([*least, Wander.SLOPE, Wander.OFFSET, _LEAST, _MOST])

@@ -45,14 +45,14 @@ class StuckChannelDetector:
             _PRESSED_OF_RANGE * (array.high - array.low) if array.contact is None else array.contact.below
         )
         self._pressed_steps = pressed / Quantiser(array).volts_per_step
-        self._sign = array.sign.astype(np.float64)
+        self.sign = array.sign.astype(np.float64)
         n = array.n_channels
-        self._sides = _sides(array)
+        self.sides = _sides(array)
         """(channels, others): the other sides of a channel's taxel, itself where it has none."""
-        self._judged = np.array([len({*row} - {c}) >= _LEAST_SIDES - 1 for c, row in enumerate(self._sides)])
+        self.judged = np.array([len({*row} - {c}) >= _LEAST_SIDES - 1 for c, row in enumerate(self.sides)])
         self._channels = np.arange(n)
         self._run = np.zeros(n, dtype=np.int64)  # repeats so far
-        self._began: FloatArray = np.zeros(self._sides.shape)  # the other sides when the code began
+        self._began: FloatArray = np.zeros(self.sides.shape)  # the other sides when the code began
         self._last = np.zeros(n)
         self._is_begun = False
         self._way = np.zeros((1, n))  # of the newest change
@@ -64,10 +64,14 @@ class StuckChannelDetector:
         self._find: Callable[..., int] | None = None
         if (library := compiled.library()) is not None:
             self._find = compiled.bind(
-                library.tactiled_stuck, n, self._sides.shape[1], _HISTORY, self._sign, self._sides,
-                self._judged, self._pressed_steps, _TURNED, _LONG, _MOST * n, self._position, self._last,
+                library.tactiled_stuck, n, self.sides.shape[1], _HISTORY, self.sign, self.sides,
+                self.judged, self._pressed_steps, _TURNED, _LONG, _MOST * n, self._position, self._last,
                 self._way, self._run, self._began, self._turns, self._n_turns, self._noisy, self._stayed,
             )  # fmt: skip
+
+    def numbers(self) -> FloatArray:
+        """Return the constants in the order of `struct readings_numbers`."""
+        return np.array([self._pressed_steps, _TURNED, _LONG, _MOST * len(self.sign), _HISTORY])
 
     def process(self, steps: FloatArray) -> NDArray[np.bool_]:
         """Return which readings (n, channels) are stuck; the result does not depend on chunking."""
@@ -75,7 +79,7 @@ class StuckChannelDetector:
         if not self._is_begun:
             self._is_begun = True
             self._last[:] = steps[0]
-            self._began[:] = (steps[0] * self._sign)[self._sides]
+            self._began[:] = (steps[0] * self.sign)[self.sides]
         if self._find is not None:
             steps, found = compiled.dense(steps, np.float64), np.empty(steps.shape, dtype=np.bool_)
             self._find(n, compiled.address(steps), compiled.address(found))
@@ -100,10 +104,10 @@ class StuckChannelDetector:
         resting = (run >= _LONG // 2).sum(axis=1, keepdims=True)
         stuck = noisy & (run >= _LONG) & (resting <= _MOST * run.shape[1])
 
-        others = (steps * self._sign)[:, self._sides]  # (n, channels, others)
+        others = (steps * self.sign)[:, self.sides]  # (n, channels, others)
         began = np.where(in_block[..., np.newaxis], others[at, self._channels], self._began)
         self._began = began[-1]
-        pressed = self._judged & self._pressed(others - began)
+        pressed = self.judged & self._pressed(others - began)
         newest_press = np.maximum.accumulate(np.where(pressed, rows, -1), axis=0)
         stayed = (newest_press >= at) | (~in_block & self._stayed)
         self._stayed = stayed[-1]

@@ -176,14 +176,17 @@ class SwtBank:
             n_levels = len(self.levels)
             empty = np.zeros((0, n_levels, self._n_channels))
             return WaveletCoefficients(empty, empty.astype(np.bool_))
-        held = self._quantiser.process(item)
+        return self.coefficients(self._quantiser.process(item))
+
+    def coefficients(self, held: HeldReadings) -> WaveletCoefficients:
+        """Return the coefficients of readings already on the grid, any number of them."""
         parts = [
             self.filter(
                 HeldReadings(
                     held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS], held.all_ok
                 )
             )
-            for start in range(0, len(item), PIECE_SCANS)
+            for start in range(0, len(held.steps), PIECE_SCANS)
         ]
         if len(parts) == 1:
             return parts[0]
