@@ -81,6 +81,8 @@ struct shares_numbers {
 };
 
 enum { KINDS = 5 }; /* of nuisances: gains of shear along x and y, softening, offsets along x and y */
+enum { COVS = KINDS * (KINDS + 1) / 2 }; /* entries of the lower half of their covariance, and the place of one */
+#define COV(a, b) ((a) > (b) ? (a) * ((a) + 1) / 2 + (b) : (b) * ((b) + 1) / 2 + (a))
 
 void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
                        real *penalty, real ratio, real before, real level, real step_s);

@@ -183,7 +183,7 @@ struct places {
 };
 
 /* Set the spread of the nuisances, from how uneven the loads are: `ShareEvidence._begin`. */
-static void begin_shares(const struct places_numbers *with, struct places *shares, ptrdiff_t all, ptrdiff_t taxels,
+static void begin_shares(const struct places_numbers *with, struct places *shares, ptrdiff_t hypotheses, ptrdiff_t taxels,
                          const real *part_of_load)
 {
     real logs[taxels], mean = 0, square = 0, spread = with->unlike;
@@ -199,11 +199,13 @@ static void begin_shares(const struct places_numbers *with, struct places *share
     shares->uneven = at_least(at_most(spread / with->unlike, 1), with->least_uneven);
     const real softening_sd = with->softening_sd * shares->uneven, offset_sd = with->offset_sd * shares->uneven;
     const real sd[KINDS] = {with->gain_sd, with->gain_sd, softening_sd, offset_sd, offset_sd};
-    for (ptrdiff_t i = 0; i < all; i++) {
-        for (int k = 0; k < KINDS; k++)
-            shares->cov[(k * KINDS + k) * all + i] = sd[k] * sd[k];
-        shares->cov[all + i] = shares->cov[KINDS * all + i] = with->common * with->gain_sd * with->gain_sd;
-    }
+    for (ptrdiff_t j = 0; j < hypotheses; j++)
+        for (ptrdiff_t t = 0; t < taxels; t++) {
+            real *cov = shares->cov + j * COVS * taxels + t;
+            for (int k = 0; k < KINDS; k++)
+                cov[COV(k, k) * taxels] = sd[k] * sd[k];
+            cov[COV(0, 1) * taxels] = with->common * with->gain_sd * with->gain_sd;
+        }
 }
 
 /* Weight of a look at a ratio (3) of this size, 0 where it says nothing new; sets the misfit. */
@@ -364,7 +366,7 @@ static void take_shares(struct contact *c, const real *shear, const real *predic
         size < with->grown * shares->largest)
         return;
     if (shares->uneven == 0)
-        begin_shares(with, shares, m * n, n, part_of_load);
+        begin_shares(with, shares, m, n, part_of_load);
     const real misfit = with->misfit * shares->uneven * size, unexplained = misfit * misfit;
     const real temper = look_weight(with, shares, ratio, size, noise_sd, unexplained);
     if (temper == 0)
@@ -512,7 +514,7 @@ API ptrdiff_t tactiled_model(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n
     begun.growth.sizes = window_of(block, &at, with->growth.history_s / step_s);
     begun.shares.places = place(block, &at, 3 * n_places);
     begun.shares.nuisance = place(block, &at, KINDS * all);
-    begun.shares.cov = place(block, &at, KINDS * KINDS * all);
+    begun.shares.cov = place(block, &at, COVS * all);
     begun.force = place(block, &at, 2 * n_rings * all);
     begun.sums = place(block, &at, 3 * all);
     begun.measured = place(block, &at, 4 * half * n);
@@ -543,8 +545,8 @@ API void tactiled_model_loosen(struct contact *c, const uint8_t *taxels)
     const real sd = c->with->places.gain_sd * c->shares.uneven;
     if (c->shares.uneven == 0)
         return;
-    for (ptrdiff_t i = 0; i < c->hypotheses * n; i++)
-        if (taxels[i % n])
-            for (int axis = 0; axis < 2; axis++)
-                c->shares.cov[axis * (KINDS + 1) * c->hypotheses * n + i] += sd * sd;
+    for (ptrdiff_t j = 0; j < c->hypotheses; j++)
+        for (ptrdiff_t t = 0; t < n; t++)
+            for (int axis = 0; taxels[t] && axis < 2; axis++)
+                c->shares.cov[(j * COVS + COV(axis, axis)) * n + t] += sd * sd;
 }

@@ -238,9 +238,9 @@ static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real f
     }
 }
 
-/* Nuisances (5, taxels) with covariance (5, 5, taxels) after a look, of one hypothesis; they lie `all` apart. Turns
- * `root`, the cubic root of what is left of the limit, into one over the likelihood. */
-static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numbers *with, real scale, real size,
+/* Nuisances (5, taxels) with covariance after a look, of one hypothesis. Turns `root`, the cubic root of what is left
+ * of the limit, into one over the likelihood. */
+static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real scale, real size,
                        real noise, real unexplained, real temper, const real *restrict shear_x,
                        const real *restrict shear_y, const real *restrict x, const real *restrict y,
                        const real *restrict load, const real *restrict force, const real *restrict used,
@@ -256,28 +256,27 @@ static WIDE void learn(ptrdiff_t taxels, ptrdiff_t all, const struct shares_numb
         for (int a = 0; a < KINDS; a++) {
             spread[a] = 0;
             for (int b = 0; b < KINDS; b++)
-                spread[a] += cov[(a * KINDS + b) * all + t] * direction[b];
-            moved += nuisance[a * all + t] * direction[a];
+                spread[a] += cov[COV(a, b) * taxels + t] * direction[b];
+            moved += nuisance[a * taxels + t] * direction[a];
             known += spread[a] * direction[a];
         }
         real misfit = noise + unexplained * (even + (1 - even) * load[t]);
         real residual = along - (model + moved), variance = known + misfit;
         real relative = residual * residual / variance, tail = 1 + relative / degrees;
-        real weight = known + misfit / (temper * ((degrees + 1) / (degrees + relative)));
+        real precision = 1 / (known + misfit / (temper * ((degrees + 1) / (degrees + relative))));
         root[t] = tail * tail * sqrt(variance) / size;
         for (int a = 0; a < KINDS; a++) {
-            real gain = spread[a] / weight;
-            nuisance[a * all + t] += gain * residual;
-            for (int b = 0; b < KINDS; b++)
-                cov[(a * KINDS + b) * all + t] -= gain * spread[b];
+            nuisance[a * taxels + t] += spread[a] * precision * residual;
+            for (int b = 0; b <= a; b++)
+                cov[COV(a, b) * taxels + t] -= spread[a] * spread[b] * precision;
         }
     }
 }
 
 /* Log likelihoods (hypotheses) of a look that counts: `ShareEvidence._weigh`.
  *
- * nuisance (5, hypotheses, taxels) and their covariance (5, 5, hypotheses, taxels) are kept. shear (2, taxels),
- * predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
+ * nuisance (hypotheses, 5, taxels) and the lower half of their covariance (hypotheses, 15, taxels) are kept, so that
+ * what is read together lies together. shear (2, taxels), predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
 void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
                          const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
                          const real *borne, const real *load, real *out, real size, real noise_sd,
@@ -293,8 +292,8 @@ void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shar
         use(taxels, with, friction[j], x, y, load, force, used);
         for (ptrdiff_t t = 0; t < taxels; t++)
             root[t] = cbrt(1 - used[t]);
-        learn(taxels, all, with, scale, size, noise_sd * noise_sd, unexplained, temper, shear, shear + taxels, x, y,
-              load, force, used, root, nuisance + j * taxels, cov + j * taxels);
+        learn(taxels, with, scale, size, noise_sd * noise_sd, unexplained, temper, shear, shear + taxels, x, y, load,
+              force, used, root, nuisance + j * KINDS * taxels, cov + j * COVS * taxels);
         for (ptrdiff_t t = 0; t < taxels; t++)
             found += log(root[t]);
         out[j] = -temper * found;

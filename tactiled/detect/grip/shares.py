@@ -152,9 +152,9 @@ class ShareEvidence:
         found = np.add.accumulate(log((1.0 + relative / _DEGREES) ** 2 * np.sqrt(variance) / size), axis=1)
         # A measurement whose variance is that of the misfit over its weight, less where it lies in the tails.
         robust = (_DEGREES + 1) / (_DEGREES + relative)
-        gain = spread / (known + misfit / (temper * robust))
-        self._nuisance += gain * residual
-        self._cov -= gain[:, np.newaxis] * spread[np.newaxis]
+        precision = 1.0 / (known + misfit / (temper * robust))
+        self._nuisance += spread * precision * residual
+        self._cov -= spread[:, np.newaxis] * spread[np.newaxis] * precision
         return np.asarray(-temper * found[:, -1])
 
     def loosen(self, taxels: NDArray[np.bool_]) -> None:
