@@ -254,7 +254,7 @@ struct contact {
     struct trend trend;
     struct growth growth;
     struct places shares;
-    real scan_s, noise_sd, whole, borne; /* largest ratio since it fell */
+    real scan_s, noise_sd, borne; /* largest ratio since it fell */
     ptrdiff_t n_looks, hypotheses, taxels, n_rings, half;
     const struct contact_numbers *with;
     const real *x, *y, *ring_shares, *friction, *log_friction, *newest, *parts;
@@ -283,14 +283,14 @@ API void tactiled_model_measure(struct contact *c, real whole)
     total_of(c, c->shear, c->seen.total);
     for (ptrdiff_t i = 0; i < 2 * n; i++)
         c->shear[i] /= whole;
-    c->whole = whole;
 }
 
-/* Follow the ratio of the total that was measured to its load: `ContactModel.follow`. */
-API void tactiled_model_follow(struct contact *c, real noise_sd, real step_s, real offset_sd)
+/* Measure, and follow the ratio of the total to its load: `ContactModel.follow`. */
+API void tactiled_model_follow(struct contact *c, real whole, real noise_sd, real step_s, real offset_sd)
 {
     const struct trend *trend = &c->trend;
-    const real ratio[3] = {c->seen.total[0] / c->whole, c->seen.total[1] / c->whole, c->seen.total[2] / c->whole};
+    tactiled_model_measure(c, whole);
+    const real ratio[3] = {c->seen.total[0] / whole, c->seen.total[1] / whole, c->seen.total[2] / whole};
     follow_trend(&c->with->trend, &c->trend, ratio, noise_sd, step_s);
     memcpy(c->seen.ratio, trend->value, sizeof trend->value);
     c->seen.ratio_sd = trend->value_sd;

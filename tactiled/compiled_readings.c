@@ -140,9 +140,12 @@ struct readings {
     const struct readings_arrays *array;
     ptrdiff_t channels, taxels, levels, n_own, n_side_own, n_history, border, sides;
     int64_t n_floor, position, is_begun, is_stuck_begun, row, n_rows, is_out;
-    real *baseline, *history; /* of the caller */
+    /* of the caller: the scan as it came, with the delays of its channels; the history and what is not read */
+    const real *volts, *offset_s;
+    const flag *valid;
+    real *history;
     flag *dropped, *switched;
-    real *held, *rows, *older, *oldest, *accepted, *remainders, *mean_abs, *floor_last, *floor_step, *floor_sd, *load, *proportion, *proportion_weight;
+    real *baseline, *held, *rows, *older, *oldest, *accepted, *remainders, *mean_abs, *floor_last, *floor_step, *floor_sd, *load, *proportion, *proportion_weight;
     real *stuck_last, *way, *began;
     int64_t *n_good, *n_bad, *run, *n_turns;
     flag *out, *relieved, *turns, *noisy, *stayed;
@@ -211,11 +214,8 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
     r->is_out = any;
 }
 
-/* Correct to an instant, filter, take out bad taxels, and respond to one scan: `TaxelReadings.take`.
- *
- * volts and valid (channels) as they came, offset_s (channels) their delays. */
-API void tactiled_readings_take(struct readings *r, const real *volts, const flag *valid, const real *offset_s,
-                                int in_contact, int is_pressed)
+/* Correct to an instant, filter, take out bad taxels, and respond to one scan: `TaxelReadings.take`. */
+API void tactiled_readings_take(struct readings *r, int in_contact, int is_pressed)
 {
     const struct readings_numbers *with = r->with;
     const struct readings_arrays *array = r->array;
@@ -229,7 +229,8 @@ API void tactiled_readings_take(struct readings *r, const real *volts, const fla
         memmove(r->rows, r->rows + (r->n_rows - r->border) * channels, sizeof(real[r->border * channels]));
     }
     real *steps = r->rows + r->row++ * channels;
-    tactiled_hold(channels, with->limit, 1 / with->volts_per_step, r->held, 1, volts, valid, steps, ok);
+    tactiled_hold(channels, with->limit, 1 / with->volts_per_step, r->held, 1, r->volts, r->valid, steps,
+                  ok);
     if (!r->is_begun)
         for (ptrdiff_t i = 1; i <= r->border; i++)
             memcpy(steps - i * channels, steps, sizeof(real[channels]));
@@ -257,7 +258,7 @@ API void tactiled_readings_take(struct readings *r, const real *volts, const fla
     for (ptrdiff_t c = 0; c < channels; c++) {
         const real now = readings[c], older = r->is_begun ? r->older[c] : now;
         const real oldest = r->is_begun ? r->oldest[c] : now;
-        const real back = at_most(at_least(offset_s[c] * with->rate_hz, 0), 1);
+        const real back = at_most(at_least(r->offset_s[c] * with->rate_hz, 0), 1);
         ok[c] = ok[c] && !stuck[c] && !jumped[c];
         r->n_bad[c] = ok[c] ? 0 : r->n_bad[c] + 1;
         r->oldest[c] = older;
@@ -368,16 +369,18 @@ API void tactiled_readings_interrupt(struct readings *r)
  * `sizes`: channels, taxels, filters, channels of a response and of a side (0: no sides), scans of the history,
  * scans before a filter is full, other sides of a taxel. */
 API ptrdiff_t tactiled_readings(const int64_t *sizes, const struct readings_numbers *with,
-                                const struct readings_arrays *array, real *baseline, real *history, flag *dropped,
-                                flag *switched, real *block)
+                                const struct readings_arrays *array, const real *volts, const flag *valid,
+                                const real *offset_s, real *history, flag *dropped, flag *switched, real *block)
 {
     enum { SPARE = 64 }; /* scans after which the kept ones move to the front */
     const ptrdiff_t channels = sizes[0], taxels = sizes[1], levels = sizes[2], border = sizes[6], sides = sizes[7];
     struct readings begun = {.channels = channels, .taxels = taxels, .levels = levels, .n_own = sizes[3],
                              .n_side_own = sizes[4], .n_history = sizes[5], .border = border, .sides = sides,
-                             .with = with, .array = array, .baseline = baseline, .history = history,
+                             .with = with, .array = array, .volts = volts, .valid = valid,
+                             .offset_s = offset_s, .history = history,
                              .dropped = dropped, .switched = switched, .row = border, .n_rows = border + SPARE};
     ptrdiff_t at = reals(sizeof begun);
+    begun.baseline = place(block, &at, channels);
     begun.held = place(block, &at, channels);
     begun.rows = place(block, &at, begun.n_rows * channels);
     begun.older = place(block, &at, channels);

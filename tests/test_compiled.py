@@ -232,9 +232,11 @@ def test_the_posterior_of_a_contact_has_the_bits_of_numpy(n_taxels: int, median:
                 model.skip(0.3)
         for model in both:
             model.parts[:] = size * 0.1
-            model.measure(max(float(history[-1, 0].sum()), 1e-9))
+            whole = max(float(history[-1, 0].sum()), 1e-9)
             if k:
-                model.follow(1e-3, 0.3 if k == 50 else 0.01, offset_sd)
+                model.follow(whole, 1e-3, 0.3 if k == 50 else 0.01, offset_sd)
+            else:
+                model.measure(whole)
             if k % 2:
                 model.look(level, 1e-3, 0.02)
         found, wanted = (model.grip() for model in both)

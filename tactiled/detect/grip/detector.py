@@ -121,6 +121,7 @@ class GripDetector:
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
         self._places = np.stack([x, y]) / self._radius_mm
+        self._least_load = _CONTACT_RANGE * array.full_scale
         self.reset()
 
     def reset(self) -> None:
@@ -216,7 +217,7 @@ class GripDetector:
         if reading.is_lost:
             self._friction.spread(_DROPPED_SD)
         load = reading.load
-        least = max(_CONTACT_NOISES * reading.load_sd, _CONTACT_RANGE * self._array.full_scale)
+        least = max(_CONTACT_NOISES * reading.load_sd, self._least_load)
         if self._before_gap is not None:
             loads = readings.history[-1, 0]
             self._touch = self._resume(self._before_gap, loads, load > least, time_s - before_s)
@@ -238,7 +239,7 @@ class GripDetector:
             return _no_contact(time_s, valid=self.is_trusted)
         if reading.is_switched:
             self._touch.model.loosen(readings.switched)
-        self._touch.take(reading, readings.history[-1])
+        self._touch.take(reading, readings.history)
         return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
 
     def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
@@ -284,24 +285,24 @@ class _Touch:
         self._since_s = gap_s
         self.model.skip(gap_s)
 
-    def take(self, reading: ScanReading, newest: FloatArray) -> None:
-        """Take a scan, with its loads and shears (3, taxels)."""
+    def take(self, reading: ScanReading, history: FloatArray) -> None:
+        """Take a scan, with loads and shears (n, 3, taxels) up to it."""
         self._n += 1
-        zero, model, n_taxels = self._zero, self.model, newest.shape[1]
+        zero, model, n_taxels = self._zero, self.model, history.shape[2]
         self._load = max(reading.load * n_taxels, 1e-9)
         noise_sd = reading.total_sd / self._load
         self._offset_sd = zero.whole_sd
         is_clear = True
         if not zero.is_measured:
-            zero.take(newest[0], newest[1:], reading.shear_sd, reading.total_sd)
+            zero.take(history[-1, 0], history[-1, 1:], reading.shear_sd, reading.total_sd)
             model.parts[:] = zero.parts
             self._level = level_for(reading.shear_sd * n_taxels / self._load, 1.0 / self._step_s)
             self._offset_sd = math.hypot(zero.whole_sd, noise_sd)
             is_clear = zero.is_measured or noise_sd < _CLEAR
-        model.measure(self._load)
         if not is_clear:
+            model.measure(self._load)
             return
-        model.follow(noise_sd, self._since_s, self._offset_sd)
+        model.follow(self._load, noise_sd, self._since_s, self._offset_sd)
         self._since_s = self._step_s
         shows = zero.is_measured or model.trend.size > _NOISES * self._offset_sd
         if self._n % self._n_look == 0 and shows:

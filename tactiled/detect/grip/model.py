@@ -94,7 +94,6 @@ class ContactModel:
         self.parts = np.zeros((2, len(x)))
         self.total = (0.0, 0.0, 0.0)
         self.shear: FloatArray = np.zeros((2, len(x)))
-        self._ratio = np.zeros(3)
         self.friction = friction
         self.trend = Trend()
         n = len(friction.friction)
@@ -121,13 +120,14 @@ class ContactModel:
         borne = newest[1:] - self.parts * newest[0]
         x, y, moment = self._total(borne).tolist()
         self.total, self.shear = (x, y, moment), borne / whole
-        self._ratio = np.array(self.total) / whole
 
-    def follow(self, noise_sd: float, step_s: float, offset_sd: float = 0.0) -> None:
-        """Follow the ratio of the total that was measured to its load.
+    def follow(self, whole: float, noise_sd: float, step_s: float, offset_sd: float = 0.0) -> None:
+        """Measure, and follow the ratio of the total to its load.
 
         Parameters
         ----------
+        whole : float
+            Sum of the newest loads.
         noise_sd : float
             Of the ratio.
         step_s : float
@@ -135,9 +135,11 @@ class ContactModel:
         offset_sd : float
             Of a constant part that is not known: only what the ratio exceeds it by is surely borne.
         """
-        self.trend.step(self._ratio, noise_sd, step_s)
+        self.measure(whole)
+        ratio = np.array(self.total) / whole
+        self.trend.step(ratio, noise_sd, step_s)
         self.friction.bear(max(self.trend.size - _SURELY * offset_sd, 0.0), step_s)
-        self._growth.take(length(self._ratio), step_s)
+        self._growth.take(length(ratio), step_s)
         self._scan_s, self._noise_sd = step_s, noise_sd
 
     def skip(self, gap_s: float) -> None:

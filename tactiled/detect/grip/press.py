@@ -40,35 +40,23 @@ class PressZero:
     ----------
     parts : (2, taxels) float64
         Shear over load.
+    taxel_sd, whole_sd : float
+        Standard deviations of what is unknown of a taxel's part, and of that of the whole array.
     """
 
     def __init__(self, n_taxels: int, rate_hz: float, shear_per_friction: float, *, is_seen: bool) -> None:
         self._n_taxels = n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
-        self._taxel_sd = _TAXEL_SD * shear_per_friction
-        self._whole_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD) * shear_per_friction
+        self._taxel_sd = self.taxel_sd = _TAXEL_SD * shear_per_friction
+        mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD)
+        self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._is_seen = is_seen
-        self._unseen = 0.0  # shear over load of the zero that may be load
         self._n = 0
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
         self._squares = np.zeros(n_taxels)  # and of load squared
         self.parts = np.zeros((2, n_taxels))
         self.is_measured = False
         """True once the press is over."""
-
-    @property
-    def taxel_sd(self) -> float:
-        """Standard deviation of what is unknown of a taxel's part."""
-        return self._taxel_sd * self._unknown
-
-    @property
-    def whole_sd(self) -> float:
-        """Standard deviation of what is unknown of the part of the whole array."""
-        return math.hypot(self._whole_sd * self._unknown, self._unseen)
-
-    @property
-    def _unknown(self) -> float:
-        return 1.0 - self._n / self._n_press if self._is_seen else 1.0
 
     def take(self, load: FloatArray, shear: FloatArray, shear_sd: float, total_sd: float) -> None:
         """Take loads (taxels,) and shears (2, taxels) of a scan of the press, with their noise."""
@@ -87,7 +75,9 @@ class PressZero:
         size = math.hypot(*parts_of_whole[:, 0])
         if self._is_seen:
             parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
-        else:
-            self._unseen = size
+            unknown = 1.0 - self._n / self._n_press
+            self.taxel_sd, self.whole_sd = self._taxel_sd * unknown, self._whole_sd * unknown
+        else:  # all of the zero may be load
+            self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
         self.is_measured = self._n >= self._n_press
