@@ -55,8 +55,8 @@ void tactiled_bank(ptrdiff_t channels, ptrdiff_t levels, const int64_t *lengths,
                    const real *newest, real *out);
 int tactiled_stuck(ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, const real *sign, const int64_t *others,
                    const flag *judged, real pressed, int64_t n_turned, int64_t n_long, real most_resting,
-                   int64_t *position, real *last, real *way, int64_t *run, real *began, flag *turns,
-                   int64_t *n_turns, flag *noisy, flag *stayed, ptrdiff_t n, const real *steps, flag *stuck);
+                   int64_t *position, real *last, real *way, int64_t *run, real *began, flag *turns, int64_t *n_turns,
+                   flag *noisy, flag *stayed, ptrdiff_t n, const real *steps, flag *stuck);
 
 /* compiled_grip.c */
 /* Constants of `posterior`, in the order in which `ContactModel` and `forecast_numbers` have them. */
@@ -84,22 +84,21 @@ enum { KINDS = 5 }; /* of nuisances: gains of shear along x and y, softening, of
 enum { COVS = KINDS * (KINDS + 1) / 2 }; /* entries of the lower half of their covariance, and the place of one */
 #define COV(a, b) ((a) > (b) ? (a) * ((a) + 1) / 2 + (b) : (b) * ((b) + 1) / 2 + (a))
 
-void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
-                       real *penalty, real ratio, real before, real level, real step_s);
+void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met, real *penalty,
+          real ratio, real before, real level, real step_s);
 int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
-                      const real *weights, const real *met, const real *sticking, const real *area, real size,
-                      real growth, real rate_sd, int is_fresh, int was_gross, real *out);
+              const real *weights, const real *met, const real *sticking, const real *area, real size, real growth,
+              real rate_sd, int is_fresh, int was_gross, real *out);
 void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
-                         const real *x, const real *y, real *measured, real *predicted, real *work,
-                         const real *shear, const real *expected, const real *load, const real *stiffness,
-                         real *odds, real noise_sd, int can_tell);
+                 const real *x, const real *y, real *measured, real *predicted, real *work, const real *shear,
+                 const real *expected, real whole, const real *load, const real *stiffness, real *odds,
+                 real noise_sd, int can_tell);
 void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
-                         const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
-                         const real *borne, const real *load, real *out, real size, real noise_sd,
-                         real unexplained, real temper);
-void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
-                        const real *x, const real *y, const real *rings, const real *limits, real *force,
-                        real *sums, real *work, ptrdiff_t n_steps, const real *load, const real *stiffness,
-                        const real *target);
+                       const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
+                       const real *borne, const real *load, real *out, real size, real noise_sd, real unexplained,
+                       real temper);
+void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction, const real *x,
+                   const real *y, const real *rings, const real *limits, real *force, real *sums, real *work,
+                   ptrdiff_t n_steps, const real *load, const real *stiffness, const real *target);
 
 #endif

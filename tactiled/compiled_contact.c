@@ -183,8 +183,8 @@ struct places {
 };
 
 /* Set the spread of the nuisances, from how uneven the loads are: `ShareEvidence._begin`. */
-static void begin_shares(const struct places_numbers *with, struct places *shares, ptrdiff_t hypotheses, ptrdiff_t taxels,
-                         const real *part_of_load)
+static void begin_shares(const struct places_numbers *with, struct places *shares, ptrdiff_t hypotheses,
+                         ptrdiff_t taxels, const real *part_of_load)
 {
     real logs[taxels], mean = 0, square = 0, spread = with->unlike;
     ptrdiff_t n = 0;
@@ -259,7 +259,7 @@ struct contact {
     const struct contact_numbers *with;
     const real *x, *y, *ring_shares, *friction, *log_friction, *newest, *parts;
     real *weights, *met, *penalty, *shear;
-    real *force, *sums, *measured, *predicted, *work;
+    real *force, *sums, *measured, *predicted, *expected, *work;
     real *odds, *sticking, *area; /* by hypothesis */
     real *part;                   /* of the load, by taxel */
 };
@@ -376,14 +376,38 @@ static void take_shares(struct contact *c, const real *shear, const real *predic
     weigh(m, c->weights, found);
 }
 
+/* Lengths (hypotheses) of the totals of the forces of the taxels, and the shares of the area that slip. */
+static WIDE void total_forces(ptrdiff_t taxels, ptrdiff_t hypotheses, const real *restrict x, const real *restrict y,
+                              const real *restrict part, const real *restrict sums, real *restrict size,
+                              real *restrict area)
+{
+    const ptrdiff_t n = taxels, m = hypotheses, all = n * m;
+    real total_x[m], total_y[m], turned_x[m], turned_y[m];
+    for (ptrdiff_t j = 0; j < m; j++)
+        total_x[j] = total_y[j] = turned_x[j] = turned_y[j] = area[j] = 0;
+    for (ptrdiff_t t = 0; t < n; t++)
+        for (ptrdiff_t j = 0; j < m; j++) {
+            const real force_x = sums[t * m + j], force_y = sums[all + t * m + j];
+            total_x[j] += force_x;
+            total_y[j] += force_y;
+            turned_x[j] += force_x * y[t];
+            turned_y[j] += force_y * x[t];
+            area[j] += (1 - sums[2 * all + t * m + j]) * part[t];
+        }
+    for (ptrdiff_t j = 0; j < m; j++) {
+        const real moment = turned_y[j] - turned_x[j], sticks = 1 - area[j];
+        size[j] = sqrt(total_x[j] * total_x[j] + total_y[j] * total_y[j] + moment * moment);
+        area[j] = 1 - sticks * sticks;
+    }
+}
+
 /* Look at the shares of the taxels, in the approximation by a filter whose newest tap comes first:
  * `ContactModel.look`. */
 API void tactiled_model_look(struct contact *c, ptrdiff_t n_taps, const real *taps, real noise_sd, real step_s)
 {
     const struct contact_numbers *with = c->with;
     const ptrdiff_t n = c->taxels, m = c->hypotheses, all = n * m;
-    const real *sums = c->sums;
-    real smooth[3 * n], shear[2 * n], load[n], stiffness[n], scaled[n], measured[2 * n], total[3], ratio[3], borne[m], predicted[2 * all];
+    real smooth[3 * n], shear[2 * n], load[n], stiffness[n], over_mean[3 * n], total[3], ratio[3], borne[m];
     memset(smooth, 0, sizeof smooth);
     for (ptrdiff_t k = n_taps - 1; k >= 0; k--)
         for (ptrdiff_t i = 0; i < 3 * n; i++)
@@ -400,55 +424,36 @@ API void tactiled_model_look(struct contact *c, ptrdiff_t n_taps, const real *ta
     const real least_turn = at_least(with->rings.least_turn * sum_of(n, stiffness), with->rings.limits[4]);
     const real target[5] = {total[0], total[1], total[2], bearable, least_turn};
     advance_rings(m, n, c->n_rings, c->friction, c->x, c->y, c->ring_shares, with->rings.limits, c->force, c->sums,
-                   c->work, (ptrdiff_t)with->rings.n_steps, load, stiffness, target);
-
-    for (ptrdiff_t j = 0; j < m; j++) {
-        real x = 0, y = 0, along_x = 0, along_y = 0;
-        for (ptrdiff_t t = 0; t < n; t++) {
-            const real fx = sums[t * m + j], fy = sums[all + t * m + j];
-            x += fx;
-            y += fy;
-            along_x += fx * c->y[t];
-            along_y += fy * c->x[t];
-            predicted[j * n + t] = fx / mean;
-            predicted[all + j * n + t] = fy / mean;
-        }
-        const real borne_total[3] = {x, y, along_y - along_x};
-        borne[j] = length(borne_total) / whole;
-    }
-    for (int k = 0; k < 3; k++)
-        ratio[k] = total[k] / whole;
-    for (ptrdiff_t i = 0; i < 2 * n; i++)
-        measured[i] = shear[i] / mean;
-    for (ptrdiff_t t = 0; t < n; t++)
-        scaled[t] = load[t] / mean;
-    take_shares(c, measured, predicted, borne, scaled, ratio, noise_sd / mean);
+                  c->work, (ptrdiff_t)with->rings.n_steps, load, stiffness, target);
 
     for (ptrdiff_t t = 0; t < n; t++) {
         c->part[t] = load[t] / whole;
         stiffness[t] = cbrt(c->part[t]);
-        for (int a = 0; a < 2; a++) {
-            measured[a * n + t] = shear[a * n + t] / whole;
-            for (ptrdiff_t j = 0; j < m; j++)
-                predicted[(a * m + j) * n + t] = sums[(a * n + t) * m + j] / whole;
+        over_mean[t] = load[t] / mean;
+        over_mean[n + t] = shear[t] / mean;
+        over_mean[2 * n + t] = shear[n + t] / mean;
+        for (ptrdiff_t j = 0; j < m; j++) {
+            c->expected[j * n + t] = c->sums[t * m + j] / mean;
+            c->expected[all + j * n + t] = c->sums[all + t * m + j] / mean;
         }
     }
+    for (int k = 0; k < 3; k++)
+        ratio[k] = total[k] / whole;
+    total_forces(n, m, c->x, c->y, c->part, c->sums, borne, c->area);
+    for (ptrdiff_t j = 0; j < m; j++)
+        borne[j] /= whole;
+    take_shares(c, over_mean + n, c->expected, borne, over_mean, ratio, noise_sd / mean);
+
     memset(c->odds, 0, sizeof(real[m]));
     c->n_looks++;
-    wander_odds(m, n, c->half, &with->wander, c->x, c->y, c->measured, c->predicted, c->work, measured,
-                    predicted, c->part, stiffness, c->odds, noise_sd / whole,
-                    c->n_looks >= 2 * c->half && 2 * n > PATTERNS);
+    wander_odds(m, n, c->half, &with->wander, c->x, c->y, c->measured, c->predicted, c->work, shear, c->sums, whole,
+                c->part, stiffness, c->odds, noise_sd / whole, c->n_looks >= 2 * c->half && 2 * n > PATTERNS);
     const real grew = growth_odds(&with->growth, &c->growth, c->noise_sd, c->scan_s);
     if (grew != 0)
         take_sliding(c, grew);
     diffuse(m, c->weights, with->diffusion * step_s);
-    for (ptrdiff_t j = 0; j < m; j++) {
-        real slips = 0;
+    for (ptrdiff_t j = 0; j < m; j++)
         c->sticking[j] = exp(-c->odds[j]);
-        for (ptrdiff_t t = 0; t < n; t++)
-            slips += (1 - sums[2 * all + t * m + j]) * c->part[t];
-        c->area[j] = 1 - (1 - slips) * (1 - slips);
-    }
 }
 
 /* Posterior of the newest scan: `ContactModel.grip`. */
@@ -494,10 +499,10 @@ static struct window window_of(real *block, ptrdiff_t *at, real n)
 /* Begin a contact in a block of zeros, and return the number of reals that it takes; with no block, return the number
  * only. `step_s` is the time between scans. */
 API ptrdiff_t tactiled_model(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, ptrdiff_t half, real step_s,
-                               const struct contact_numbers *with, const real *x, const real *y,
-                               const real *ring_shares, const real *friction, const real *log_friction,
-                               real *weights, real *met, real *penalty, const real *newest, const real *parts,
-                               real *shear, real *block)
+                             const struct contact_numbers *with, const real *x, const real *y,
+                             const real *ring_shares, const real *friction, const real *log_friction, real *weights,
+                             real *met, real *penalty, const real *newest, const real *parts, real *shear,
+                             real *block)
 {
     const ptrdiff_t m = hypotheses, n = taxels, all = m * n, n_places = (ptrdiff_t)with->places.n_places;
     struct contact begun = {.hypotheses = m, .taxels = n, .n_rings = n_rings, .half = half, .with = with, .x = x,
@@ -519,6 +524,7 @@ API ptrdiff_t tactiled_model(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n
     begun.sums = place(block, &at, 3 * all);
     begun.measured = place(block, &at, 4 * half * n);
     begun.predicted = place(block, &at, 4 * half * all);
+    begun.expected = place(block, &at, 2 * all);
     begun.work = place(block, &at, 2 * n * (PATTERNS + 2 + m) + 12 * m);
     begun.odds = place(block, &at, m);
     begun.sticking = place(block, &at, m);

@@ -16,8 +16,8 @@
  * weights, met and penalty (n) are kept.
  * `numbers`: least ratio, log of the ratio at the limit, logs over which it is met, log of the kinetic part, mean
  * duration of sliding, spread of the excess. */
-void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met,
-                       real *penalty, real ratio, real before, real level, real step_s)
+void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met, real *penalty,
+          real ratio, real before, real level, real step_s)
 {
     const real log_ratio = log(at_least(ratio, numbers[0])), kept = exp(-step_s / numbers[4]);
     const real log_before = log(at_least(before, numbers[0])), log_level = log(at_least(level, numbers[0]));
@@ -57,8 +57,8 @@ static real log_quantile(ptrdiff_t n, const real *weights, real part, real lowes
 /* Posterior after a scan: `ContactModel.grip`. weights, met, sticking and area (n). out (12): utilisation,
  * friction, p_gross (three each), slipping share, p_sliding, p_incipient. Returns whether all slides. */
 int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
-                      const real *weights, const real *met, const real *sticking, const real *area, real size,
-                      real growth, real rate_sd, int is_fresh, int was_gross, real *out)
+              const real *weights, const real *met, const real *sticking, const real *area, real size, real growth,
+              real rate_sd, int is_fresh, int was_gross, real *out)
 {
     real sticks[n], holds[n], slow[THREE], sliding = 0, stuck = 0, slides = 0, slipping = 0, incipient = 0;
     const real log_ratio = log(at_least(size, with->least_logged)), scale = at_least(size, with->least_ratio);
@@ -128,23 +128,23 @@ static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const 
 /* Log odds (hypotheses) of sliding from the changes of the shares: `ShareWander.log_odds`.
  *
  * measured (2 half, 2 taxels) and predicted (2 half, 2 taxels, hypotheses) of the looks so far are kept; `work`
- * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, hypotheses, taxels), load and stiffness
- * (taxels) are those of this look. `odds` stay as they are where the looks `can_tell` nothing. */
+ * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, taxels, hypotheses) and the `whole`
+ * load are those of this look; load and stiffness (taxels) are over it. `odds` stay as they are where the looks `can_tell`
+ * nothing. */
 void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
-                         const real *x, const real *y, real *measured, real *predicted, real *work,
-                         const real *shear, const real *expected, const real *load, const real *stiffness,
-                         real *odds, real noise_sd, int can_tell)
+                 const real *x, const real *y, real *measured, real *predicted, real *work, const real *shear,
+                 const real *expected, real whole, const real *load, const real *stiffness, real *odds,
+                 real noise_sd, int can_tell)
 {
-
     const ptrdiff_t n = 2 * taxels, all = n * hypotheses, looks = 2 * half;
     real *basis = work, *change = work + PATTERNS * n, *part = change + n, *rest = part + n;
     memmove(measured, measured + n, sizeof(real[(looks - 1) * n]));
     memmove(predicted, predicted + all, sizeof(real[(looks - 1) * all]));
-    memcpy(measured + (looks - 1) * n, shear, sizeof(real[n]));
-    real *newest = predicted + (looks - 1) * all;
     for (ptrdiff_t i = 0; i < n; i++)
-        for (ptrdiff_t j = 0; j < hypotheses; j++)
-            newest[i * hypotheses + j] = expected[(i / taxels * hypotheses + j) * taxels + i % taxels];
+        measured[(looks - 1) * n + i] = shear[i] / whole;
+    real *newest = predicted + (looks - 1) * all;
+    for (ptrdiff_t i = 0; i < all; i++)
+        newest[i] = expected[i] / whole;
     if (!can_tell)
         return;
 
@@ -240,11 +240,11 @@ static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real f
 
 /* Nuisances (5, taxels) with covariance after a look, of one hypothesis. Turns `root`, the cubic root of what is left
  * of the limit, into one over the likelihood. */
-static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real scale, real size,
-                       real noise, real unexplained, real temper, const real *restrict shear_x,
-                       const real *restrict shear_y, const real *restrict x, const real *restrict y,
-                       const real *restrict load, const real *restrict force, const real *restrict used,
-                       real *restrict root, real *restrict nuisance, real *restrict cov)
+static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real scale, real size, real noise,
+                       real unexplained, real temper, const real *restrict shear_x, const real *restrict shear_y,
+                       const real *restrict x, const real *restrict y, const real *restrict load,
+                       const real *restrict force, const real *restrict used, real *restrict root,
+                       real *restrict nuisance, real *restrict cov)
 {
     const real power = with->power, even = with->even, degrees = with->degrees;
     for (ptrdiff_t t = 0; t < taxels; t++) {
@@ -276,11 +276,12 @@ static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real
 /* Log likelihoods (hypotheses) of a look that counts: `ShareEvidence._weigh`.
  *
  * nuisance (hypotheses, 5, taxels) and the lower half of their covariance (hypotheses, 15, taxels) are kept, so that
- * what is read together lies together. shear (2, taxels), predicted (2, hypotheses, taxels), borne (hypotheses), load (taxels). */
+ * what is read together lies together. shear (2, taxels), predicted (2, hypotheses, taxels), borne (hypotheses), load
+ * (taxels). */
 void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
-                         const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
-                         const real *borne, const real *load, real *out, real size, real noise_sd,
-                         real unexplained, real temper)
+                       const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
+                       const real *borne, const real *load, real *out, real size, real noise_sd, real unexplained,
+                       real temper)
 {
     const ptrdiff_t all = hypotheses * taxels;
     real force[taxels], used[taxels], root[taxels];
@@ -307,9 +308,9 @@ void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shar
  * bound (hypotheses) is the friction limit of the taxel; the ring has `limit` and `share` of its limit and
  * stiffness. Adds the forces to `sum_x` and `sum_y`, and to `sticking` the share where the ring sticks. */
 static WIDE void move_ring(ptrdiff_t hypotheses, const real *restrict bound, real limit, real share, real below,
-                      real tiny, real spring, const real *restrict step_x, const real *restrict step_y,
-                      real *restrict force_x, real *restrict force_y, real *restrict sum_x,
-                      real *restrict sum_y, real *restrict sticking)
+                           real tiny, real spring, const real *restrict step_x, const real *restrict step_y,
+                           real *restrict force_x, real *restrict force_y, real *restrict sum_x, real *restrict sum_y,
+                           real *restrict sticking)
 {
     for (ptrdiff_t j = 0; j < hypotheses; j++) {
         real x = force_x[j] + spring * step_x[j], y = force_y[j] + spring * step_y[j];
@@ -325,8 +326,8 @@ static WIDE void move_ring(ptrdiff_t hypotheses, const real *restrict bound, rea
 
 /* Bound and displacement of a taxel at (x, y) of this load, from the rigid motion. */
 static WIDE void displace(ptrdiff_t hypotheses, const real *restrict friction, real load, real x, real y,
-                     const real *restrict shift_x, const real *restrict shift_y, const real *restrict turn,
-                     real *restrict bound, real *restrict step_x, real *restrict step_y)
+                          const real *restrict shift_x, const real *restrict shift_y, const real *restrict turn,
+                          real *restrict bound, real *restrict step_x, real *restrict step_y)
 {
     for (ptrdiff_t j = 0; j < hypotheses; j++) {
         bound[j] = friction[j] * load;
@@ -337,8 +338,8 @@ static WIDE void displace(ptrdiff_t hypotheses, const real *restrict friction, r
 
 /* Add a taxel's forces to the totals, and its tangent stiffness with moments to the six sums of `k`. */
 static WIDE void add_taxel(ptrdiff_t hypotheses, real stiffness, real floor, real tiny, real x, real y,
-                      const real *restrict force_x, const real *restrict force_y, const real *restrict sticking,
-                      real *restrict total_x, real *restrict total_y, real *restrict moment, real *restrict k)
+                           const real *restrict force_x, const real *restrict force_y, const real *restrict sticking,
+                           real *restrict total_x, real *restrict total_y, real *restrict moment, real *restrict k)
 {
     const ptrdiff_t n = hypotheses;
     for (ptrdiff_t j = 0; j < n; j++) {
@@ -362,8 +363,8 @@ static WIDE void add_taxel(ptrdiff_t hypotheses, real stiffness, real floor, rea
  *
  * target: wanted totals, part of them that friction 1 bears, least stiffness against turns. */
 static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real longest, real across, real tiny,
-                  const real *restrict target, const real *restrict k, real *restrict x, real *restrict y,
-                  real *restrict turn)
+                       const real *restrict target, const real *restrict k, real *restrict x, real *restrict y,
+                       real *restrict turn)
 {
     const ptrdiff_t n = hypotheses;
     for (ptrdiff_t j = 0; j < n; j++) {
@@ -391,10 +392,9 @@ static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real
  * stiffness, the longest step, the extent of the places, the part of
  * its limit below which a ring sticks, and the least divisor. force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses)
  * are the forces of the taxels and the sticking shares of their stiffness. `work` (12, hypotheses) is scratch. */
-void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction,
-                        const real *x, const real *y, const real *rings, const real *limits, real *force,
-                        real *sums, real *work, ptrdiff_t n_steps, const real *load, const real *stiffness,
-                        const real *target)
+void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction, const real *x,
+                   const real *y, const real *rings, const real *limits, real *force, real *sums, real *work,
+                   ptrdiff_t n_steps, const real *load, const real *stiffness, const real *target)
 {
     const real floor = limits[0], longest = limits[1], across = limits[2], below = limits[3], tiny = limits[4];
     const ptrdiff_t n = hypotheses, all = taxels * n;

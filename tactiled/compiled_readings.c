@@ -8,7 +8,7 @@
 
 /* Responses (3, taxels) of readings (channels): `weights` of the channels `own`, both (n, 3, taxels). */
 static void loads(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *volts,
-                        real *out)
+                  real *out)
 {
     for (ptrdiff_t i = 0; i < 3 * taxels; i++) {
         real sum = 0;
@@ -20,7 +20,7 @@ static void loads(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real 
 
 /* Variances of the totals of load, shear x and shear y (3), from the noise of the channels. */
 static void total_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights,
-                             const real *channel_sd, real *out)
+                        const real *channel_sd, real *out)
 {
     for (ptrdiff_t kind = 0; kind < 3; kind++) {
         out[kind] = 0;
@@ -41,8 +41,8 @@ static void total_noise(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const
  * under an even load of 1. `numbers`: part of the other side below which a side is relieved, most spread, least
  * pressed part. load (taxels), proportion and its weight (2, taxels) are kept. relieved (2, taxels). */
 static void relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const real *weights, const real *even,
-                          const real *numbers, real *load, real *proportion, real *weight, const real *readings,
-                          real *response, uint8_t *relieved)
+                    const real *numbers, real *load, real *proportion, real *weight, const real *readings,
+                    real *response, uint8_t *relieved)
 {
     for (ptrdiff_t t = 0; t < taxels; t++) {
         real side[4], high[2], other = INFINITY;
@@ -84,8 +84,8 @@ static real noise_of(real mean_abs, real per_sd, real step, real per_rounding, r
 /* Noise floor after a scan: `NoiseFloor.take`. mean_abs (levels, channels), last, step and sd (channels) are kept;
  * details (levels, channels). */
 static void follow_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real per_rounding, real floor,
-                        real *mean_abs, real *last, real *step, real *sd, real part, real clip, const real *volts,
-                        const real *details)
+                         real *mean_abs, real *last, real *step, real *sd, real part, real clip, const real *volts,
+                         const real *details)
 {
     for (ptrdiff_t c = 0; c < channels; c++) {
         real moved = fabs(volts[c] - last[c]), largest = 0;
@@ -107,7 +107,7 @@ static void follow_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real
 
 /* ---- loads and shears of the scans (tactiled.detect.grip.readings) ----------------------------------------------- */
 
-/* Constants, in the order in which `CompiledReadings` has them. */
+/* Constants, in the order in which `_constants` of Python has them. */
 struct readings_numbers {
     real limit, volts_per_step, rate_hz, n_hold, most_dropped;
     real per_sd, per_rounding, floor_scans, clip, clipped_after;
@@ -118,7 +118,7 @@ struct readings_numbers {
     real stuck_pressed, stuck_turned, stuck_long, stuck_resting, stuck_history;
 };
 
-/* Constant arrays of an array of sensors, in the order in which `CompiledReadings` has them. */
+/* Constant arrays of an array of sensors, in the order in which `_constants` of Python has them. */
 struct readings_arrays {
     const int64_t *lengths; /* of the filters */
     const real *taps;
@@ -145,10 +145,16 @@ struct readings {
     const flag *valid;
     real *history;
     flag *dropped, *switched;
-    real *baseline, *held, *rows, *older, *oldest, *accepted, *remainders, *mean_abs, *floor_last, *floor_step, *floor_sd, *load, *proportion, *proportion_weight;
-    real *stuck_last, *way, *began;
-    int64_t *n_good, *n_bad, *run, *n_turns;
-    flag *out, *relieved, *turns, *noisy, *stayed;
+    real *baseline, *held, *rows, *older, *oldest, *remainders;
+    real *mean_abs, *floor_last, *floor_step, *floor_sd; /* noise floor */
+    real *load, *proportion, *proportion_weight;         /* relieved sides */
+    flag *relieved;
+    real *accepted; /* jumps */
+    flag *out;
+    real *stuck_last, *way, *began; /* stuck channels */
+    int64_t *run, *n_turns;
+    flag *turns, *noisy, *stayed;
+    int64_t *n_good, *n_bad; /* readings of each channel without a break */
 };
 
 /* Find the channels whose readings jump, or did so one scan before: `JumpGate.take`, or its `skip` where jumps cannot
@@ -214,70 +220,57 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
     r->is_out = any;
 }
 
-/* Correct to an instant, filter, take out bad taxels, and respond to one scan: `TaxelReadings.take`. */
-API void tactiled_readings_take(struct readings *r, int in_contact, int is_pressed)
+/* Round the scan to whole steps (channels), which stay in `rows` for the filters, and find its bad readings. */
+static const real *next_steps(struct readings *r, flag *ok, flag *stuck)
 {
     const struct readings_numbers *with = r->with;
     const struct readings_arrays *array = r->array;
-    const ptrdiff_t channels = r->channels, taxels = r->taxels, levels = r->levels;
-    real readings[channels], pressed[channels], remainder[channels], details[levels * channels];
-    flag ok[channels], stuck[channels], jumped[channels], was_relieved[2 * taxels];
-
-    /* whole steps, of which the last good ones are held */
+    const ptrdiff_t channels = r->channels;
     if (r->row == r->n_rows) {
         r->row = r->border;
         memmove(r->rows, r->rows + (r->n_rows - r->border) * channels, sizeof(real[r->border * channels]));
     }
     real *steps = r->rows + r->row++ * channels;
-    tactiled_hold(channels, with->limit, 1 / with->volts_per_step, r->held, 1, r->volts, r->valid, steps,
-                  ok);
+    tactiled_hold(channels, with->limit, 1 / with->volts_per_step, r->held, 1, r->volts, r->valid, steps, ok);
     if (!r->is_begun)
         for (ptrdiff_t i = 1; i <= r->border; i++)
             memcpy(steps - i * channels, steps, sizeof(real[channels]));
-    if (!r->is_stuck_begun)
-        for (ptrdiff_t c = 0; c < channels; c++) {
-            r->stuck_last[c] = steps[c];
-            for (ptrdiff_t s = 0; s < r->sides; s++) {
-                ptrdiff_t other = array->others[c * r->sides + s];
-                r->began[c * r->sides + s] = steps[other] * array->sign[other];
-            }
-        }
-    r->is_stuck_begun = 1;
+    if (!r->is_stuck_begun) {
+        r->is_stuck_begun = 1;
+        memcpy(r->stuck_last, steps, sizeof(real[channels]));
+        for (ptrdiff_t i = 0; i < channels * r->sides; i++)
+            r->began[i] = steps[array->others[i]] * array->sign[array->others[i]];
+    }
     tactiled_stuck(channels, r->sides, (ptrdiff_t)with->stuck_history, array->sign, array->others, array->judged,
                    with->stuck_pressed, (int64_t)with->stuck_turned, (int64_t)with->stuck_long, with->stuck_resting,
                    &r->position, r->stuck_last, r->way, r->run, r->began, r->turns, r->n_turns, r->noisy, r->stayed,
                    1, steps, stuck);
-    tactiled_bank(channels, levels, array->lengths, array->taps, 1, steps, details);
+    return steps;
+}
 
+/* Take out taxels with a channel that is bad for long, by the readings that are ok (channels): `_take_out`.
+ * `out` (channels), zero before, gets their channels. */
+static void take_out(struct readings *r, const flag *ok, int in_contact, flag *out)
+{
+    const ptrdiff_t channels = r->channels, taxels = r->taxels;
+    ptrdiff_t n_bad = 0, n_dropped = 0;
+    int waits = 0;
     for (ptrdiff_t c = 0; c < channels; c++) {
-        r->n_good[c] = ok[c] ? r->n_good[c] + 1 : 0;
-        readings[c] = steps[c] * with->volts_per_step;
-    }
-    memset(jumped, 0, sizeof jumped);
-    find_jumps(r, readings, is_pressed, jumped);
-    for (ptrdiff_t c = 0; c < channels; c++) {
-        const real now = readings[c], older = r->is_begun ? r->older[c] : now;
-        const real oldest = r->is_begun ? r->oldest[c] : now;
-        const real back = at_most(at_least(r->offset_s[c] * with->rate_hz, 0), 1);
-        ok[c] = ok[c] && !stuck[c] && !jumped[c];
         r->n_bad[c] = ok[c] ? 0 : r->n_bad[c] + 1;
-        r->oldest[c] = older;
-        r->older[c] = now;
-        pressed[c] = (jumped[c] ? r->accepted[c] : now - back * (now - older)) - r->baseline[c];
-        remainder[c] = 0.5 * back * (1 - back) * ((now - older) - (older - oldest));
+        n_bad += !ok[c];
     }
-
-    /* taxels with a channel that is bad for long */
-    ptrdiff_t n_dropped = 0;
-    int waits = 0, is_full = 1;
-    flag out[channels];
-    memset(out, 0, sizeof out);
+    for (ptrdiff_t t = 0; t < taxels; t++)
+        n_dropped += r->dropped[t];
     r->seen.is_lost = 0;
+    r->seen.is_read = 1;
+    if (!n_bad && !n_dropped)
+        return;
+    n_dropped = 0;
     for (ptrdiff_t t = 0; t < taxels; t++) {
-        const flag *own = array->taxel_channels + t * channels;
+        const flag *own = r->array->taxel_channels + t * channels;
         int is_bad = 0, is_late = 0;
         for (ptrdiff_t c = 0; c < channels; c++) {
-            is_bad |= own[c] && (real)r->n_bad[c] > with->n_hold;
+            is_bad |= own[c] && (real)r->n_bad[c] > r->with->n_hold;
             is_late |= own[c] && !ok[c];
         }
         if (in_contact && is_bad && !r->dropped[t])
@@ -288,56 +281,94 @@ API void tactiled_readings_take(struct readings *r, int in_contact, int is_press
         for (ptrdiff_t c = 0; c < channels; c++)
             out[c] |= own[c] && r->dropped[t];
     }
-    r->seen.is_read = !waits && (real)n_dropped <= with->most_dropped;
+    r->seen.is_read = !waits && (real)n_dropped <= r->with->most_dropped;
+}
 
-    for (ptrdiff_t c = 0; c < channels; c++)
-        is_full &= r->n_good[c] > r->border || out[c];
-    if (is_full) {
-        real n = (real)++r->n_floor;
-        follow_floor(channels, levels, with->per_sd, with->per_rounding, with->volts_per_step, r->mean_abs,
-                       r->floor_last, r->floor_step, r->floor_sd, 1 / at_most(n, with->floor_scans),
-                       n > with->clipped_after ? with->clip : INFINITY, readings, details);
-    }
-
-    /* responses */
-    const ptrdiff_t row = 3 * taxels;
-    memmove(r->history, r->history + row, sizeof(real[(r->n_history - 1) * row]));
-    real *response = r->history + (r->n_history - 1) * row, variances[3], load = 0, bent[row], square = 0, largest = 0;
+/* Append the response of readings (channels) to the history, and the mean square of shears that the remainders of
+ * interpolation would be. */
+static void respond(struct readings *r, const real *pressed, const real *remainder, int in_contact)
+{
+    const struct readings_arrays *array = r->array;
+    const ptrdiff_t taxels = r->taxels, row = 3 * taxels, last = r->n_history - 1;
+    real *response = r->history + last * row, bent[row], load = 0, square = 0;
+    flag was_relieved[2 * taxels];
+    memmove(r->history, r->history + row, sizeof(real[last * row]));
+    memmove(r->remainders, r->remainders + 1, sizeof(real[last]));
+    memcpy(was_relieved, r->relieved, sizeof was_relieved);
     loads(taxels, r->n_own, array->own, array->weights, pressed, response);
-    if (in_contact && r->n_side_own) {
-        memcpy(was_relieved, r->relieved, sizeof was_relieved);
-        relieve(taxels, r->n_side_own, array->side_own, array->side_weights, array->even, with->relief,
-                         r->load, r->proportion, r->proportion_weight, pressed, response, r->relieved);
-    } 
+    if (in_contact && r->n_side_own)
+        relieve(taxels, r->n_side_own, array->side_own, array->side_weights, array->even, r->with->relief, r->load,
+                r->proportion, r->proportion_weight, pressed, response, r->relieved);
     r->seen.is_switched = 0;
     for (ptrdiff_t t = 0; t < taxels; t++) {
-        r->switched[t] = in_contact && r->n_side_own &&
-                         (r->relieved[t] != was_relieved[t] || r->relieved[taxels + t] != was_relieved[taxels + t]);
+        r->switched[t] = r->relieved[t] != was_relieved[t] || r->relieved[taxels + t] != was_relieved[taxels + t];
         if (r->switched[t])
             r->seen.is_switched = 1;
         if (r->dropped[t])
             response[t] = response[taxels + t] = response[2 * taxels + t] = 0;
         load += response[t];
     }
+    r->seen.load = load / (real)taxels;
     loads(taxels, r->n_own, array->own, array->weights, remainder, bent);
     for (ptrdiff_t i = taxels; i < row; i++)
         square += bent[i] * bent[i];
-    memmove(r->remainders, r->remainders + 1, sizeof(real[r->n_history - 1]));
-    r->remainders[r->n_history - 1] = square / (real)(2 * taxels);
+    r->remainders[last] = square / (real)(2 * taxels);
     if (!r->is_begun) {
         memset(r->remainders, 0, sizeof(real[r->n_history]));
-        for (ptrdiff_t i = 0; i < r->n_history - 1; i++)
+        for (ptrdiff_t i = 0; i < last; i++)
             memcpy(r->history + i * row, response, sizeof(real[row]));
     }
+}
+
+/* Take a scan: `TaxelReadings.take`. */
+API void tactiled_readings_take(struct readings *r, int in_contact, int is_pressed)
+{
+    const struct readings_numbers *with = r->with;
+    const struct readings_arrays *array = r->array;
+    const ptrdiff_t channels = r->channels;
+    real readings[channels], pressed[channels], remainder[channels], details[r->levels * channels];
+    flag ok[channels], stuck[channels], jumped[channels], out[channels];
+    const real *steps = next_steps(r, ok, stuck);
+    tactiled_bank(channels, r->levels, array->lengths, array->taps, 1, steps, details);
+    memset(jumped, 0, sizeof jumped);
+    memset(out, 0, sizeof out);
+    for (ptrdiff_t c = 0; c < channels; c++) {
+        r->n_good[c] = ok[c] ? r->n_good[c] + 1 : 0;
+        readings[c] = steps[c] * with->volts_per_step;
+    }
+    find_jumps(r, readings, is_pressed, jumped);
+    for (ptrdiff_t c = 0; c < channels; c++) {
+        const real now = readings[c], older = r->is_begun ? r->older[c] : now;
+        const real oldest = r->is_begun ? r->oldest[c] : now;
+        const real back = at_most(at_least(r->offset_s[c] * with->rate_hz, 0), 1);
+        ok[c] = ok[c] && !stuck[c] && !jumped[c];
+        r->oldest[c] = older;
+        r->older[c] = now;
+        pressed[c] = (jumped[c] ? r->accepted[c] : now - back * (now - older)) - r->baseline[c];
+        remainder[c] = 0.5 * back * (1 - back) * ((now - older) - (older - oldest));
+    }
+    take_out(r, ok, in_contact, out);
+
+    int is_full = 1;
+    for (ptrdiff_t c = 0; c < channels; c++)
+        is_full &= r->n_good[c] > r->border || out[c];
+    if (is_full) {
+        const real n = (real)++r->n_floor;
+        follow_floor(channels, r->levels, with->per_sd, with->per_rounding, with->volts_per_step, r->mean_abs,
+                     r->floor_last, r->floor_step, r->floor_sd, 1 / at_most(n, with->floor_scans),
+                     n > with->clipped_after ? with->clip : INFINITY, readings, details);
+    }
+    respond(r, pressed, remainder, in_contact);
+    r->is_begun = 1;
+
+    real variances[3], largest = 0;
+    total_noise(r->taxels, r->n_own, array->own, array->weights, r->floor_sd, variances);
     for (ptrdiff_t i = 0; i < r->n_history; i++)
         largest = at_least(r->remainders[i], largest);
-    r->is_begun = 1;
-    total_noise(taxels, r->n_own, array->own, array->weights, r->floor_sd, variances);
-    r->seen.load = load / (real)taxels;
-    const real shear_sd = sqrt((variances[1] + variances[2]) / (real)(2 * taxels));
+    const real shear = variances[1] + variances[2], shear_sd = sqrt(shear / (real)(2 * r->taxels));
     r->seen.shear_sd = sqrt(shear_sd * shear_sd + largest);
-    r->seen.total_sd = sqrt((variances[1] + variances[2]) / 2);
-    r->seen.load_sd = sqrt(variances[0]) / (real)taxels;
+    r->seen.total_sd = sqrt(shear / 2);
+    r->seen.load_sd = sqrt(variances[0]) / (real)r->taxels;
 }
 
 /* Let the baseline follow the readings of a scan without contact, by a part. */
