@@ -9,7 +9,6 @@ Try it on an emulated object, in three terminals::
 `hold.toml`::
 
     port.url = "/tmp/board"
-    detect.grip.enabled = true
 
 Assumptions; check them for your hand:
 

@@ -62,7 +62,7 @@ def summary(
         elif slip_s == 0 and "slip" in topics and not sliding_is_given:
             yield (
                 "no slip: if the log slides all the same, --sliding says so"
-                + ("; --setting fast needs less shear" if array.has_shear else "")
+                + ("; --setting fast reports it at a lower probability" if array.has_shear else "")
             )
     if "grip" in topics and array.has_shear and not any(isinstance(event, GripEvent) for event in events):
         yield "no grip: the mean load of the taxels must exceed 0.5 % of the array's `range`"

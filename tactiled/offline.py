@@ -127,7 +127,7 @@ class Choices:
         table["texture"] = {**table.get("texture", {}), **texture}
         wang2019 = dict(table.get("wang2019", {}))
         table["wang2019"] = {**wang2019, "texture": {**wang2019.get("texture", {}), **_given(published)}}
-        table["grip"] = {**table.get("grip", {}), "enabled": self.grip_hz > 0}
+        table["grip"] = {**table.get("grip", {}), "publish": self.grip_hz > 0}
         source = "command line" if self.config is None else f"{self.config} and command line"
         return parse({**table, **_given({"setting": self.setting})}, DetectParams, source)
 

@@ -21,7 +21,7 @@ from touches import Touch, pieces, run, splits
 from tactiled import compiled
 from tactiled.array import Array, load_array
 from tactiled.detect.grip.compiled_model import TrendValues, contact_model
-from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.grip.detector import GripDetector
 from tactiled.detect.grip.friction import FrictionPosterior
 from tactiled.detect.grip.model import Grip
 from tactiled.detect.grip.observe import approximation_taps
@@ -257,7 +257,7 @@ def test_the_posterior_of_a_contact_has_the_bits_of_numpy(n_taxels: int, median:
 def test_grip_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
     block = touched(array, seed)
     block = block[: round(6 * block.rate_hz)]
-    both = of_both(lambda: GripDetector(array, GripParams(enabled=True)))
+    both = of_both(lambda: GripDetector(array))
     cuts = data.draw(splits(len(block)))
     for _ in range(2):  # after `reset` as before
         found, wanted = (run(detector, pieces(block, cuts)) for detector in both)

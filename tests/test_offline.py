@@ -315,10 +315,10 @@ def test_what_is_not_asked_for_is_neither_computed_nor_printed(
 def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) -> None:
     config = tmp_path / "hand.toml"
     config.write_text(
-        '[detect]\nsetting = "quiet"\n[detect.slip]\nleast_shear = 0.2\n[detect.texture]\nspeed_mm_s = 3.0\n'
+        '[detect]\nsetting = "quiet"\n[detect.grip]\nfriction = 0.2\n[detect.texture]\nspeed_mm_s = 3.0\n'
     )
     params = Choices(config=config, period_mm=(0.5, 3.0)).params()
-    assert (params.setting, params.slip.least_shear) == ("quiet", 0.2)
+    assert (params.setting, params.grip.friction) == ("quiet", 0.2)
     assert (params.texture.speed_mm_s, params.texture.max_period_mm) == (3.0, 3.0)
     assert Choices(config=config, speed_mm_s=4.0, setting="fast").params().texture.speed_mm_s == 4.0
     (tmp_path / "pad.toml").write_text(PAD)

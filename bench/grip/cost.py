@@ -90,7 +90,7 @@ def _touch(array: Array) -> ScanBlock:
 
 
 def _spent_us(array: Array, blocks: list[ScanBlock], pause_s: float) -> float:
-    detector = GripDetector(array, GripParams(enabled=True))
+    detector = GripDetector(array, GripParams())
     for block in blocks[:_SETTLED_SCANS]:
         detector.process(block)
     spent_s = 0.0

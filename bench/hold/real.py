@@ -24,9 +24,7 @@ def play_in_processes(seed: int) -> GraspResult:
     with TemporaryDirectory() as folder, ExitStack() as running:
         endpoint, control = f"ipc://{folder}/events.ipc", f"unix://{folder}/control"
         config = Path(folder) / "hold.toml"
-        config.write_text(
-            f'port.url = "{folder}/board"\ndetect.grip.enabled = true\npublish.endpoints = ["{endpoint}"]\n'
-        )
+        config.write_text(f'port.url = "{folder}/board"\npublish.endpoints = ["{endpoint}"]\n')
         emulate = ["-m", "tactiled", "emulate", "--scene", scene.name, "--link", f"{folder}/board"]
         emulator = running.enter_context(_process(*emulate, "--control", control, "--scans"))
         assert emulator.stdout is not None

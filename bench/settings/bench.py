@@ -44,14 +44,14 @@ from bench.settings.score import (
     usual,
 )
 from bench.slip.bench import REPORT_SEED
-from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
+from tactiled.detect.grip import slip_detector
 from tactiled.detect.grip.thresholds import SlipThresholds
 from tactiled.detect.slip.detector import SETTINGS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 POSTERIOR_SETTINGS: Mapping[str, SlipThresholds] = {
-    name: SlipThresholds(params.incipient_p, params.gross_p) for name, params in GRIP_SETTINGS.items()
+    f"grip-{name}": at for name, at in slip_detector.SETTINGS.items()
 }
 """Settings of the contact model."""
 

@@ -51,15 +51,16 @@ struct Slip {
     double direction_deg = 0.0;
     // Standard deviation of direction_deg, degrees; 180 where the direction is not known.
     double direction_sd_deg = 0.0;
-    // Agreement of the channels, 0 to 1, not a probability: the part of the change that is opposed within
-    // pairs of channels, times how well the taxels agree. Halved where the beginning of the contact was not
-    // seen, and after a gap.
+    // Probability that a tenth of the contact area slips (incipient) or all of it (gross), from the
+    // detectors grip and sliding. From wang2019, not a probability: agreement of the channels, 0 to 1.
     double confidence = 0.0;
     // Indices of the taxels that take part.
     std::vector<std::int64_t> taxels;
     // Name of the detector that reports the slip; several may run side by side.
     std::string detector;
-    // Quantity that the detector compared with its threshold, in its own unit.
+    // Quantity that the detector compared with its threshold: grip, the probability (the same as
+    // confidence); sliding, the logarithm of the odds or a squared ratio; wang2019, a wavelet coefficient in
+    // volts.
     double statistic = 0.0;
     // Threshold of the detector, in the same unit.
     double threshold = 0.0;

@@ -1,4 +1,4 @@
-"""Commands on the user's own data: detect events in a file, and tune slip parameters."""
+"""Commands on the user's own data: detect events in a file, and tune the slip detector."""
 
 import gc
 from pathlib import Path
@@ -230,8 +230,8 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
 )
 @click.option("--motion", type=FILE, help="File of the object moved as in normal work, without slip.")
 @click.option(
-    "--false-alarms-per-hour", "per_hour", default=1.0, show_default=True,
-    type=click.FloatRange(0, 3600, min_open=True), help="Acceptable rate of false alarms.",
+    "--reports-per-hour", "per_hour", default=60.0, show_default=True,
+    type=click.FloatRange(0, 3600, min_open=True), help="Acceptable rate of slip reports without slip.",
 )  # fmt: skip
 @click.option(
     "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Duration of the hold."
@@ -247,14 +247,6 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
-@click.option(
-    "--jobs",
-    default=1,
-    show_default=True,
-    type=click.IntRange(1),
-    help="With files: settings evaluated at a time.",
-)
-@click.option("--dask", metavar="ADDRESS", help="With files: use the workers of this Dask scheduler.")
 @KEYS
 def tune(
     endpoint: str,
@@ -265,11 +257,9 @@ def tune(
     motion_s: float,
     array: str | None,
     topic: str | None,
-    jobs: int,
-    dask: str | None,
     keys: Path | None,
 ) -> None:
-    """Propose slip parameters from your own noise and motion, with false alarms and latency of each setting.
+    """Count what each setting reports in your own hold and motion; propose a setting and the friction.
 
     Listens to a running daemon while you hold an object still, then move it without slip; or takes two files.
     Prints a report and TOML to stderr, and all numbers as one JSON line to stdout.
@@ -278,15 +268,11 @@ def tune(
     """
     if (quiet is None) != (motion is None):
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
-    if (jobs > 1 or dask) and quiet is None:
-        raise click.UsageError("--jobs and --dask are for files: a daemon on this host needs its cores")
-    if dask is not None:
-        need_extra("distributed", "dask", "tune --dask")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
     from tactiled.tune.run import tune_files, tune_live
 
     if quiet is not None and motion is not None:
-        tune_files(quiet, motion, array, per_hour, topic, jobs, dask)
+        tune_files(quiet, motion, array, per_hour, topic)
     else:
         tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)

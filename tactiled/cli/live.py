@@ -130,7 +130,7 @@ def command(
     NAME is tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark or state; for
     the fields see protocols/control.md.
 
-    Example: tactiled command thresholds slip.false_alarms_per_hour=0.5
+    Example: tactiled command thresholds grip.incipient_p=0.5
     """
     from tactiled.client.commander import Commander, fields_of
 

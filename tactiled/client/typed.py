@@ -69,16 +69,17 @@ class SlipData(TypedDict):
     direction_sd_deg: float
     """Standard deviation of direction_deg, degrees; 180 where the direction is not known."""
     confidence: float
-    """Agreement of the channels, 0 to 1, not a probability: the part of the change that is opposed within
-    pairs of channels, times how well the taxels agree. Halved where the beginning of the contact was not
-    seen, and after a gap.
+    """Probability that a tenth of the contact area slips (incipient) or all of it (gross), from the detectors
+    grip and sliding. From wang2019, not a probability: agreement of the channels, 0 to 1.
     """
     taxels: list[int]
     """Indices of the taxels that take part."""
     detector: str
     """Name of the detector that reports the slip; several may run side by side."""
     statistic: float
-    """Quantity that the detector compared with its threshold, in its own unit."""
+    """Quantity that the detector compared with its threshold: grip, the probability (the same as confidence);
+    sliding, the logarithm of the odds or a squared ratio; wang2019, a wavelet coefficient in volts.
+    """
     threshold: float
     """Threshold of the detector, in the same unit."""
     valid: bool

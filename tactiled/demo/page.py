@@ -27,8 +27,6 @@ array = "wang2019-3x3"
 endpoints = ["ipc://{folder}/events.ipc"]
 [detect.texture]
 speed_mm_s = 1.0
-[detect.grip]
-enabled = true
 """
 
 

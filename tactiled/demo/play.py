@@ -49,8 +49,6 @@ array = "wang2019-3x3"
 endpoints = ["{endpoint}"]
 [detect.texture]
 speed_mm_s = {speed}
-[detect.grip]
-enabled = true
 """
 
 

@@ -12,14 +12,13 @@ from pydantic import Field, model_validator
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grip.slip_detector import GRIP_SETTINGS, GripSlip
+from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
 from tactiled.detect.sliding.detector import LOOKS_BACK_S, SlidingSlip
-from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.detect.worker import InPlace, Worker
@@ -28,7 +27,15 @@ from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
-Setting = Literal["fast", "balanced", "quiet", "grip", "grip-fast", "grip-quiet", "wang2019"]
+Setting = Literal["fast", "balanced", "quiet", "wang2019"]
+
+
+_FORMER_SETTINGS = {"grip-fast": "fast", "grip": "balanced", "grip-quiet": "quiet"}
+_NO_SLIP_TABLE = (
+    "the table slip is gone, with false_alarms_per_hour, least_shear and gross_shear: slips come from the "
+    "contact model; remove the table and choose detect.setting, or incipient_p and gross_p in detect.grip; "
+    "levels of the contact are in detect.grip.contact"
+)
 
 
 class Wang2019Params(Params):
@@ -43,10 +50,9 @@ class DetectParams(Params):
 
     setting: Setting = Field(
         default="balanced",
-        description="trade of latency against false alarms; grip, grip-fast, grip-quiet: slips from the "
-        "contact model, by probability; wang2019: the published methods, as published",
+        description="probabilities from which slip is reported, lower ones earlier and more often wrong; "
+        "wang2019: the published methods, as published",
     )
-    slip: CoherentParams = Field(default=CoherentParams(), description="default: the values of the setting")
     texture: JointParams = JointParams()
     grip: GripParams = GripParams()
     wang2019: Wang2019Params = Wang2019Params()
@@ -54,33 +60,23 @@ class DetectParams(Params):
     @model_validator(mode="before")
     @classmethod
     def _as_the_setting_says(cls, document: Any) -> Any:
-        """Complete the tables `slip` and `grip` with the values of the setting."""
+        """Complete the table `grip` with the probabilities of the setting; refuse keys that are gone."""
         if not isinstance(document, Mapping):
             return document
-        setting = str(document.get("setting", "balanced"))
-        named: dict[str, Params | None] = {"slip": SETTINGS.get(setting), "grip": GRIP_SETTINGS.get(setting)}
-        completed = {
-            table: _over(values.model_dump(), document.get(table, {}))
-            for table, values in named.items()
-            if values is not None
-        }
-        return {**document, **completed}
+        if "slip" in document:
+            raise ValueError(_NO_SLIP_TABLE)
+        setting, given = str(document.get("setting", "balanced")), document.get("grip", {})
+        if setting in _FORMER_SETTINGS:
+            raise ValueError(f"setting {setting!r} is now called {_FORMER_SETTINGS[setting]!r}")
+        if setting not in SETTINGS or not isinstance(given, Mapping):
+            return document
+        at = SETTINGS[setting]
+        return {**document, "grip": {"incipient_p": at.incipient, "gross_p": at.gross, **given}}
 
     @property
     def in_use(self) -> str:
         """Dotted prefix of the tables that the setting reads; empty for the tables of this model."""
         return "wang2019." if self.setting == "wang2019" else ""
-
-
-def _over(table: dict[str, Any], given: Any) -> Any:
-    """Merge nested tables: the values of `given` replace those of `table`.
-
-    A `given` that is no table is returned unchanged, so that validation can refuse it.
-    """
-    if not isinstance(given, Mapping):
-        return given
-    merged = {k: _over(table[k], v) if isinstance(table.get(k), dict) else v for k, v in given.items()}
-    return table | merged
 
 
 class SlipDetector(Detector, Protocol):
@@ -208,21 +204,15 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
     return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
 
 
-def _coherent_slip(array: Array, params: DetectParams) -> SlipDetector:
-    """Make the slip detector; where shear over pressure is not measured, with what sliding itself shows."""
-    coherent = CoherentSlip(array, params.slip)
-    return coherent if _measures_ratio(array) else SlidingSlip(array, coherent)
-
-
-def _grip_slip(array: Array, params: DetectParams) -> SlipDetector:
+def _model_slip(array: Array, params: DetectParams) -> SlipDetector:
     """Make the slip detector of the contact model, which needs shear over load, or what sliding shows."""
-    if _measures_ratio(array):
+    if measures_ratio(array):
         return GripSlip(array, params.grip)
-    # Grip events, where these are enabled, come from a detector of their own.
-    return SlidingSlip(array, GripSlip(array, params.grip.model_copy(update={"enabled": False})))
+    # Grip events, where these are published, come from a detector of their own.
+    return SlidingSlip(array, GripSlip(array, params.grip.model_copy(update={"publish": False})))
 
 
-def _measures_ratio(array: Array) -> bool:
+def measures_ratio(array: Array) -> bool:
     """Return True if the array measures shear over load.
 
     Beside shears, a field along z is no load. Sides in uT are: their sum is all that presses.
@@ -231,18 +221,14 @@ def _measures_ratio(array: Array) -> bool:
     return array.has_shear and bool(array.normal_weights().any()) and not is_field
 
 
-_COHERENT = DetectorFactories(slip=_coherent_slip, texture=_joint_texture)
-_GRIP = DetectorFactories(slip=_grip_slip, texture=_joint_texture)
+_MODEL = DetectorFactories(slip=_model_slip, texture=_joint_texture)
 _WANG2019 = DetectorFactories(
     slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
 )
 REGISTRY: Mapping[Setting, DetectorFactories] = {
-    "fast": _COHERENT,
-    "balanced": _COHERENT,
-    "quiet": _COHERENT,
-    "grip": _GRIP,
-    "grip-fast": _GRIP,
-    "grip-quiet": _GRIP,
+    "fast": _MODEL,
+    "balanced": _MODEL,
+    "quiet": _MODEL,
     "wang2019": _WANG2019,
 }
 """Detectors of each setting; settings that share detectors differ in their parameters."""
@@ -286,7 +272,7 @@ def build_methods(
         texture = texture if sliding is None else KnownSlidingTexture(texture, sliding)
     needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
     slip = factories.slip(array, params) if needs_slip else None
-    asks_grip = params.grip.enabled and "grip" in topics
+    asks_grip = params.grip.publish and "grip" in topics
     # The slip detector of the contact model publishes the grip events itself.
     grip = GripDetector(array, params.grip) if asks_grip and not isinstance(slip, GripSlip) else None
     return DetectorPair(slip, texture, grip)

@@ -209,12 +209,14 @@ class TunedSuite:
         self._load_changes.announce(now_s, duration_s)
 
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
-        """Change parameters of the detectors by dotted name, as in ``slip.least_shear``."""
+        """Change parameters of the detectors by dotted name, as in ``grip.incipient_p``."""
         document = self.params.model_dump(exclude_none=True)
+        is_published = self.params.setting == "wang2019"
+        slip = "slip" if is_published else "grip"
         for name, value in values.items():
-            place = document["wang2019"] if self.params.setting == "wang2019" else document
-            if name.split(".")[0] not in ("slip", "texture"):
-                return f"{name}: names begin with slip or texture", []
+            place = document["wang2019"] if is_published else document
+            if name.split(".")[0] not in (slip, "texture"):
+                return f"{name}: names begin with {slip} or texture", []
             *tables, key = name.split(".")
             for table in tables:
                 place = place.setdefault(table, {})

@@ -1,4 +1,4 @@
-"""Picture of a log: readings, slip criterion and events, with the ground truth where known."""
+"""Picture of a log: readings, margin to slip and events, with the ground truth where known."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.wang2019.spectrum import spectrum
 from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
-from tactiled.plots.criterion import draw_criterion
+from tactiled.plots.coefficients import draw_coefficients
 from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, refusal_reason
 from tactiled.plots.margin import KnownMargin, draw_margin
 from tactiled.plots.palette import CHANNELS, GROOVES, SLIP, TRUTH
@@ -67,7 +67,9 @@ def draw_log(
     channel_offset_s: FloatArray | None = None,
     truth: KnownTruth | None = None,
 ) -> None:
-    """Draw the readings of a taxel, the slip criterion, the margin to slip, groove estimates and their fit.
+    """Draw the readings of a taxel, the margin to slip, groove estimates and their fit.
+
+    With the published methods, the wavelet coefficients that they compare with a threshold are drawn as well.
 
     Parameters
     ----------
@@ -94,8 +96,10 @@ def draw_log(
     channels = np.flatnonzero(array.channel_taxel == taxel)[: len(CHANNELS)]
     last_row = ["o"] * bool(onsets) + ["s"] * bool(textures)
     grips = [e for e in events if isinstance(e, GripEvent)]
+    is_published = params.setting == "wang2019"
     rows = (
-        ["vv", "cc"]
+        ["vv"]
+        + ["cc"] * is_published
         + ["gg"] * bool(grips)
         + ["pa", "mf"] * bool(answers)
         + ["".join((last_row * 2)[:2])] * bool(last_row)
@@ -107,11 +111,12 @@ def draw_log(
     _draw_readings(axes["v"], array, channels, time_s - origin_s, volts)
     parts = to_blocks(time_s, volts, None, array.in_range(volts))
     blocks = [part for part in parts if isinstance(part, ScanBlock)]
-    draw_criterion(axes["c"], array, channels, blocks, origin_s, params)
+    if is_published:
+        draw_coefficients(axes["c"], array, channels, blocks, origin_s, params.wang2019.slip)
     spans = list(_spans(slips, float(time_s[-1])))
     if grips:
         draw_margin(axes["g"], grips, truth.margin, origin_s)
-    for name in "vcg" if grips else "vc":
+    for name in "v" + "c" * is_published + "g" * bool(grips):
         _mark_slips(axes[name], spans, truth, origin_s)
         axes[name].set_xlim(0, float(time_s[-1]) - origin_s)
         axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)

@@ -1,5 +1,5 @@
-"""`tactiled tune`: derive slip parameters from the user's own noise and motion.
+"""`tactiled tune`: count slip reports in the user's own hold and motion, and propose setting and friction.
 
-`tail`, `onset`, `hold` and `study` are numerics, `files` and `live` read recordings, `words` formats the
+`rates`, `hold` and `study` are numerics, `files` and `live` read recordings, `words` formats the
 result.
 """

@@ -15,7 +15,7 @@ from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock
 
-# A shorter contact has no room for an onset after the detector has settled (`onset`).
+# A shorter contact shows less than the model needs: 0.6 s for its zero, then a second to settle.
 LEAST_S = 4.0
 LOADING_S = 1.0  # after first contact, excluded from the hold: the press itself, and creep of the skin
 

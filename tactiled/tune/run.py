@@ -1,13 +1,11 @@
 """``tactiled tune``: read two recordings, evaluate them and print the result."""
 
 import json
-from concurrent.futures import Executor
 from pathlib import Path
 
 import click
 
 from tactiled.errors import ConfigError
-from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
@@ -20,14 +18,10 @@ def tune_files(
     quiet: Path,
     motion: Path,
     array: str | None,
-    wanted_per_hour: float,
+    accepted_per_hour: float,
     topic: str | None = None,
-    jobs: int = 1,
-    dask: str | None = None,
 ) -> None:
     """Evaluate files of a quiet hold and of motion without slip; JSON to stdout, report to stderr.
-
-    More than one of `jobs`, or a Dask cluster, evaluates several settings at once.
 
     Raises
     ------
@@ -38,11 +32,7 @@ def tune_files(
     if first.array.channel_name != second.array.channel_name:
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])
-    if jobs == 1 and dask is None:
-        judge(first, second, wanted_per_hour)
-        return
-    with executor(jobs, dask) as workers:
-        judge(first, second, wanted_per_hour, workers)
+    judge(first, second, accepted_per_hour)
 
 
 def tune_live(
@@ -51,19 +41,17 @@ def tune_live(
     motion_s: float,
     array: str | None,
     keys: Path | None,
-    wanted_per_hour: float,
+    accepted_per_hour: float,
 ) -> None:
     """Record both from a running daemon and evaluate them; see `live.record_live`."""
     quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, _tell)
-    judge(quiet, motion, wanted_per_hour)
+    judge(quiet, motion, accepted_per_hour)
 
 
-def judge(
-    quiet: Recording, motion: Recording, wanted_per_hour: float, workers: Executor | None = None
-) -> None:
+def judge(quiet: Recording, motion: Recording, accepted_per_hour: float) -> None:
     """Evaluate two recordings and print the result."""
     with ProgressBar("tune", N_STAGES) as bar:
-        found = study(quiet, motion, wanted_per_hour, bar.advance, workers)
+        found = study(quiet, motion, accepted_per_hour, bar.advance)
     _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
     click.echo(json.dumps(as_map(found), allow_nan=False))
 

@@ -4,76 +4,53 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
-from tactiled.detect.slip.alarm_rate import rate_at
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.tune.hold import Recording
-from tactiled.tune.study import (
-    NOISE_PER_HOUR,
-    ONSETS,
-    SHEARS,
-    WEAK_SHEAR,
-    AlarmCount,
-    Latency,
-    Setting,
-    Study,
-)
-from tactiled.tune.tail import AlarmTail, rate_interval
+from tactiled.tune.rates import rate_interval
+from tactiled.tune.study import ReportCount, Study
 
 
 def in_words(found: Study) -> str:
     """Format the report as text, one paragraph per subject."""
-    parts = [_recordings(found), _noise(found), _settings(found), _tails(found), _proposal(found)]
-    parts.append(_by_probability(found))
-    return "\n\n".join(parts)
+    return "\n\n".join([_recordings(found), _noise(found), _settings(found), _proposal(found)])
 
 
 def as_toml(found: Study) -> str:
     """Format the proposed parameters for tactiled.toml."""
-    params = found.proposed.params
-    return (
-        "[detect.slip]\n"
-        f"false_alarms_per_hour = {params.false_alarms_per_hour:g}\n"
-        f"least_shear = {params.shear:g}\n"
-    )
+    text = f'[detect]\nsetting = "{found.proposed}"\n'
+    if found.friction is not None:
+        text += (
+            f"\n[detect.grip]\nfriction = {found.friction.median:.3g}\n"
+            f"friction_log_sd = {found.friction.log_sd:.2g}\n"
+        )
+    return text
 
 
 def as_map(found: Study) -> dict[str, Any]:
-    """Map of all results for JSON; unknown values and missed detections are null."""
+    """Map of all results for JSON; unknown values are null."""
     names = found.quiet.array.channel_name
-    low, high = rate_interval(_proposed_alarms(found), _motion_hours(found))
     return {
         "array": found.quiet.array.name,
-        "false_alarms_per_hour": found.wanted_per_hour,
+        "accepted_per_hour": found.accepted_per_hour,
         "quiet": _recording_map(found.quiet, found.hold_s),
         "motion": _recording_map(found.motion, found.motion_s),
         "noise_sd_v": dict(zip(names, _numbers(found.noise_sd_v.tolist()), strict=True)),
-        "noise_ladder": {
-            "false_alarms_per_hour": list(NOISE_PER_HOUR),
-            "alarms": list(found.noise_alarms),
-            "restless": found.restless,
-        },
-        "shear_ladder": {
-            "least_shear": list(SHEARS),
-            "alarms": list(found.shear_alarms),
-            "silent_from": found.silent_shear,
-            "tail": _tail_map(found.shear_tail),
-        },
-        "settings": {name: _setting_map(setting) for name, setting in found.settings.items()},
-        "by_probability": {
+        "settings": {
             name: {
-                "incipient_p": GRIP_SETTINGS[name].incipient_p,
-                "gross_p": GRIP_SETTINGS[name].gross_p,
-                "alarms_motion": vars(alarms),
+                "incipient_p": SETTINGS[name].incipient,
+                "gross_p": SETTINGS[name].gross,
+                "quiet": vars(reports.quiet),
+                "motion": vars(reports.motion),
+                "per_hour": _interval_map(found, reports.motion.total),
+                "gross_per_hour": _interval_map(found, reports.motion.gross),
             }
-            for name, alarms in found.by_probability.items()
+            for name, reports in found.settings.items()
         },
         "proposed": {
-            "false_alarms_per_hour": found.proposed.params.false_alarms_per_hour,
-            "least_shear": found.proposed.params.shear,
-            "least_shear_by_tail": dict(zip(("value", "low", "high"), found.least_shear, strict=True)),
-            "proven_per_hour": {"low": low, "high": high},
-            "extrapolated": _is_extrapolated(found),
-            "out_of_reach": found.out_of_reach,
+            "setting": found.proposed,
+            "is_accepted": found.is_accepted,
+            "friction": None if found.friction is None else found.friction.median,
+            "friction_log_sd": None if found.friction is None else found.friction.log_sd,
         },
     }
 
@@ -86,10 +63,10 @@ def _recordings(found: Study) -> str:
             f"{what}: {contact_s:.1f} s of contact in {recording.seconds:.1f} s ({recording.name}); "
             f"{recording.lost} scans lost, {recording.late} late"
         )
-    if found.restless:
+    if least := min(reports.quiet.total for reports in found.settings.values()):
         lines.append(
-            f"the hold was not quiet: {found.noise_alarms[-1]} alarms even at the strictest threshold; "
-            "support the hand, hold still and run again"
+            f"the hold was not quiet: every setting reports {least} slips or more in it; support the hand, "
+            "hold still and run again"
         )
     return "\n".join(lines)
 
@@ -109,35 +86,16 @@ def _noise(found: Study) -> str:
 
 
 def _settings(found: Study) -> str:
-    hours = _motion_hours(found)
-    alarms = [["setting", "least_shear", "false alarms in the motion", "per hour, 95 %"]]
-    latency = [["first event (ms)", *(f"{kind}, {where}" for kind in ONSETS for where in ("hold", "motion"))]]
-    for name, setting in found.settings.items():
-        between = _between(*rate_interval(setting.motion.count, hours))
-        alarms.append([name, f"{setting.params.shear:.3g}", _alarms(setting.motion), between])
-        cells = [
-            _latency(setting.latency.get((where, kind))) for kind in ONSETS for where in ("quiet", "motion")
-        ]
-        latency.append([name, *cells])
-    kinds = ", ".join(f"{name}: within {onset.rise_s:g} s" for name, onset in ONSETS.items())
-    return (
-        f"{_table(alarms)}\n\n{_table(latency)}\n"
-        f"Median latency and its 95 % interval for slips injected into your recordings: shear grows to "
-        f"{WEAK_SHEAR:g} of the pressure along Mindlin's curve ({kinds}). Real slips are detected later."
-    )
-
-
-def _by_probability(found: Study) -> str:
-    hours = _motion_hours(found)
-    rows = [["detect.setting", "incipient p", "gross p", "reports in the motion", "per hour, 95 %"]]
-    for name, alarms in found.by_probability.items():
-        params = GRIP_SETTINGS[name]
-        between = _between(*rate_interval(alarms.count, hours))
-        rows.append([name, f"{params.incipient_p:g}", f"{params.gross_p:g}", _alarms(alarms), between])
+    rows = [["setting", "incipient p", "gross p", "reports in the hold", "in the motion", "per hour, 95 %"]]
+    for name, reports in found.settings.items():
+        at = SETTINGS[name]
+        between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))
+        counts = [_reports(reports.quiet), _reports(reports.motion)]
+        rows.append([name, f"{at.incipient:g}", f"{at.gross:g}", *counts, between])
     return (
         f"{_table(rows)}\n"
-        "Slips reported by the contact model in the same motion (docs/grip.md). While an object stays in the "
-        "hand, a tenth of the contact area may well slip: only what is reported as gross is false."
+        "Nothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
+        "since a tenth of the contact area may slip in an object that stays in the hand."
     )
 
 
@@ -147,93 +105,40 @@ def _table(rows: list[list[str]]) -> str:
     return "\n".join(lines)
 
 
-def _tails(found: Study) -> str:
-    asked = ", ".join(
-        f"{n} at {rate:g} per hour" for rate, n in zip(NOISE_PER_HOUR, found.noise_alarms, strict=True)
-    )
-    expected = NOISE_PER_HOUR[0] * found.hold_s / 3600
-    steps = [f"{n} at {s:g}" for s, n in zip(SHEARS, found.shear_alarms, strict=True) if n]
-    return (
-        f"alarms in the hold by allowed rate: {asked} (up to {expected:.0f} are expected at the first)\n"
-        f"alarms in the motion by least_shear: {', '.join(steps) or 'none at any value'}"
-    )
-
-
 def _proposal(found: Study) -> str:
-    seconds, wanted = found.motion_s, found.wanted_per_hour
-    alarms = _proposed_alarms(found)
-    _, high = rate_interval(alarms, _motion_hours(found))
-    there = rate_at(found.proposed.params.shear)
+    n, accepted = found.settings[found.proposed].motion.total, found.accepted_per_hour
+    _, high = found.interval(n)
+    which = "the earliest setting" if found.is_accepted else "even the strictest setting has more"
     lines = [
-        f"proposed for {wanted:g} false alarms per hour: least_shear {found.proposed.params.shear:g}, "
-        f"false_alarms_per_hour {found.proposed.params.false_alarms_per_hour:g}",
-        f"an emulated hand that announces no motion causes {_rate(there)} per hour there (docs/slip.md)",
+        f"proposed for {accepted:g} reports per hour: {found.proposed} ({which})",
+        f"measured: {n} reports in {found.motion_s:.0f} s of motion, so at most {_rate(high)} per hour at "
+        f"95 % ({'3 / T, the rule of three' if n == 0 else 'Poisson'})",
     ]
-    proof = "3 / T, the rule of three" if alarms == 0 else "Poisson"
-    lines.append(
-        f"measured: {alarms} alarms in {seconds:.0f} s of motion, so at most {_rate(high)} per hour at 95 % "
-        f"({proof})"
-    )
-    if high > wanted:
-        hours = rate_interval(0, 1.0)[1] / wanted
+    if high > accepted:
+        hours = rate_interval(0, 1.0)[1] / accepted
         lines.append(
-            f"this does not prove {wanted:g} per hour; {hours:.3g} h of such motion without an alarm would"
+            f"this does not prove {accepted:g} per hour; {hours:.3g} h of such motion without a report would"
         )
-    if found.shear_tail is not None and _is_extrapolated(found):
-        value, low, top = found.least_shear
+    if not found.is_accepted:
         lines.append(
-            f"extrapolated from {found.shear_tail.count} alarms above {found.shear_tail.start:g} with an "
-            f"exponential tail: least_shear {value:.2f}, 95 % interval {low:.2f} to {top:.2f}"
+            "announce such motion (tactiled command inhibit, expect-load-change) and tune on the rest"
         )
-    elif found.shear_tail is None:
+    if found.friction is None:
+        lines.append("friction: these contacts tell no more about it than the prior")
+    else:
         lines.append(
-            "no alarm at any threshold in this motion, so nothing can be extrapolated; move as in hard work"
-        )
-    if found.out_of_reach:
-        lines.append(
-            f"out of reach: {wanted:g} per hour would need more shear than the {WEAK_SHEAR:g} of a weak "
-            "slip, so the proposed values do not reach it; announce such motion (tactiled command inhibit, "
-            "expect-load-change) and tune on the rest"
+            f"friction of this object: {found.friction.median:.3g} (shear over load at which it slips), "
+            f"standard deviation of its logarithm {found.friction.log_sd:.2g}; omit it where objects change"
         )
     return "\n".join(lines)
 
 
-def _motion_hours(found: Study) -> float:
-    return found.motion_s / 3600
-
-
-def _proposed_alarms(found: Study) -> int:
-    return found.proposed.motion.count
-
-
-def _is_extrapolated(found: Study) -> bool:
-    """Return True if the wanted rate is below what this duration of motion could show."""
-    return found.shear_tail is not None and found.wanted_per_hour < rate_interval(0, _motion_hours(found))[1]
-
-
-def _alarms(alarms: AlarmCount) -> str:
-    return f"{alarms.count}" + (f", {alarms.gross} gross" if alarms.gross else "")
-
-
-def _between(low: float, high: float) -> str:
-    return f"{_rate(low)} to {_rate(high)}"
+def _reports(count: ReportCount) -> str:
+    return f"{count.total}" + (f", {count.gross} gross" if count.gross else "")
 
 
 def _rate(per_hour: float) -> str:
     return f"{per_hour:.0f}" if per_hour >= 10 else f"{per_hour:.2g}"
-
-
-def _latency(latency: Latency | None) -> str:
-    if latency is None:
-        return "-"
-    missed = f", {latency.missed} of {latency.tried} missed" if latency.missed else ""
-    if latency.missed == latency.tried:
-        return "never"
-    return f"{_ms(latency.median_s)} ({_ms(latency.low_s)} to {_ms(latency.high_s)}){missed}"
-
-
-def _ms(seconds: float) -> str:
-    return f"{seconds * 1e3:.0f}" if np.isfinite(seconds) else "never"
 
 
 def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
@@ -246,36 +151,9 @@ def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
     }
 
 
-def _setting_map(setting: Setting) -> dict[str, Any]:
-    latency = [
-        {
-            "in": where,
-            "slip": name,
-            "shear": ONSETS[name].shear,
-            "rise_s": ONSETS[name].rise_s,
-            **dict(
-                zip(
-                    ("median_s", "low_s", "high_s"),
-                    _numbers([entry.median_s, entry.low_s, entry.high_s]),
-                    strict=True,
-                )
-            ),
-            "tried": entry.tried,
-            "missed": entry.missed,
-        }
-        for (where, name), entry in setting.latency.items()
-    ]
-    return {
-        "least_shear": setting.params.shear,
-        "false_alarms_per_hour": setting.params.false_alarms_per_hour,
-        "alarms_quiet": vars(setting.quiet),
-        "alarms_motion": vars(setting.motion),
-        "latency": latency,
-    }
-
-
-def _tail_map(tail: AlarmTail | None) -> dict[str, Any] | None:
-    return None if tail is None else {"start": tail.start, "count": tail.count, "scale": tail.scale}
+def _interval_map(found: Study, count: int) -> dict[str, float]:
+    low, high = found.interval(count)
+    return {"value": count / (found.motion_s / 3600), "low": low, "high": high}
 
 
 def _numbers(values: list[float]) -> list[float | None]:

@@ -53,8 +53,6 @@ def registered() -> dict[str, Callable[[Array], Detector]]:
             wang2019=Wang2019Params(texture=TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=SPEED_MM_S)),
         )
         made[f"{setting}-slip"] = functools.partial(build_slip_detector, params=params)
-        if setting == "grip":  # its texture estimator is that of the default
-            continue
         made[f"{setting}-slip-and-texture"] = functools.partial(build_methods, params=params)
     return made
 
@@ -70,7 +68,7 @@ ONE_TAXEL = build(
         ],
     )
 )
-SLOW = {"grip-slip": 3}  # examples of a hypothesis test: a scan takes three times that of the others
+SLOW = {"balanced-slip": 3, "balanced-slip-and-texture": 3}  # examples of a hypothesis test
 CASES = [
     (load_array("wang2019-3x3"), 100.0),
     (load_array("normal-4x4"), 35.7),

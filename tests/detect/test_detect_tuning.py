@@ -23,7 +23,7 @@ OFFSET = np.linspace(-0.3, 0.45, 36)  # a zero that has drifted
 
 
 def suite(**params: Any) -> TunedSuite:
-    return TunedSuite(WANG, DetectParams(setting="wang2019", **params))
+    return TunedSuite(WANG, DetectParams(setting="wang2019", grip=GripParams(publish=False), **params))
 
 
 def shifted(block: ScanBlock) -> ScanBlock:
@@ -38,7 +38,7 @@ def rest(n: int = 100) -> ScanBlock:
 @given(cuts=splits(len(TOUCH)))
 @settings(deadline=None, max_examples=10)
 def test_untouched_it_passes_everything_through(cuts: list[int]) -> None:
-    plain = build_suite(WANG, DetectParams(setting="wang2019"))
+    plain = build_suite(WANG, DetectParams(setting="wang2019", grip=GripParams(publish=False)))
     blocks = pieces(TOUCH, cuts)
     assert run(suite(), blocks) == run(plain, blocks)
 
@@ -229,7 +229,7 @@ def test_a_threshold_holds_from_the_next_scan_on() -> None:
     assert tuned.params.wang2019.slip.contact.contact_volts == 0.6
     assert tuned.set_thresholds({"slip.threshold_volts": 10.0}) == ("", [])  # as it is already
     tuned.reset()
-    assert tuned.params == DetectParams(setting="wang2019")
+    assert tuned.params == suite().params
 
 
 def test_speed_holds_through_a_change_of_thresholds() -> None:
@@ -298,7 +298,7 @@ def test_the_same_calls_between_the_same_scans_bring_the_same_events(
 
 
 def test_an_inhibition_covers_grip_messages_of_its_time_only() -> None:
-    params = DetectParams(grip=GripParams(enabled=True))
+    params = DetectParams()
     plain = [e for e in TunedSuite(WANG, params).process(TOUCH) if isinstance(e, GripEvent)]
     tuned = TunedSuite(WANG, params)
     tuned.inhibit(103.0, 0.5)
@@ -310,7 +310,7 @@ def test_an_inhibition_covers_grip_messages_of_its_time_only() -> None:
 
 
 def test_grip_messages_leave_the_other_events_alone() -> None:
-    with_grip = TunedSuite(WANG, DetectParams(grip=GripParams(enabled=True))).process(TOUCH)
+    with_grip = TunedSuite(WANG, DetectParams()).process(TOUCH)
     others = [e for e in with_grip if not isinstance(e, GripEvent)]
-    assert others == TunedSuite(WANG, DetectParams()).process(TOUCH)
+    assert others == TunedSuite(WANG, DetectParams(grip=GripParams(publish=False))).process(TOUCH)
     assert [e.evidence_s for e in with_grip] == sorted(e.evidence_s for e in with_grip)

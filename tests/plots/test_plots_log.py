@@ -1,4 +1,4 @@
-"""Picture of a whole log: slip spans, the slip criterion, and the spectrum of a refusal."""
+"""Picture of a whole log: slip spans, the margin, published coefficients, the spectrum of a refusal."""
 
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,8 @@ from tactiled.array import FloatArray, load_array
 from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent, TextureEvent
 from tactiled.plots import log as log_module
-from tactiled.plots.criterion import shear_growth
 from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.plots.margin import KnownMargin
-from tactiled.recording.table import to_blocks
-from tactiled.samples.block import ScanBlock
 
 ARRAY = load_array("wang2019-3x3")
 TIME_S = np.arange(400) / 100
@@ -31,13 +28,22 @@ def sheared(growth: float) -> FloatArray:
     return volts
 
 
-@pytest.mark.parametrize("growth", [0.05, 0.3])
-def test_the_criterion_is_the_growth_of_shear_over_pressure(growth: float) -> None:
-    volts = sheared(growth)
-    blocks = [b for b in to_blocks(TIME_S, volts, None, ARRAY.in_range(volts)) if isinstance(b, ScanBlock)]
-    found = shear_growth(ARRAY, blocks)
-    assert np.abs(found.values[TIME_S < 2.0]).max() < 1e-6
-    assert found.values[328] == pytest.approx(growth, rel=1e-3)  # the longest ramp has just this length
+def test_the_published_methods_show_their_coefficients_and_the_others_do_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Figure] = []
+
+    def kept(*args: Any, **options: Any) -> Figure:
+        figures.append(Figure(*args, **options))
+        return figures[-1]
+
+    monkeypatch.setattr(log_module, "Figure", kept)
+    for setting in ("wang2019", "balanced"):
+        params = DetectParams.model_validate({"setting": setting})
+        draw_log(tmp_path / "a.png", ARRAY, TIME_S, sheared(0.3), [], params, "a")
+    published, other = ([axis.get_ylabel() for axis in figure.axes] for figure in figures)
+    assert "coif1 level 3 (mV)" in published
+    assert other == ["readings (V)"]
 
 
 def test_a_log_with_refused_grooves_shows_slips_and_the_reason(

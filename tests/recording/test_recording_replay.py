@@ -125,7 +125,7 @@ def test_parts_lost_ports_and_commands_are_replayed(tmp_path: Path, reads: list[
         50: ("adapter", {"handover_s": 0.016}),
         100: ("tare", {"force": True}),
         300: ("speed", {"speed_mm_s": 7.0}),
-        500: ("thresholds", {"values": {"slip.false_alarms_per_hour": 0.5}}),
+        500: ("thresholds", {"values": {"grip.incipient_p": 0.5}}),
         600: ("inhibit", {"duration_s": 0.3}),
         650: ("adapter", {"handover_s": None}),
     }

@@ -28,9 +28,7 @@ def process(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
 def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     config = tmp_path / "hold.toml"
-    config.write_text(
-        f'port.url = "{tmp_path}/board"\ndetect.grip.enabled = true\npublish.endpoints = ["{endpoint}"]\n'
-    )
+    config.write_text(f'port.url = "{tmp_path}/board"\npublish.endpoints = ["{endpoint}"]\n')
     control = f"unix://{tmp_path}/control"
     board = ("--scene", "hold", "--link", f"{tmp_path}/board", "--control", control, "--scans")
     with process("-m", "tactiled", "emulate", *board) as emulator, ExitStack() as others:

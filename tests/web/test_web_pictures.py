@@ -23,7 +23,7 @@ NAMES = {
 
 
 def test_the_page_fits_desktop_and_phone(browser: Browser, tmp_path: Path, pictures: Path | None) -> None:
-    with robot(tmp_path, CONFIG + "[detect.grip]\nenabled = true\n") as made:
+    with robot(tmp_path, CONFIG) as made:
         made.run()
         made.plug("demo")
         url = made.serve()

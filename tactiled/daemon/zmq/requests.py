@@ -135,7 +135,7 @@ class Thresholds(CommandRequest):
 
     do: Literal["thresholds"]
     values: dict[Annotated[str, Field(min_length=1, max_length=64)], float] = Field(
-        min_length=1, max_length=32, description="such as slip.false_alarms_per_hour = 0.5"
+        min_length=1, max_length=32, description="such as grip.incipient_p = 0.5"
     )
 
 

@@ -6,6 +6,7 @@ from tactiled.array import Array
 from tactiled.detect.grip.compiled_model import AnyContactModel
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
+from tactiled.detect.grip.thresholds import SlipThresholds
 from tactiled.detect.signal.contact import (
     ContactTracker,
     ContactTransition,
@@ -16,16 +17,16 @@ from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
-GRIP_SETTINGS: Mapping[str, GripParams] = {
-    "grip-fast": GripParams(incipient_p=0.5),
-    "grip": GripParams(),
-    "grip-quiet": GripParams(incipient_p=0.98, gross_p=0.5),
+SETTINGS: Mapping[str, SlipThresholds] = {
+    "fast": SlipThresholds(incipient=0.5, gross=0.25),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.25),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.5),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 
 
 class GripSlip:
-    """Detect contact and slip by the contact model; publish its grip events where these are enabled.
+    """Detect contact and slip by the contact model; publish its grip events where these are published.
 
     An array without shear or without load channels has contact events only.
 
@@ -97,7 +98,7 @@ class GripSlip:
             events += self._slip(at, touches=tracker.state != "none")
             if change := self._follow(tracker):
                 events.append(contact_event(item, row, pressure, change))
-            if grip is not None and self._params.enabled:
+            if grip is not None and self._params.publish:
                 events.append(grip)
         self._last_s = float(item.time_s[-1])
         return events
@@ -132,13 +133,13 @@ class GripSlip:
         events = self._cut_off()
         self._tracker = None
         lost = self._grip.pass_gap(gap)
-        return events + (lost if self._params.enabled else [])
+        return events + (lost if self._params.publish else [])
 
     def _forget(self) -> list[Event]:
         events = self._cut_off()
         lost = self._grip.lose_contact()
         self.reset()
-        return events + (lost if self._params.enabled else [])
+        return events + (lost if self._params.publish else [])
 
     def _cut_off(self) -> list[Event]:
         events: list[Event] = []

@@ -6,7 +6,10 @@ const FIELDS = {
   "expect-load-change": () => ({ duration_s: 0.5 }),
   mark: (root) => ({ text: root.querySelector(".mark-text").value || "mark" }),
   record: (root, board) => ({ on: board.recording === null || board.recording.state === "off" }),
-  thresholds: (root) => ({ values: { "slip.false_alarms_per_hour": Number(root.querySelector(".setting").value) } }),
+  thresholds: (root) => {
+    const [incipient, gross] = root.querySelector(".setting").value.split(" ").map(Number);
+    return { values: { "grip.incipient_p": incipient, "grip.gross_p": gross } };
+  },
   speed: (root) => ({ speed_mm_s: Number(root.querySelector(".commands .speed").value) }),
 };
 

@@ -48,7 +48,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "speed": {"speed_mm_s": 5},
     "inhibit": {"duration_s": 0.5},
     "expect-load-change": {"duration_s": 0.5},
-    "thresholds": {"values": {"slip.false_alarms_per_hour": 0.5}},
+    "thresholds": {"values": {"grip.incipient_p": 0.5}},
     "rate": {"rate_hz": 200.0},
     "record": {"on": True},
     "mark": {"text": "now"},

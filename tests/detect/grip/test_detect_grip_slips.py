@@ -1,18 +1,22 @@
 """Slip events of the contact model: order, kinds, direction, ends, and the states of the contact."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
+from tactiled.config import Config
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.rings import RingForces, mindlin_rings
-from tactiled.detect.grip.slip_detector import GRIP_SETTINGS, GripSlip
-from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
+from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.grip.thresholds import SlipsByThreshold
 from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.errors import ConfigError
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.tomlfile import parse
 
 MU = 0.7
 RATE_HZ = 100.0
@@ -200,10 +204,7 @@ def test_a_gap_ends_a_slip_with_an_event_that_is_not_valid() -> None:
 
 def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
     block = slide()[:300]
-    params = KNOWN.model_copy(update={"enabled": True})
-    events = build_methods(ARRAY, DetectParams(setting="grip", grip=params), topics=("slip", "grip")).process(
-        block
-    )
+    events = build_methods(ARRAY, DetectParams(grip=KNOWN), topics=("slip", "grip")).process(block)
     assert {event.topic for event in events} == {"slip", "contact", "grip"}
     assert slips(events) == slips(GripSlip(ARRAY, KNOWN).process(block))
     assert sum(event.topic == "grip" for event in events) == len(
@@ -212,21 +213,35 @@ def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
 
 
 def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
-    quiet = DetectParams.model_validate({"setting": "grip-quiet"}).grip
+    quiet = DetectParams.model_validate({"setting": "quiet"}).grip
     assert (quiet.incipient_p, quiet.gross_p) == (0.98, 0.5)
-    given = DetectParams.model_validate({"setting": "grip-fast", "grip": {"gross_p": 0.4}}).grip
+    given = DetectParams.model_validate({"setting": "fast", "grip": {"gross_p": 0.4}}).grip
     assert (given.incipient_p, given.gross_p) == (0.5, 0.4)
-    assert DetectParams.model_validate({"setting": "grip"}).grip == GripParams()
+    assert DetectParams().grip == DetectParams.model_validate({"setting": "balanced"}).grip == GripParams()
+
+
+@pytest.mark.parametrize(
+    ("document", "says"),
+    [
+        ({"slip": {"false_alarms_per_hour": 6.0}}, "table slip is gone.*detect.setting"),
+        ({"slip": {"contact": {"contact_volts": 0.3}}}, "levels of the contact are in detect.grip.contact"),
+        ({"setting": "grip-fast"}, "setting 'grip-fast' is now called 'fast'"),
+    ],
+)
+def test_a_configuration_of_the_former_detector_is_told_what_to_do(
+    document: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(ConfigError, match=says):
+        parse({"port": {"url": "/dev/null"}, "detect": document}, Config, "hand.toml")
 
 
 def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings() -> None:
-    settings = {name: SlipThresholds(some.incipient_p, some.gross_p) for name, some in GRIP_SETTINGS.items()}
     block = slide()
     stream: list[ScanBlock | Gap] = [block[:260], Gap(3, "missing", 263), block[263:]]
-    together = SlipsByThreshold(ARRAY, KNOWN, settings.values())
+    together = SlipsByThreshold(ARRAY, KNOWN, SETTINGS.values())
     for item in stream:
         assert together.process(item) == []
-    for at in settings.values():
+    for at in SETTINGS.values():
         alone = GripSlip(ARRAY, KNOWN.model_copy(update={"incipient_p": at.incipient, "gross_p": at.gross}))
         told = slips([event for item in stream for event in alone.process(item)])
         assert told
