@@ -24,7 +24,7 @@ from bench.report import (
     table,
 )
 from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grip.slip_detector import GRIP_SETTINGS
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
@@ -114,9 +114,7 @@ def _measure(seeds: range) -> list[tuple[str, HandCount | None]]:
 def count_reports(world: World) -> HandCount:
     """Count what the model reports of a world in which nothing slips."""
     grips = GripDetector(world.array, GripParams())
-    slips = {
-        name: PosteriorSlips(p.incipient_p, p.gross_p, world.rate_hz) for name, p in GRIP_SETTINGS.items()
-    }
+    slips = {name: PosteriorSlips(*p, world.rate_hz) for name, p in SETTINGS.items()}
     has_slipped = np.maximum.accumulate(world.utilisation) >= INCIPIENT_USED
     time_s, p_gross = [], []
     count = HandCount()
@@ -155,7 +153,7 @@ def _alarm_row(hand: str, count: HandCount) -> dict[str, str]:
 
 def _event_row(hand: str, count: HandCount) -> dict[str, str]:
     row = {"hand": hand}
-    for name in GRIP_SETTINGS:
+    for name in SETTINGS:
         here = (_rate(n[name], count.hours) for n in (count.onsets, count.gross))
         row[name] = " / ".join(here)
     return row
