@@ -23,7 +23,6 @@ BENCHES = {
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
     "hands": "bench.grip.hands",
-    "settings": "bench.settings.bench",
     "hold": "bench.hold.bench",
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
@@ -32,10 +31,10 @@ BENCHES = {
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
 }
-WITH_PLOT = ("contact", "slip", "grip", "settings", "hold", "force", "texture")
+WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
-WITH_JOBS = ("force", "grip", "hands", "hold", "settings", "slip", "texture")
-WITH_JSON = ("slip", "force", "texture", "sensors", "web")
+WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
+WITH_JSON = ("force", "texture", "sensors", "web")
 
 
 @click.command()
@@ -57,24 +56,24 @@ def bench(
 ) -> None:
     """Measure, and print tables of what was measured.
 
-    clock: errors of the instants of scans. paper: the published experiments, ours beside theirs. contact:
-    cost and errors of each contact model. latency: from a scan's last byte to a subscriber, beside a C
-    program. throughput: scans a second, files in times real time, processor and memory. boards: cost,
-    memory and latency of many boards in one process, by their number. soak: days of board time, every
-    frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip: detection
-    latency and false alarms. grip: margins and forecasts of the contact model over worlds drawn at
-    random. hands: false alarms of hands that hold, over ten hours. settings: slip events of every setting
-    of both detectors, on random worlds and families. hold: drops and grip force of a controller that
-    follows the contact model's margin, beside fixed grips and slip events. force: errors of calibrated
-    forces on rigs drawn at random, beside ridge regression and the bound. texture: errors of groove
-    estimates over the Cramer-Rao bound, and windows that break the model. sensors: slides of six kinds of
-    sensor in their own units, beside the strongest line of a spectrum. web: delays of the live page in a
-    browser, and what server and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses
-    over cut links, delays and bytes of many boards through two routers of zenoh.
+    clock: errors of the instants of scans. paper: the published experiments, ours beside theirs.
+    contact: cost and errors of each contact model. latency: from a scan's last byte to a subscriber,
+    beside a C program. throughput: scans a second, files in times real time, processor and memory.
+    boards: cost, memory and latency of many boards in one process, by their number. soak: days of board
+    time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
+    slip events of every setting, on random worlds and on the emulator's families. grip: margins and
+    forecasts of the contact model over worlds drawn at random. hands: false alarms of hands that hold,
+    over ten hours. hold: drops and grip force of a controller that follows the contact model's margin,
+    beside fixed grips and slip events. force: errors of calibrated forces on rigs drawn at random,
+    beside ridge regression and the bound. texture: errors of groove estimates over the Cramer-Rao
+    bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
+    beside the strongest line of a spectrum. web: delays of the live page in a browser, and what server
+    and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
+    bytes of many boards through two routers of zenoh.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 
-    Example: ./run bench slip --plot slip.png --json slip.json
+    Example: ./run bench slip --quick --plot slip.png
     """
     options = BenchOptions(quick, plot, numbers, ablate, dask)
     for name in names:

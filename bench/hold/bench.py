@@ -34,7 +34,7 @@ from bench.report import (
 )
 from tactiled.array import load_array
 from tactiled.detect.grip.detector import GripDetector
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.jobs import executor
@@ -113,7 +113,7 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
         return DetectorMessages(batch, lambda: GripDetector(array), "grip")
 
     def slips(batch: HeldBatch) -> Messages:
-        return DetectorMessages(batch, lambda: CoherentSlip(array, SETTINGS["balanced"]), "slip")
+        return DetectorMessages(batch, lambda: build_suite(array, DetectParams(), topics=("slip",)), "slip")
 
     def friction_known(batch: HeldBatch) -> Messages:
         return TrueFriction(batch, lambda: GripDetector(array))

@@ -1,1 +1,1 @@
-"""Slip detectors on physical scenes: latency, false alarms, cost."""
+"""Slip events of every setting, on random worlds and on the emulator's families."""

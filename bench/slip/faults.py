@@ -1,20 +1,42 @@
 """Faults of wires and bytes on a quiet hold: streams that must not raise a slip."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.slip.scenes import ADC_BITS, RATE_HZ, block_of
+from tactiled.events.types import SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 Counts = NDArray[np.int64]
 Stream = list[ScanBlock | Gap]
 Fault = Callable[[Counts, np.random.Generator], Stream]
 
+HOLD = "persistent-contact"  # family that faults are added to
 _EVERY_S = 5.0  # mean time between faults
 _TOP = 2**ADC_BITS - 1
 _RESTART_S = 0.5  # absence of the board in a restart, which the gap does not state
+
+
+@dataclass(frozen=True, eq=False)
+class FaultEvents:
+    """Slip events of one hold, by setting or name of another detector."""
+
+    fault: str
+    stream: Stream
+    by_name: Mapping[str, Sequence[SlipEvent]]
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the scans without the gaps."""
+        return sum(len(item) for item in self.stream if isinstance(item, ScanBlock)) / RATE_HZ
+
+
+def no_fault(counts: Counts, _rng: np.random.Generator) -> Stream:
+    """Leave the hold as it is."""
+    return [block_of(counts)]
 
 
 def emi_spikes(counts: Counts, rng: np.random.Generator) -> Stream:

@@ -1,81 +1,96 @@
-"""Picture of ``./run bench slip``: latency against false alarms."""
+"""Picture of ``./run bench slip``: what each setting reports, and calibration."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.slip.detectors import SWEEP_NOISE_V, Tuning, compared_detectors, sweep
-from bench.slip.growth import LATENCIES_S, Exceedances
-from bench.slip.quiet import GROUPS, QuietReading, alarm_rate
-from bench.slip.score import quantile
-from bench.slip.slips import SlipReading, bound_per_hour
-from bench.slip.tables import at_noise, latencies_s
+from bench.slip.cases import RANDOM
+from bench.slip.replay import (
+    GROSS_PS,
+    INCIPIENT_PS,
+    NAMES,
+    CaseEvents,
+    gross_curve_at,
+    incipient_curve_at,
+)
+from bench.slip.score import (
+    Reported,
+    false_onsets_per_hour,
+    gross_reported,
+    rests_called_gross,
+    slow_reported_ahead,
+    usual,
+)
+from bench.slip.tables import by_name, by_threshold, reliability_of
+from tactiled.detect.grip.thresholds import SlipThresholds
 
-_SETTING_COLOURS = ("#c0392b", "#e67e22", "#8e44ad", "#d4ac0d")
-_QUANTILES = (0.5, 0.95)
-_PUBLISHED = "paper, threshold tuned"
+_COLOURS = ("#1f77b4", "#2ca02c", "#ff7f0e", "#d62728", "#9467bd")
+_MARKERS = ("o", "s", "^", "x", "+")  # of the settings, then of other detectors
 
-Slips = Sequence[SlipReading]
+Score = Callable[[Sequence[Reported]], float]
 
 
-def draw_slip(
-    path: Path,
-    slips: Slips,
-    quiet: Sequence[QuietReading],
-    exceedances: Mapping[str, Exceedances],
-    tuning: Tuning,
-) -> None:
-    """Write the picture: what users choose from, latency against false alarms at the board's own noise.
+def _ahead(reported: Sequence[Reported]) -> float:
+    return _percent(slow_reported_ahead(usual(reported)))
 
-    A setting is a bar from its median latency to its 95 % quantile. Hollow: the hand's own motion announced.
-    """
-    figure = Figure(figsize=(9, 6.5), layout="constrained")
-    _draw_choice(figure.subplots(), slips, quiet, exceedances, tuning)
+
+def _gross(reported: Sequence[Reported]) -> float:
+    return _percent(gross_reported(usual(reported), 0.1))
+
+
+def _rests(reported: Sequence[Reported]) -> float:
+    return _percent(rests_called_gross(reported))
+
+
+def _percent(cases: Sequence[bool]) -> float:
+    return 100 * float(np.mean(cases)) if cases else float("nan")
+
+
+def draw_slip(path: Path, groups: Mapping[str, Sequence[CaseEvents]]) -> None:
+    """Write the picture. Lines: curves over the probabilities of the contact model; marks: settings."""
+    figure = Figure(figsize=(13, 4.6), layout="constrained")
+    incipient, gross, calibration = figure.subplots(1, 3)
+    for colour, (group, events) in zip(_COLOURS, groups.items(), strict=False):
+        label = group if group == RANDOM else f"families, {group}"
+        curve = [incipient_curve_at(p) for p in INCIPIENT_PS]
+        _draw(incipient, events, curve, (false_onsets_per_hour, _ahead), colour, label)
+        curve = [gross_curve_at(p) for p in GROSS_PS]
+        _draw(gross, events, curve, (_rests, _gross), colour, label)
+    for marker, name in zip(_MARKERS, NAMES, strict=False):
+        incipient.plot([], [], marker, color="#555555", label=name)
+    incipient.set(xscale="symlog", xlabel="onsets an hour where nothing slips")
+    incipient.set(ylabel="slow slips reported 100 ms ahead (%)", ylim=(0, 103), title="Incipient slip")
+    gross.set(xlabel="rests called gross (%)", ylabel="gross slips reported in 100 ms (%)", ylim=(0, 103))
+    gross.set(title="Gross slip")
+    found = reliability_of(groups[RANDOM])
+    known = found.time_s > 0
+    calibration.plot(
+        found.said_s[known] / found.time_s[known], found.seen_s[known] / found.time_s[known], "o-"
+    )
+    calibration.plot([0, 1], [0, 1], "k:", lw=1)
+    calibration.set(xlabel="probability that a tenth of the area slips", ylabel="share of the time it did")
+    calibration.set(title="Calibration while shear grows, random worlds")
+    for axes in (incipient, gross, calibration):
+        axes.grid(alpha=0.3)
+    incipient.legend(fontsize=8)
     figure.savefig(path, dpi=110)
 
 
-def _draw_choice(
+def _draw(
     axes: Axes,
-    slips: Slips,
-    quiet: Sequence[QuietReading],
-    exceedances: Mapping[str, Exceedances],
-    tuning: Tuning,
+    events: Sequence[CaseEvents],
+    curve: Sequence[SlipThresholds],
+    scores: tuple[Score, Score],
+    colour: str,
+    label: str,
 ) -> None:
-    is_tuned = GROUPS["tuned on"]
-    mine = [slip for slip in at_noise(slips, SWEEP_NOISE_V) if not slip.is_held_out]
-    quiet = [one for one in quiet if one.noise_v == SWEEP_NOISE_V and is_tuned(one.family)]
-    families = [one for name, one in exceedances.items() if is_tuned(name)]
+    def point(found: Sequence[Reported]) -> tuple[float, float]:
+        return scores[0](found), scores[1](found)
 
-    def latency_ms(name: str, part: float) -> float:
-        return 1e3 * quantile(latencies_s(mine, name), part)
-
-    def per_hour(name: str, *, is_announced: bool = False) -> float:
-        readings = [one for one in quiet if one.detector == name]
-        return alarm_rate(readings, is_announced=is_announced, with_external=not is_announced).per_hour
-
-    swept = [name for name in sweep() if mine and name in mine[0].scores]
-    swept_rates = [per_hour(name) for name in swept]
-    x = [latency_ms(name, 0.5) for name in swept]
-    axes.plot(x, swept_rates, "-", color="#555555", label="this detector at any permitted rate, median")
-    bound = [bound_per_hour(mine, families, latency_s, 0.5) for latency_s in LATENCIES_S]
-    axes.plot(1e3 * np.array(LATENCIES_S), bound, "k--", label="best possible for growth of shear, median")
-    colours = iter(_SETTING_COLOURS)
-    for name, detector in compared_detectors(tuning).items():
-        x = [latency_ms(name, part) for part in _QUANTILES]
-        if detector.is_setting:
-            colour = next(colours)
-            axes.plot(x, [per_hour(name)] * 2, "o-", color=colour, ms=8, lw=2, label=name)
-            announced = [per_hour(name, is_announced=True)] * 2
-            axes.plot(x, announced, "o-", color=colour, mfc="none", ms=8, lw=1)
-        elif name == _PUBLISHED:
-            axes.plot(x, [per_hour(name)] * 2, "s", color="#999999", ms=7)
-            axes.annotate(f"{name}:\nmedian", (x[0], per_hour(name)), (6, 6), textcoords="offset points")
-    axes.set(xscale="log", xlim=(5, 1e4), yscale="symlog", ylim=(0, 2e4))
-    axes.set_title(f"Slip: early or sure. {1e3 * SWEEP_NOISE_V:g} mV of noise, {len(mine)} slips")
-    axes.set(xlabel="first event after the beginning of shear (ms): median and 95 %")
-    axes.set(ylabel="false alarms an hour without slip (hollow: motion announced)")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9, loc="upper right")
+    x, y = zip(*(point(by_threshold(events, at)) for at in curve), strict=True)
+    axes.plot(x, y, "-", color=colour, lw=1.5, label=label)
+    for marker, name in zip(_MARKERS, NAMES, strict=False):
+        axes.plot(*point(by_name(events, name)), marker, color=colour, ms=8)

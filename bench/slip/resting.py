@@ -1,21 +1,9 @@
-"""Loads below the friction limit that come to rest, or swing: how often they are reported as gross slip.
+"""Loads below the friction limit that come to rest, or swing: scenes that must not be called gross slip.
 
-The shear of a load that comes to rest and of one that makes the contact slip is the same: it grows and stops.
-On a surface of unknown friction only the taxels' shares differ (`bench/slip/growth.py`). A detector that
-reports fewer of the one as gross may report fewer of the other, therefore the table has both.
+The total shear of a load that comes to rest and of one that makes the contact slip is the same: it grows and
+stops. On a surface of unknown friction only the taxels' shares differ.
 """
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import NamedTuple
-
-from bench.slip.detectors import CONTACT_MODEL
-from bench.slip.scenes import ARRAY, NOISES_V, play
-from bench.slip.score import complete_s, onsets
-from tactiled.detect.base import Detector
-from tactiled.detect.grip.detector import GripParams
-from tactiled.detect.grip.slip_detector import GripSlip
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
     any_direction_deg,
@@ -26,35 +14,7 @@ from tactiled.emulator.scene.families.parts import (
     made,
 )
 
-LOAD_NOISES_V = (NOISES_V[0], NOISES_V[2], NOISES_V[3])
-LOAD_DETECTORS: Mapping[str, Callable[[], Detector]] = {
-    **{f"coherent, {name}": partial(CoherentSlip, ARRAY, params) for name, params in SETTINGS.items()},
-    CONTACT_MODEL: partial(GripSlip, ARRAY, GripParams()),
-}
 _REST_S, _SWING_S, _STEPS = 1.0, 3.0, 4
-
-
-class RestingLoad(NamedTuple):
-    """One load, read by one detector at one noise: reported as gross slip or not."""
-
-    load: str
-    noise_v: float
-    detector: str
-    is_gross: bool
-
-
-def read_load(load: str, seed: int) -> list[RestingLoad]:
-    """One of `LOADS`, read at each noise by every detector; nothing where it slips nevertheless."""
-    played = play("rest", partial(loaded, load), seed)
-    if played.slip is not None:
-        return []
-    readings = []
-    for noise_v in LOAD_NOISES_V:
-        for name, build in LOAD_DETECTORS.items():
-            events = onsets(build().process(played.read(noise_v, 0)))
-            is_gross = any(e.kind == "gross" and complete_s(e) > played.press_end_s for e in events)
-            readings.append(RestingLoad(load, noise_v, name, is_gross))
-    return readings
 
 
 def loaded(load: str, seed: int) -> Scene:
@@ -85,7 +45,7 @@ def loaded(load: str, seed: int) -> Scene:
 
 
 _SWING, _IN_STEPS = "swings by 30 to 75 %", "comes in steps, to 30 to 75 %"
-# Loads as parts of the friction limit; nothing was set on those that come in steps.
+# Loads as parts of the friction limit.
 LOADS = {
     "rests at 20 to 40 %": (0.2, 0.4),
     "rests at 40 to 60 %": (0.4, 0.6),

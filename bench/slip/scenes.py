@@ -24,9 +24,7 @@ RATE_HZ = 100.0
 ADC_BITS, ADC_REFERENCE_V = 12, 3.0  # of the 2019 circuit, as `EmulatedBoardParams`
 LSB_V = ADC_REFERENCE_V / 2**ADC_BITS
 CHANNEL_STEP_S = 200e-6  # multiplexer step of the emulated board
-SCAN_SPAN_S = 35 * CHANNEL_STEP_S  # from the begin of a scan to its last channel: no detector has it earlier
-# Added to the first hold: level 6 of the wavelet bank spans 3.2 s, which must not contain the press.
-HOLD_EXTRA_S = 3.0
+HOLD_EXTRA_S = 3.0  # added to the first hold, so that the press is over and forgotten when something happens
 SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
 NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
 _MOTOR_STARTS_S = 0.5  # from rest to its speed
@@ -54,8 +52,6 @@ class PlayedScene:
         End of the first press.
     slip : FirstSlip or None
         None where no gross slip happens.
-    slipping : tuple of (start_s, end_s)
-        From the beginning of shear to the end of each time that a tenth or more of the contact slipped.
     slipping_share : (n,) float64
         Share of the contact area that slips, at the begin of each scan.
     """
@@ -65,7 +61,6 @@ class PlayedScene:
     volts: FloatArray
     press_end_s: float
     slip: FirstSlip | None
-    slipping: tuple[tuple[float, float], ...]
     announcements: tuple[Announcement, ...]
     slipping_share: FloatArray
 
@@ -120,7 +115,6 @@ def play(name: str, family: Family, seed: int) -> PlayedScene:
         volts=np.concatenate(volts),
         press_end_s=scene.phases[0].duration_s,
         slip=first_gross_slip(truth, load),
-        slipping=tuple((load.shear_s(e), e.end_s) for e in truth.episodes),
         announcements=announcements(scene),
         slipping_share=np.concatenate(shares),
     )

@@ -1,169 +1,185 @@
-"""Scores of slip events against truth: latency, misses, false alarms, direction, stated sigmas.
-
-An event counts from the end of the scan that completed its evidence: `detected_s` plus `SCAN_SPAN_S`. Before
-the tangential load grows (`FirstSlip.load_grows_s`) it is a false alarm, unless a tenth or more of the
-contact slips or is about to, and the event says "incipient". From then until the slip is over, or `GRACE_S`
-after gross slip if that is later, the first event is the detection; a slip without one is missed. The onset
-and the sigma that an event states have no influence on this.
-"""
+"""Answers to a controller's questions about slip events, by the truth of the cases."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from bench.slip.scenes import SCAN_SPAN_S, PlayedScene
-from bench.slip.truth import FirstSlip
+from bench.slip.cases import Case
 from tactiled.array import FloatArray
-from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
+from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
-SETTLE_S = 1.0  # an alarm so soon after the press belongs to the press: a third of a long filter
-GRACE_S = 0.5  # a slip of milliseconds (stick-slip) may be reported after its end
+SLOW_S = 0.2  # from a tenth of the area to all of it
+AHEAD_S = 0.1  # before gross slip, in time for a gripper; a gross slip reported before that is early
+LEADS_TO_S = 1.0  # an onset that gross slip follows within this time announced it
+_REOPENS_S = 0.1  # a slip that ends and begins anew within this time (a turn, a swing) went on
+_REVERSED_DEG, _SURE_DEG = 90.0, 30.0
 
 
-@dataclass(frozen=True)
-class SlipScore:
-    """Scores of one detector on one slip; NaN where there was no such event.
+class Reported(NamedTuple):
+    """One case and the slip events of one setting."""
 
-    Attributes
-    ----------
-    latency_s : float
-        From the beginning of shear to the first event since the load grows.
-    lead_s : float
-        From that event to gross slip; positive where the event comes first.
-    incipient_latency_s, gross_latency_s : float
-        First event of that kind, after the slip became incipient or gross; negative is before.
-    onset_error_s, onset_sd_s : float
-        Stated onset of the first event, against the beginning of shear.
-    gross_onset_error_s, gross_onset_sd_s : float
-        Of the first gross event, against gross slip.
-    direction_error_deg, direction_sd_deg : float
-        Of the first event that states a direction; NaN where truth has none either.
-    n_early : int
-        False alarms before the load grew, those of the press excluded.
-    n_on_press : int
-        False alarms until `SETTLE_S` after the press.
-    is_ended_early : bool
-        The slip was reported as ended while it went on, and never as gross.
+    case: Case
+    events: Sequence[SlipEvent]
+
+
+def open_at(events: Sequence[SlipEvent], time_s: float) -> SlipEvent | None:
+    """Return the newest onset of the slip that is open at an instant."""
+    before = [e for e in events if e.detected_s <= time_s]
+    return before[-1] if before and before[-1].state == "onset" else None
+
+
+def onsets(events: Sequence[SlipEvent], kind: str) -> list[SlipEvent]:
+    """Return the onsets of a kind."""
+    return [e for e in events if (e.state, e.kind) == ("onset", kind)]
+
+
+def usual(reported: Sequence[Reported]) -> list[Reported]:
+    """Return the cases but those whose friction falls at constant load."""
+    return [t for t in reported if not t.case.is_falling]
+
+
+def falling(reported: Sequence[Reported]) -> list[Reported]:
+    """Return the cases whose friction falls at constant load."""
+    return [t for t in reported if t.case.is_falling]
+
+
+def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
+    """Return, for each gross slip, True if one was open, or was reported up to a time after its beginning."""
+    out = []
+    for case, events in reported:
+        if case.slips:
+            since_s = case.gross_s - AHEAD_S
+            is_told = any(since_s <= e.detected_s <= case.gross_s + within_s for e in onsets(events, "gross"))
+            out.append(is_told or is_gross_at(events, since_s))
+    return out
+
+
+def is_gross_at(events: Sequence[SlipEvent], time_s: float) -> bool:
+    """Return True if a gross slip is open at an instant."""
+    slip = open_at(events, time_s)
+    return slip is not None and slip.kind == "gross"
+
+
+def reported_early(reported: Sequence[Reported]) -> list[float]:
+    """Return the true utilisation at each report of gross slip that came more than `AHEAD_S` before it."""
+    found = []
+    for case, events in reported:
+        slip = open_at(events, case.gross_s - AHEAD_S) if case.slips else None
+        if slip is not None and slip.kind == "gross":
+            found.append(case.utilisation_at(slip.detected_s))
+    return found
+
+
+def rests_called_gross(reported: Sequence[Reported], most_used: float = 1.0) -> list[bool]:
+    """Return, for each case without gross slip, True if one was reported; of cases up to a utilisation."""
+    return [
+        bool(onsets(events, "gross"))
+        for case, events in reported
+        if not case.slips and case.utilisation.max() <= most_used
+    ]
+
+
+def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
+    """Return, for each slow slip, True if an event was open `AHEAD_S` before it became gross."""
+    return [
+        open_at(events, case.gross_s - AHEAD_S) is not None
+        for case, events in reported
+        if case.slips and case.gross_s - case.tenth_s >= SLOW_S
+    ]
+
+
+def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
+    """Return the onsets in an hour in which nothing slips."""
+    n, hours = 0, 0.0
+    for case, events in reported:
+        nothing = case.nothing
+        hours += float(nothing.sum()) / case.block.rate_hz / 3600
+        for event in onsets(events, "incipient"):
+            row = round((event.detected_s - float(case.block.time_s[0])) * case.block.rate_hz)
+            n += bool(nothing[row])
+    return n / max(hours, 1e-9)
+
+
+def announced_soon(reported: Sequence[Reported]) -> list[bool]:
+    """Return, for each gross slip, True if an onset was reported at most `LEADS_TO_S` before it."""
+    return [
+        any(0.0 <= case.gross_s - e.detected_s <= LEADS_TO_S for e in events if e.state == "onset")
+        for case, events in reported
+        if case.slips
+    ]
+
+
+def onsets_that_lead(reported: Sequence[Reported]) -> list[bool]:
+    """Return, for each onset of incipient slip before the first gross one, True if that follows soon."""
+    return [
+        case.gross_s - event.detected_s <= LEADS_TO_S
+        for case, events in reported
+        for event in onsets(events, "incipient")
+        if event.detected_s <= case.gross_s
+    ]
+
+
+def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
+    """Return, for each gross slip, True if its end was reported while it went on."""
+    out = []
+    for case, events in reported:
+        if case.slips:
+            until_s = min(case.gross_end_s, float(case.block.time_s[-1])) - _REOPENS_S
+            ends_s = [
+                e.detected_s for e in events if e.state == "end" and case.gross_s < e.detected_s < until_s
+            ]
+            out.append(any(open_at(events, end_s + _REOPENS_S) is None for end_s in ends_s))
+    return out
+
+
+def latency_s(reported: Sequence[Reported]) -> FloatArray:
+    """Return the time from the beginning of shear to the first event of each slip; infinite if missed."""
+    found = []
+    for case, events in reported:
+        if case.slips and np.isfinite(case.shear_s):
+            seen = [
+                e.detected_s
+                for e in events
+                if e.state == "onset" and case.shear_s <= e.detected_s <= case.gross_s + 0.5
+            ]
+            found.append(min(seen, default=np.inf) - case.shear_s)
+    return np.array(found)
+
+
+class Directions(NamedTuple):
+    """Errors of direction and stated standard deviations, in degrees."""
+
+    error_deg: FloatArray
+    sd_deg: FloatArray
+
+    @property
+    def inside(self) -> list[bool]:
+        """Errors within one stated standard deviation."""
+        return [bool(one) for one in np.abs(self.error_deg) <= self.sd_deg]
+
+    @property
+    def n_reversed(self) -> int:
+        """Number of errors beyond 90 degrees that claim to be within 30."""
+        return int(((np.abs(self.error_deg) > _REVERSED_DEG) & (self.sd_deg < _SURE_DEG)).sum())
+
+
+def directions(reported: Sequence[Reported], kind: str) -> Directions:
+    """Return the directions of the onset that belongs to each gross slip.
+
+    Incipient: the newest up to gross slip. Gross: the first within 0.1 s before and 0.3 s after.
     """
-
-    latency_s: float
-    lead_s: float
-    incipient_latency_s: float
-    gross_latency_s: float
-    onset_error_s: float
-    onset_sd_s: float
-    gross_onset_error_s: float
-    gross_onset_sd_s: float
-    direction_error_deg: float
-    direction_sd_deg: float
-    n_early: int
-    n_on_press: int
-    is_ended_early: bool = False
-
-
-def complete_s(event: SlipEvent) -> float:
-    """End of the scan with which the evidence was complete."""
-    return event.detected_s + SCAN_SPAN_S
-
-
-def onsets(events: Sequence[Event]) -> list[SlipEvent]:
-    """Onsets that are not suppressed, in order of detection."""
-    return [e for e in events if isinstance(e, SlipEvent) and e.state == "onset" and e.valid]
-
-
-def score_slip(events: Sequence[Event], played: PlayedScene, slip: FirstSlip) -> SlipScore:
-    """Score the events of a whole scene against its first gross slip."""
-    reported = onsets(events)
-    false = [e for e in reported if complete_s(e) < slip.load_grows_s and _is_false(e, played)]
-    n_on_press = sum(_is_on_press(e, played) for e in false)
-    until_s = max(slip.end_s, slip.gross_s + GRACE_S)
-    of_slip = [e for e in reported if slip.load_grows_s <= complete_s(e) <= until_s]
-    first = of_slip[0] if of_slip else None
-    gross = next((e for e in of_slip if e.kind == "gross"), None)
-    ends = [e for e in events if isinstance(e, SlipEvent) and e.state == "end"]
-    direction_error_deg, direction_sd_deg = _direction_error_deg(of_slip, slip)
-
-    def since(kind: str, true_s: float) -> float:
-        return next((complete_s(e) - true_s for e in of_slip if e.kind == kind), np.nan)
-
-    return SlipScore(
-        latency_s=complete_s(first) - slip.shear_s if first else np.nan,
-        lead_s=slip.gross_s - complete_s(first) if first else np.nan,
-        incipient_latency_s=since("incipient", slip.incipient_s),
-        gross_latency_s=since("gross", slip.gross_s),
-        onset_error_s=first.onset_s - slip.shear_s if first else np.nan,
-        onset_sd_s=first.onset_sd_s if first else np.nan,
-        gross_onset_error_s=gross.onset_s - slip.gross_s if gross else np.nan,
-        gross_onset_sd_s=gross.onset_sd_s if gross else np.nan,
-        direction_error_deg=direction_error_deg,
-        direction_sd_deg=direction_sd_deg,
-        n_early=len(false) - n_on_press,
-        n_on_press=n_on_press,
-        is_ended_early=gross is None and any(slip.gross_s < e.detected_s < slip.end_s for e in ends),
-    )
-
-
-class AlarmCounts(NamedTuple):
-    """Events of a scene without gross slip.
-
-    Attributes
-    ----------
-    n_false, n_gross, n_on_press : int
-        False alarms; those among them of kind "gross"; those among them until `SETTLE_S` after the press.
-    n_partial : int
-        Correct reports of incipient slip.
-    """
-
-    n_false: int
-    n_gross: int
-    n_on_press: int
-    n_partial: int
-
-
-def count_alarms(events: Sequence[Event], played: PlayedScene) -> AlarmCounts:
-    """Count the events of a scene without gross slip."""
-    reported = onsets(events)
-    false = [e for e in reported if _is_false(e, played)]
-    return AlarmCounts(
-        len(false),
-        sum(e.kind == "gross" for e in false),
-        sum(_is_on_press(e, played) for e in false),
-        len(reported) - len(false),
-    )
-
-
-def _is_false(event: SlipEvent, played: PlayedScene) -> bool:
-    """Return whether an event outside a gross slip is false: nothing slips, or its kind is "gross"."""
-    slips = any(start_s <= complete_s(event) <= end_s + GRACE_S for start_s, end_s in played.slipping)
-    return event.kind == "gross" or not slips
-
-
-def _is_on_press(event: SlipEvent, played: PlayedScene) -> bool:
-    return complete_s(event) < played.press_end_s + SETTLE_S
-
-
-def _direction_error_deg(of_slip: Sequence[SlipEvent], slip: FirstSlip) -> tuple[float, float]:
-    stating = [e for e in of_slip if e.direction_sd_deg < UNKNOWN_SD_DEG]
-    if not stating or slip.direction_deg is None:
-        return np.nan, np.nan
-    error_deg = stating[0].direction_deg - slip.direction_deg
-    return (error_deg + 180.0) % 360.0 - 180.0, stating[0].direction_sd_deg
-
-
-def quantile(latency_s: FloatArray | Sequence[float], part: float) -> float:
-    """Quantile of latencies, where NaN is a miss and later than any; NaN of none."""
-    ordered = np.where(np.isnan(latency_s), np.inf, np.asarray(latency_s, dtype=np.float64))
-    return float(np.quantile(ordered, part, method="inverted_cdf")) if len(ordered) else np.nan
-
-
-def median(latency_s: FloatArray | Sequence[float]) -> float:
-    """Median of latencies, see `quantile`."""
-    return quantile(latency_s, 0.5)
-
-
-def coverage(error: FloatArray, sd: FloatArray) -> float:
-    """Part of errors within one stated sigma; NaN of none."""
-    stated = np.isfinite(error) & np.isfinite(sd)
-    return float((np.abs(error[stated]) <= sd[stated]).mean()) if stated.any() else np.nan
+    errors, sds = [], []
+    for case, events in reported:
+        if not case.slips or not np.isfinite(case.direction_deg):
+            continue
+        some = onsets(events, kind)
+        if kind == "gross":
+            near = [e for e in some if -AHEAD_S <= e.detected_s - case.gross_s <= 0.3][:1]
+        else:
+            near = [e for e in some if case.tenth_s - SLOW_S <= e.detected_s <= case.gross_s][-1:]
+        for event in near:
+            if event.direction_sd_deg < UNKNOWN_SD_DEG:
+                errors.append((event.direction_deg - case.direction_deg + 180.0) % 360.0 - 180.0)
+                sds.append(event.direction_sd_deg)
+    return Directions(np.array(errors), np.array(sds))

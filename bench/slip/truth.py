@@ -2,11 +2,7 @@
 
 `FirstSlip.shear_s` is when the tangential load begins to grow towards the slip, as the emulator's truth
 states it, or the end of a later rest (an object that hangs still and is then jerked). Both are instants at
-which the load has grown by 0.2 % of the grip. A pull that swells has grown for up to 60 ms by then, to
-twenty times what noise of 0.3 mV makes of the mean of nine taxels. Therefore a second instant,
-`FirstSlip.load_grows_s`, is the last at which the load did not grow at all. An event between the two belongs
-to the slip; an event before both is a false alarm. Latencies count from `shear_s`, so that of an event
-between the two is negative.
+which the load has grown by 0.2 % of the grip.
 """
 
 from dataclasses import dataclass
@@ -20,9 +16,6 @@ from tactiled.emulator.scene.truth import TrueSlip, Truth
 GRID_S = 0.005  # step of the contact models: truth is no finer
 # The load is at rest where it changes by less than this part of the grip within so many seconds.
 _REST_CHANGE, _REST_S = 0.002, 0.1
-# It does not grow where it grows by less than this part of the grip in `GRID_S`. Of a load at rest, rounding
-# alone changes it by less; the slowest swelling pull exceeds it within 10 ms of its beginning.
-_NO_GROWTH = 1e-5
 
 
 @dataclass(frozen=True)
@@ -35,8 +28,6 @@ class FirstSlip:
         The tangential load begins to grow; 10 %, then 90 % of the contact slip; less than 10 % again.
     direction_deg : float or None
         None where the skin turned on the spot.
-    grown_for_s : float
-        How long the load had grown by `shear_s`.
     """
 
     shear_s: float
@@ -44,12 +35,6 @@ class FirstSlip:
     gross_s: float
     end_s: float
     direction_deg: float | None
-    grown_for_s: float = 0.0
-
-    @property
-    def load_grows_s(self) -> float:
-        """Last instant at which the load did not grow at all."""
-        return self.shear_s - self.grown_for_s
 
 
 def loads_at(truth: Truth, time_s: FloatArray) -> FloatArray:
@@ -59,7 +44,7 @@ def loads_at(truth: Truth, time_s: FloatArray) -> FloatArray:
 
 
 class LoadHistory:
-    """Search the load of a scene for rests and for the beginning of growth.
+    """Search the load of a scene for rests.
 
     Parameters
     ----------
@@ -71,17 +56,11 @@ class LoadHistory:
         back = round(_REST_S / GRID_S)
         change_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
         self._at_rest_s = time_s[back:][change_n <= _REST_CHANGE * normal_n[back:]]
-        self._not_growing_s = time_s[1:][np.diff(shear_n) <= _NO_GROWTH * normal_n[1:]]
 
     def shear_s(self, slip: TrueSlip) -> float:
         """Instant at which the tangential load began to grow towards a slip."""
         rested = self._at_rest_s[self._at_rest_s <= slip.onset_s]
         return max(slip.shear_s or 0.0, float(rested[-1]) if len(rested) else 0.0)
-
-    def grown_for_s(self, shear_s: float) -> float:
-        """Time that the load had grown by `shear_s`; at most `_REST_S`, before which another load may end."""
-        still = self._not_growing_s[self._not_growing_s <= shear_s]
-        return min(shear_s - float(still[-1]), _REST_S) if len(still) else 0.0
 
 
 def first_gross_slip(truth: Truth, load: LoadHistory) -> FirstSlip | None:
@@ -98,5 +77,4 @@ def first_gross_slip(truth: Truth, load: LoadHistory) -> FirstSlip | None:
         gross_s=gross.gross_s,
         end_s=gross.end_s,
         direction_deg=gross.direction_deg,
-        grown_for_s=load.grown_for_s(shear_s),
     )

@@ -1,151 +1,140 @@
-"""Scores of events that are made by hand."""
+"""Answers of the slip bench: from events made by hand, and from detectors on a world."""
 
-from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from bench.slip.scenes import SCAN_SPAN_S, PlayedScene
+from bench.grip.worlds import World, draw_worlds
+from bench.slip.announced import as_announced
+from bench.slip.cases import Case, from_world
+from bench.slip.replay import Reliability, run_case
+from bench.slip.scenes import Announcement
 from bench.slip.score import (
-    GRACE_S,
-    SETTLE_S,
-    count_alarms,
-    coverage,
-    median,
-    quantile,
-    score_slip,
+    Reported,
+    directions,
+    ended_while_it_slides,
+    false_onsets_per_hour,
+    gross_reported,
+    onsets_that_lead,
+    reported_early,
+    rests_called_gross,
+    slow_reported_ahead,
 )
-from bench.slip.truth import GRID_S, FirstSlip, LoadHistory
-from tactiled.emulator.scene.phases import FlatPlate
-from tactiled.emulator.scene.truth import TrueSlip
-from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
+from tactiled.array import load_array
+from tactiled.detect.grip.detector import GripParams
+from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
+from tactiled.events.types import SlipEvent
+from tactiled.samples.block import regular_block
 
-SLIP = FirstSlip(shear_s=5.0, incipient_s=5.1, gross_s=5.4, end_s=7.0, direction_deg=170.0)
-PLAYED = PlayedScene(
-    "by-hand", 1, np.zeros((800, 36)), 1.0, SLIP, ((3.0, 3.5), (5.0, 7.0)), (), np.zeros(800)
-)
+RATE_HZ = 100.0
 
 
-def onset(detected_s: float, kind: str = "incipient", **changes: float | bool | str) -> SlipEvent:
-    """An onset whose scan is complete at `detected_s`."""
-    event = SlipEvent(
-        time_s=0.0, state="onset", kind="incipient", onset_s=5.01, onset_sd_s=0.02, direction_deg=-170.0,
-        direction_sd_deg=15.0, confidence=1.0, taxels=(), detector="hand", statistic=1.0, threshold=1.0,
-        valid=True, detected_s=detected_s - SCAN_SPAN_S,
-    )  # fmt: skip
-    return replace(event, kind="gross" if kind == "gross" else "incipient", **changes)  # type: ignore[arg-type]
+@pytest.fixture(scope="module")
+def world() -> World:
+    return next(one for one in draw_worlds(range(20_000, 20_012)) if one.slips)
 
 
-def test_score_of_a_slip_that_is_detected() -> None:
-    found = score_slip([onset(5.2), onset(5.45, "gross", onset_s=5.41)], PLAYED, SLIP)
-    assert found.latency_s == pytest.approx(0.2)
-    assert found.lead_s == pytest.approx(0.2)
-    assert found.incipient_latency_s == pytest.approx(0.1)
-    assert found.gross_latency_s == pytest.approx(0.05)
-    assert found.onset_error_s == pytest.approx(0.01)
-    assert found.onset_sd_s == 0.02
-    assert found.gross_onset_error_s == pytest.approx(0.01)
-    assert found.direction_error_deg == pytest.approx(20.0)  # across 180
-    assert (found.n_early, found.n_on_press) == (0, 0)
+def case(*, slips: bool = True) -> Case:
+    """Utilisation that rises from 2 s, to gross slip from 4 s to 6 s, or to 0.7."""
+    t = np.arange(800) / RATE_HZ
+    used = np.interp(t, [2.0, 4.0, 6.0, 6.1], [0.0, 1.0, 1.0, 0.0])
+    return Case(
+        group="by hand",
+        name="by hand",
+        array=load_array("wang2019-3x3"),
+        block=regular_block(np.zeros((len(t), 36)), RATE_HZ),
+        utilisation=used if slips else 0.7 * used,
+        gross_s=4.0 if slips else np.inf,
+        gross_end_s=6.0 if slips else np.inf,
+        tenth_s=2.3 if slips else np.inf,
+        direction_deg=170.0,
+    )
 
 
-def test_an_end_during_the_slip_without_gross_event_is_ended_early() -> None:
-    ended, later = onset(5.8, state="end"), onset(7.2, state="end")
-    assert score_slip([onset(5.2), ended], PLAYED, SLIP).is_ended_early
-    assert not score_slip([onset(5.2), later], PLAYED, SLIP).is_ended_early
-    assert not score_slip([onset(5.2), onset(5.45, "gross"), ended], PLAYED, SLIP).is_ended_early
+def event(
+    kind: Literal["incipient", "gross"], detected_s: float, state: Literal["onset", "end"] = "onset"
+) -> SlipEvent:
+    return SlipEvent(
+        time_s=detected_s,
+        state=state,
+        kind=kind,
+        onset_s=detected_s,
+        onset_sd_s=0.0,
+        direction_deg=-175.0,
+        direction_sd_deg=10.0,
+        confidence=1.0,
+        taxels=(),
+        detector="",
+        statistic=1.0,
+        threshold=1.0,
+        valid=True,
+        detected_s=detected_s,
+    )
 
 
-def test_no_event_is_a_miss() -> None:
-    found = score_slip([], PLAYED, SLIP)
-    assert np.isnan(
-        [found.latency_s, found.gross_latency_s, found.onset_error_s, found.direction_error_deg]
-    ).all()
-    assert (found.n_early, found.n_on_press) == (0, 0)
+TRUE = [event("incipient", 2.5), event("gross", 4.01), event("gross", 6.05, "end")]
 
 
-def test_an_event_before_the_shear_is_a_false_alarm_and_no_detection() -> None:
-    found = score_slip([onset(4.999)], PLAYED, SLIP)
-    assert np.isnan(found.latency_s)
-    assert found.n_early == 1
-    assert score_slip([onset(5.0)], PLAYED, SLIP).latency_s == pytest.approx(0.0)
+def test_events_of_the_truth_answer_every_question() -> None:
+    reported = [Reported(case(), TRUE), Reported(case(slips=False), [])]
+    assert slow_reported_ahead(reported) == [True]
+    assert false_onsets_per_hour(reported) == 0
+    assert gross_reported(reported, 0.1) == [True]
+    assert reported_early(reported) == []
+    assert rests_called_gross(reported) == [False]
+    assert ended_while_it_slides(reported) == [False]
+    found = directions(reported, "gross")
+    assert found.error_deg.tolist() == [15.0]
+    assert (found.inside, found.n_reversed) == ([False], 0)
 
 
-def test_an_event_between_growth_of_the_load_and_shear_detects_the_slip() -> None:
-    swells = replace(SLIP, grown_for_s=0.04)
-    found = score_slip([onset(4.97), onset(5.2)], PLAYED, swells)
-    assert found.latency_s == pytest.approx(-0.03)
-    assert found.n_early == 0
-    before = onset(4.95, onset_s=5.0, onset_sd_s=1.0)  # whatever it states
-    found = score_slip([before, onset(5.2)], PLAYED, swells)
-    assert found.latency_s == pytest.approx(0.2)
-    assert found.n_early == 1
+def test_no_events_miss_everything() -> None:
+    reported = [Reported(case(), [])]
+    assert slow_reported_ahead(reported) == gross_reported(reported, 0.3) == [False]
 
 
-@given(st.floats(0.5, 3.0), st.sampled_from([1, 2, 3]))
-def test_growth_of_a_load_begins_at_the_end_of_its_rest(swells_for_s: float, power: int) -> None:
-    time_s = np.arange(0.0, 6.0, GRID_S)
-    shear_n = np.where(time_s < 1.0, time_s, 1.0)  # it has come and stays
-    shear_n += 5.0 * (np.maximum(time_s - 3.0, 0.0) / swells_for_s) ** power
-    load = LoadHistory(time_s, shear_n, np.full(len(time_s), 10.0))
-    begins_s = load.shear_s(TrueSlip(5.9, np.inf, 0.0, FlatPlate(friction=0.5), shear_s=0.0))
-    grown_for_s = load.grown_for_s(begins_s)
-    before_n, at_n, grown_n = np.interp([begins_s - 0.1, begins_s - grown_for_s, begins_s], time_s, shear_n)
-    assert grown_n - before_n <= 0.002 * 10.0 + 1e-9  # not yet growth
-    assert begins_s - grown_for_s >= 3.0 - GRID_S
-    assert grown_for_s == pytest.approx(0.1) or at_n - 1.0 <= 1e-3  # a twentieth of that: it leaves rest
+def test_events_at_the_wrong_time_count_against_the_detector() -> None:
+    early = Reported(case(), [event("incipient", 1.0), event("gross", 3.0), event("gross", 5.0, "end")])
+    nothing_s = float(case().nothing.sum()) / RATE_HZ
+    assert false_onsets_per_hour([early]) == pytest.approx(3600 / nothing_s)
+    assert reported_early([early]) == [pytest.approx(0.5)]
+    assert onsets_that_lead([early]) == [False]
+    assert ended_while_it_slides([early]) == [True]
+    turned = Reported(case(), [*early.events, event("incipient", 5.05)])
+    assert ended_while_it_slides([turned]) == [False]
+    assert rests_called_gross([Reported(case(slips=False), TRUE)]) == [True]
+    assert rests_called_gross([Reported(case(slips=False), TRUE)], 0.6) == []
 
 
-def test_an_alarm_on_the_press_is_counted_separately() -> None:
-    found = score_slip([onset(0.5, "gross"), onset(1.0 + SETTLE_S + 0.01, "gross")], PLAYED, SLIP)
-    assert (found.n_on_press, found.n_early) == (1, 1)
+def test_reliability_counts_time() -> None:
+    found = Reliability()
+    for p, is_true in ((0.25, True), (0.25, False), (1.0, True)):
+        found.take(p, is_true, 0.1)
+    assert found.time_s[2] == pytest.approx(0.2)
+    assert found.seen_s[2] == pytest.approx(0.1)
+    both = found + found
+    assert both.said_s[9] == pytest.approx(0.2)
 
 
-def test_an_earlier_partial_slip_may_be_reported_as_incipient_only() -> None:
-    assert score_slip([onset(3.2)], PLAYED, SLIP).n_early == 0
-    assert score_slip([onset(3.2, "gross")], PLAYED, SLIP).n_early == 1
+def test_settings_on_one_posterior_are_the_detectors_of_these_settings(world: World) -> None:
+    found = run_case(from_world(world)).by_name
+    assert found["balanced"]
+    for name, at in SETTINGS.items():
+        params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
+        events = GripSlip(world.array, params).process(world.block)
+        assert found[name] == [one for one in events if isinstance(one, SlipEvent)]
 
 
-def test_an_event_after_the_slip_is_a_miss() -> None:
-    assert np.isnan(score_slip([onset(7.001)], PLAYED, SLIP).latency_s)
-    short = replace(SLIP, end_s=5.41)
-    assert score_slip([onset(5.4 + GRACE_S - 0.01)], PLAYED, short).latency_s > 0
-    assert np.isnan(score_slip([onset(5.4 + GRACE_S + 0.01)], PLAYED, short).latency_s)
+def test_announcements_mark_the_slips_that_they_explain() -> None:
+    events = [event("incipient", 2.5), event("gross", 2.7, "end"), event("gross", 4.01)]
+    block, array = case().block, case().array
 
+    def valid(*announced: Announcement) -> list[bool]:
+        return [one.valid for one in as_announced(array, block, events, announced)]
 
-def test_suppressed_events_and_ends_are_no_detection() -> None:
-    found = score_slip([onset(5.2, valid=False), replace(onset(5.2), state="end")], PLAYED, SLIP)
-    assert np.isnan(found.latency_s)
-
-
-def test_no_direction_error_where_no_direction_is_stated_or_true() -> None:
-    unknown = onset(5.2, direction_sd_deg=UNKNOWN_SD_DEG)
-    assert np.isnan(score_slip([unknown], PLAYED, SLIP).direction_error_deg)
-    assert score_slip([unknown, onset(5.3)], PLAYED, SLIP).direction_error_deg == pytest.approx(20.0)
-    assert np.isnan(score_slip([onset(5.2)], PLAYED, replace(SLIP, direction_deg=None)).direction_error_deg)
-
-
-def test_counts_of_a_scene_without_gross_slip() -> None:
-    events = [onset(2.0), onset(3.1), onset(3.1, "gross"), replace(onset(2.0), valid=False)]
-    assert count_alarms(events, replace(PLAYED, slip=None)) == (2, 1, 0, 1)
-    assert count_alarms([onset(0.5)], replace(PLAYED, slip=None)) == (1, 0, 1, 0)
-
-
-def test_a_miss_is_later_than_any_latency() -> None:
-    assert median([0.1, np.nan, 0.3]) == 0.3
-    assert median([0.1, np.nan, np.nan]) == np.inf
-    assert quantile([0.1, 0.2, 0.3, np.nan], 0.75) == 0.3
-
-
-@given(st.lists(st.floats(0, 1), min_size=1), st.integers(1, 20))
-def test_another_miss_never_improves_a_quantile(latency: list[float], misses: int) -> None:
-    for part in (0.1, 0.5, 0.95):
-        assert quantile(latency + [np.nan] * misses, part) >= quantile(latency, part)
-
-
-def test_coverage_counts_stated_sigmas_only() -> None:
-    error, sd = np.array([0.5, -2.0, np.nan, 1.0]), np.array([1.0, 1.0, 1.0, np.nan])
-    assert coverage(error, sd) == 0.5
-    assert np.isnan(coverage(error[2:], sd[2:]))
+    assert valid() == [True, True, True]
+    assert valid(Announcement("inhibit", 2.0, 1.0)) == [False, False, True]
+    assert valid(Announcement("load-change", 2.0, 3.0)) == [False, False, True]  # gross slips stay
+    assert valid(Announcement("inhibit", 3.9, 1.0), Announcement("inhibit", 2.4, 0.2)) == [False] * 3
+    assert valid(Announcement("inhibit", 7.0, 5.0)) == [True, True, True]

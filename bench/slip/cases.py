@@ -1,4 +1,4 @@
-"""Scenes of ``./run bench settings`` from both kinds of worlds, with the truth that events are held to."""
+"""Cases of ``./run bench slip`` from both kinds of worlds, with the truth that events are compared with."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from bench.grip.worlds import World
 from bench.slip.resting import LOADS, loaded
-from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, PlayedScene, play
+from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, Announcement, PlayedScene, play
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.samples.block import ScanBlock
 
 RANDOM = "random worlds"
-SCENE_NOISES_V = (0.3e-3, 1e-3, 3e-3)
 _JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belongs to it
 
 
@@ -27,6 +26,8 @@ class Case:
     ----------
     group : str
         Kind of world, and noise where it is given.
+    name : str
+        Family, resting load, or hand of a random world.
     utilisation : (n,) float64
         Tangential load over its limit; of families, from the slipping share by Mindlin's curve.
     gross_s, gross_end_s, tenth_s : float
@@ -38,9 +39,12 @@ class Case:
         Beginning of the shear that leads to it; NaN where it is not known.
     is_falling : bool
         Friction falls at constant load.
+    announcements : tuple of Announcement
+        What a controller can announce; nothing in random worlds.
     """
 
     group: str
+    name: str
     array: Array
     block: ScanBlock
     utilisation: FloatArray
@@ -50,6 +54,7 @@ class Case:
     direction_deg: float
     shear_s: float = float("nan")
     is_falling: bool = False
+    announcements: tuple[Announcement, ...] = ()
 
     @property
     def slips(self) -> bool:
@@ -85,6 +90,7 @@ def from_world(world: World) -> Case:
         direction_deg = np.nan if world.hand == "twist" else float(world.direction_deg[row])
     return Case(
         group=RANDOM,
+        name=world.hand,
         array=world.array,
         block=world.block,
         utilisation=np.minimum(world.utilisation, 1.0),
@@ -100,17 +106,23 @@ SCENES: Mapping[str, Callable[[int], PlayedScene]] = {
     name: partial(play, name, family)
     for name, family in (ALL_SLIPPING | ALL_QUIET | {load: partial(loaded, load) for load in LOADS}).items()
 }
-"""Families of `./run bench slip` and its resting loads: seed to a played scene."""
+"""Families and resting loads: seed to a played scene."""
 
 
-def from_scene(played: PlayedScene, noise_v: float) -> Case:
+def in_mv(noise_v: float) -> str:
+    """Return a noise in words."""
+    return f"{1e3 * noise_v:g} mV"
+
+
+def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
     """Make a case of a played scene, read with some noise."""
     slip = played.slip
     # The sticking share of a ball's area is (1 - utilisation)^(2/3).
     used = 1.0 - (1.0 - np.clip(played.slipping_share, 0.0, 1.0)) ** 1.5
     direction_deg = None if slip is None else slip.direction_deg
     return Case(
-        group=f"{1e3 * noise_v:g} mV",
+        group=in_mv(noise_v),
+        name=name,
         array=ARRAY,
         block=played.read(noise_v, draw=1),
         utilisation=used,
@@ -119,4 +131,5 @@ def from_scene(played: PlayedScene, noise_v: float) -> Case:
         tenth_s=np.inf if slip is None else slip.incipient_s,
         direction_deg=np.nan if direction_deg is None else direction_deg,
         shear_s=np.nan if slip is None else slip.shear_s,
+        announcements=played.announcements,
     )

@@ -1,21 +1,36 @@
-"""Slip events of all settings on one case."""
+"""Slip events of all settings on one case.
 
-from collections.abc import Mapping, Sequence
+To compare another detector, add a line to `OTHERS`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.settings.cases import Case
-from tactiled.array import FloatArray
+from bench.slip.cases import Case
+from tactiled.array import Array, FloatArray
+from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import ContactScan, GripParams
 from tactiled.detect.grip.model import INCIPIENT_USED
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.detect.grip.slips import ScanInstant
 from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.detect.signal.bridge import GapBridge
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent
+from tactiled.samples.block import Gap, ScanBlock
 
+OTHERS: Mapping[str, Callable[[Array], Detector]] = {
+    "wang2019": lambda array: build_suite(
+        array, DetectParams(setting="wang2019"), topics=("slip", "contact")
+    ),
+}
+"""Detectors beside the contact model."""
+
+NAMES = (*SETTINGS, *OTHERS)
 INCIPIENT_PS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
-GROSS_PS = (0.1, 0.25, 0.35, 0.5, 0.7, 0.9)
+GROSS_PS = (0.05, 0.1, 0.25, 0.35, 0.5, 0.7, 0.9)
 _OTHER_GROSS_P, _OTHER_INCIPIENT_P = 0.5, 0.9  # while the other probability is varied
 _SURE_GROWTH = 3.0  # standard deviations of the rate
 N_BINS = 10
@@ -52,18 +67,18 @@ class CaseEvents:
 
     Attributes
     ----------
-    posterior : mapping of SlipThresholds to list of SlipEvent
+    by_name : mapping of str to sequence of SlipEvent
+        By setting, or name of another detector.
+    by_threshold : mapping of SlipThresholds to sequence of SlipEvent
         Of the contact model.
-    coherent : mapping of str to list of SlipEvent
-        Of the detector of docs/slip.md, by setting.
     partial : Reliability
         Probability that a tenth of the area slips, where shear over load certainly grows beyond what was
         borne before: a contact that rests has slipped, and does not slip.
     """
 
     case: Case
-    posterior: Mapping[SlipThresholds, Sequence[SlipEvent]]
-    coherent: Mapping[str, Sequence[SlipEvent]]
+    by_name: Mapping[str, Sequence[SlipEvent]]
+    by_threshold: Mapping[SlipThresholds, Sequence[SlipEvent]]
     partial: Reliability
 
 
@@ -77,29 +92,36 @@ def gross_curve_at(p: float) -> SlipThresholds:
     return SlipThresholds(_OTHER_INCIPIENT_P, p)
 
 
-def all_thresholds(settings: Sequence[SlipThresholds]) -> list[SlipThresholds]:
+def all_thresholds() -> list[SlipThresholds]:
     """Return the thresholds of the settings and of both curves."""
     curves = [*map(incipient_curve_at, INCIPIENT_PS), *map(gross_curve_at, GROSS_PS)]
-    return list(dict.fromkeys([*settings, *curves]))
+    return list(dict.fromkeys([*SETTINGS.values(), *curves]))
 
 
-def run_settings(case: Case, thresholds: Sequence[SlipThresholds]) -> CaseEvents:
-    """Run both detectors over a case."""
-    posterior, reliability = run_posterior(case, thresholds)
-    coherent = {
-        name: [e for e in CoherentSlip(case.array, params).process(case.block) if isinstance(e, SlipEvent)]
-        for name, params in SETTINGS.items()
-    }
-    return CaseEvents(case, posterior, coherent, reliability)
-
-
-def run_posterior(
-    case: Case, thresholds: Sequence[SlipThresholds]
-) -> tuple[Mapping[SlipThresholds, Sequence[SlipEvent]], Reliability]:
-    """Run the contact model once, and all thresholds on its posterior."""
-    slips = _CountedSlips(case, thresholds)
+def run_case(case: Case) -> CaseEvents:
+    """Run all detectors over a case."""
+    slips = _CountedSlips(case, all_thresholds())
     slips.process(case.block)
-    return slips.found, slips.reliability
+    by_name = {name: slips.found[at] for name, at in SETTINGS.items()}
+    return CaseEvents(case, by_name | _of_others(case.array, [case.block]), slips.found, slips.reliability)
+
+
+def run_stream(array: Array, stream: Sequence[ScanBlock | Gap]) -> dict[str, Sequence[SlipEvent]]:
+    """Return the events of all detectors on blocks and gaps, by name; short gaps are bridged as in use."""
+    slips = SlipsByThreshold(array, GripParams(), SETTINGS.values())
+    bridged = GapBridge(slips)
+    for item in stream:
+        bridged.process(item)
+    return {name: slips.found[at] for name, at in SETTINGS.items()} | _of_others(array, stream)
+
+
+def _of_others(array: Array, stream: Sequence[ScanBlock | Gap]) -> dict[str, Sequence[SlipEvent]]:
+    found: dict[str, Sequence[SlipEvent]] = {}
+    for name, build in OTHERS.items():
+        detector = build(array)
+        events = [event for item in stream for event in detector.process(item)]
+        found[name] = [event for event in events if isinstance(event, SlipEvent)]
+    return found
 
 
 class _CountedSlips(SlipsByThreshold):

@@ -1,0 +1,83 @@
+"""Scenes of the slip bench: instants of a slip, announcements, faults."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.slip.faults import FAULTS
+from bench.slip.scenes import Announcement, PlayedScene, announcements, at_speed, play
+from bench.slip.truth import GRID_S, LoadHistory
+from tactiled.emulator.scene.families import QUIET
+from tactiled.emulator.scene.phases import FlatPlate
+from tactiled.emulator.scene.physical import ContactStepper
+from tactiled.emulator.scene.truth import TrueSlip
+from tactiled.samples.block import Gap, ScanBlock
+
+
+@pytest.fixture(scope="module")
+def slide() -> PlayedScene:
+    return play("1 mm/s", at_speed(1.0), 1)
+
+
+def test_instants_of_a_slip_are_in_order(slide: PlayedScene) -> None:
+    slip = slide.slip
+    assert slip is not None
+    assert slide.press_end_s < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
+    still = slide.volts[int(slip.shear_s * 100) - 20 : int(slip.shear_s * 100) - 1]
+    assert np.ptp(still, axis=0).max() < 1e-3  # nothing moves before the shear but creep
+
+
+def test_a_scene_is_played_from_its_start_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[ContactStepper] = []
+    reset = ContactStepper.reset
+
+    def counted(source: ContactStepper) -> None:
+        begun.append(source)
+        reset(source)
+
+    monkeypatch.setattr(ContactStepper, "reset", counted)
+    held = play("inclined-load", QUIET["inclined-load"], 1)
+    assert held.duration_s > 4.0  # longer than a contact model keeps
+    assert len(begun) <= 2  # where it is made
+
+
+@given(st.floats(0.5, 3.0), st.sampled_from([1, 2, 3]))
+def test_growth_of_a_load_begins_at_the_end_of_its_rest(swells_for_s: float, power: int) -> None:
+    time_s = np.arange(0.0, 6.0, GRID_S)
+    shear_n = np.where(time_s < 1.0, time_s, 1.0)  # it has come and stays
+    shear_n += 5.0 * (np.maximum(time_s - 3.0, 0.0) / swells_for_s) ** power
+    load = LoadHistory(time_s, shear_n, np.full(len(time_s), 10.0))
+    begins_s = load.shear_s(TrueSlip(5.9, np.inf, 0.0, FlatPlate(friction=0.5), shear_s=0.0))
+    before_n, grown_n = np.interp([begins_s - 0.1, begins_s], time_s, shear_n)
+    assert grown_n - before_n <= 0.002 * 10.0 + 1e-9  # not yet growth
+    assert begins_s >= 3.0 - GRID_S
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_faults_leave_consecutive_blocks(name: str, slide: PlayedScene) -> None:
+    stream = FAULTS[name](slide.counts(1e-3, 1), np.random.default_rng(5))
+    assert [n for n, item in enumerate(stream) if isinstance(item, Gap)] == list(range(1, len(stream), 2))
+    ends = [item for item in stream if isinstance(item, ScanBlock)]
+    for before, gap, after in zip(stream[::2], stream[1::2], stream[2::2], strict=False):
+        assert isinstance(before, ScanBlock)
+        assert isinstance(gap, Gap)
+        assert isinstance(after, ScanBlock)
+        assert gap.index == after.index[0] == before.index[-1] + 1 + (gap.n_missing or 50)
+    assert sum(len(block) for block in ends) <= len(slide.volts)
+
+
+@pytest.mark.parametrize(
+    ("family", "kinds"),
+    [
+        ("arm-acceleration", {"inhibit", "load-change"}),
+        ("motor-hum", {"inhibit", "load-change"}),
+        ("taps", {"load-change"}),
+    ],
+)
+def test_only_motion_of_gripper_and_arm_is_announced(family: str, kinds: set[str]) -> None:
+    scene = QUIET[family](1)
+    announced = announcements(scene)
+    assert {one.kind for one in announced} == kinds
+    assert announced[0] == Announcement("load-change", 0.0, scene.phases[0].duration_s)  # the press
+    assert all(one.start_s < scene.duration_s for one in announced)
