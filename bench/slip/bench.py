@@ -13,7 +13,7 @@ import numpy as np
 from bench.grip.bench import REPORTED_FROM, draw_reported
 from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, grouped, seeds_in_words
 from bench.slip import tables
-from bench.slip.cases import RANDOM, SCENES, from_scene, from_world
+from bench.slip.cases import RANDOM, SCENES, from_scene, from_world, in_mv
 from bench.slip.cost import cost_table, detector_costs
 from bench.slip.faults import FAULTS, HOLD, FaultEvents, no_fault
 from bench.slip.replay import CaseEvents, run_case, run_stream
@@ -28,6 +28,7 @@ REPORT_SEED = 5001
 N_WORLDS, N_QUICK_WORLDS = 240, 48
 N_SCENES, N_QUICK_SCENES = 5, 1  # seeds of each family
 FAULT_NOISES_V = (NOISES_V[0], NOISES_V[2])
+_IN_SUMMARY = (RANDOM, in_mv(NOISES_V[0]), in_mv(NOISES_V[2]))
 _BATCH = 12
 _FAULT_SEED = 11
 
@@ -108,6 +109,9 @@ def _sections(
         "stated standard deviation. Reversed: an error beyond 90 deg with a standard deviation below 30 deg. "
         "Heads name the probabilities at which incipient and gross slip are reported."
     )
+    summary = {group: some for group, some in groups.items() if group in _IN_SUMMARY}
+    yield f"In short: {'; '.join(map(_in_words, summary))}."
+    yield tables.summary_table(summary)
     for group, some in groups.items():
         slips = sum(one.case.slips for one in some)
         yield f"{_in_words(group)}: {len(some)} cases, {slips} with gross slip."
@@ -124,7 +128,7 @@ def _sections(
     yield tables.quiet_table(families)
     yield f"Loads below the friction limit: how many are reported as gross slip, at {noises}."
     yield tables.resting_table(families)
-    fault_noises = " and ".join(f"{1e3 * noise_v:g} mV" for noise_v in FAULT_NOISES_V)
+    fault_noises = " and ".join(map(in_mv, FAULT_NOISES_V))
     yield (
         f"Holds with faults of wires and bytes, one in 5 s, at {fault_noises} together: valid onsets, and "
         "how many of these are gross."

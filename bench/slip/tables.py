@@ -102,6 +102,26 @@ QUESTIONS: Mapping[str, Question] = {
 }
 
 
+_NOT_IN_SUMMARY = (
+    "direction at onset",
+    "direction at gross slip",
+    "gross reported in 300 ms where friction falls",
+)
+
+
+def summary_table(groups: Mapping[str, Sequence[CaseEvents]]) -> str:
+    """Answers to most questions for each setting, the groups one after the other in a cell."""
+    return table(
+        {"question": question}
+        | {
+            _head(name): "; ".join(answer(by_name(events, name)) for events in groups.values())
+            for name in NAMES
+        }
+        for question, answer in QUESTIONS.items()
+        if question not in _NOT_IN_SUMMARY
+    )
+
+
 def settings_table(events: Sequence[CaseEvents]) -> str:
     """Answers to all questions, a column for each setting."""
     columns = {_head(name): by_name(events, name) for name in NAMES}

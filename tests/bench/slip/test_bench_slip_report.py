@@ -93,7 +93,8 @@ def test_the_bench_prints_all_tables_and_draws(
     options = BenchOptions(quick=True, plot=tmp_path / "slip.png")
     report = bench_slip(ProgressBar("slips", None), options)
     report.write(options)
-    assert report.text.count("| question") == 1 + len(NOISES_V)
+    assert report.text.count("| question") == 2 + len(NOISES_V)  # the first is in short
+    assert "In short: Random worlds; Families at 0.3 mV; Families at 3 mV." in report.text
     assert "Random worlds: 4 cases, 4 with gross slip." in report.text  # one of each batch
     assert cost_table(costs) in report.text
     assert (tmp_path / "slip.png").stat().st_size > 10_000
