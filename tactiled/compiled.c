@@ -1,11 +1,11 @@
-/* The path of a scan, from bytes to filtered responses: arrays in, arrays out, nothing kept here.
+/* The path of a scan, from bytes to filtered readings: arrays in, arrays out, nothing kept here.
  *
  * Every function does what numpy or plain Python does beside its call (`tactiled.compiled` loads this file), bit
  * for bit: sums are of whole numbers below 2^53, so that their order does not matter; all else is one operation
  * on one element, in the order in which numpy has it, without fused multiply-add (-ffp-contract=off) and without
  * functions other than rint and sqrt, which IEEE 754 defines exactly.
  *
- * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels, r ramps. Arguments
+ * Arrays are dense, with the last index moving fastest. n counts scans, c channels, t taxels. Arguments
  * before n belong to an object and stay; those from n on belong to a call.
  */
 #include "compiled.h"
@@ -102,38 +102,31 @@ API int tactiled_hold(ptrdiff_t channels, real limit, real steps_per_volt, real 
     return all;
 }
 
-/* Filters of several lengths on n scans of several columns. `newest` is the first of the n scans in a history
- * (scans, columns) that goes back far enough; a filter's taps begin with that of the newest scan.
- * out (n, filters, columns), or (n, columns, filters) where `last_filter`. */
-static void fir(ptrdiff_t n, ptrdiff_t columns, const real *newest, ptrdiff_t filters, const int64_t *lengths,
-                const real *taps, int last_filter, real *out)
-{
-    enum { LANES = 4 };
-    for (ptrdiff_t i = 0; i < n; i++, newest += columns, out += filters * columns) {
-        const real *tap = taps;
-        for (ptrdiff_t f = 0; f < filters; tap += lengths[f++])
-            for (ptrdiff_t c = 0; c < columns; c += LANES) {
-                real sum[LANES] = {0};
-                const real *x = newest + c;
-                if (c + LANES <= columns)
-                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
-                        for (int w = 0; w < LANES; w++)
-                            sum[w] += tap[k] * x[w];
-                else
-                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= columns)
-                        for (int w = 0; w < columns - c; w++)
-                            sum[w] += tap[k] * x[w];
-                for (int w = 0; w < LANES && c + w < columns; w++)
-                    out[last_filter ? (c + w) * filters + f : f * columns + c + w] = sum[w];
-            }
-    }
-}
-
-/* Wavelet bank of all channels: out (n, levels, channels). */
+/* Wavelet bank: filters of several lengths on n scans of all channels, out (n, levels, channels). `newest` is the
+ * first of the n scans in a history (scans, channels) that goes back far enough; a filter's taps begin with that
+ * of the newest scan. */
 API void tactiled_bank(ptrdiff_t channels, ptrdiff_t levels, const int64_t *lengths, const real *taps, ptrdiff_t n,
                        const real *newest, real *out)
 {
-    fir(n, channels, newest, levels, lengths, taps, 0, out);
+    enum { LANES = 4 };
+    for (ptrdiff_t i = 0; i < n; i++, newest += channels) {
+        const real *tap = taps;
+        for (ptrdiff_t f = 0; f < levels; tap += lengths[f++], out += channels)
+            for (ptrdiff_t c = 0; c < channels; c += LANES) {
+                real sum[LANES] = {0};
+                const real *x = newest + c;
+                if (c + LANES <= channels)
+                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= channels)
+                        for (int w = 0; w < LANES; w++)
+                            sum[w] += tap[k] * x[w];
+                else
+                    for (ptrdiff_t k = 0; k < lengths[f]; k++, x -= channels)
+                        for (int w = 0; w < channels - c; w++)
+                            sum[w] += tap[k] * x[w];
+                for (int w = 0; w < LANES && c + w < channels; w++)
+                    out[c + w] = sum[w];
+            }
+    }
 }
 
 /* Contact of n scans.
@@ -180,9 +173,7 @@ API void tactiled_contact(ptrdiff_t channels, ptrdiff_t taxels, ptrdiff_t sides,
     }
 }
 
-/* ---- slip (tactiled.detect.slip) ---------------------------------------------------------------------------- */
-
-/* Stuck channels: `stuck_channels` states the rule. Arrays from `position` to `stayed` are kept between calls; the
+/* Stuck channels: `signal.stuck_channels` states the rule. Arrays from `position` to `stayed` are kept between calls; the
  * turns of the last `history` scans are a ring. Returns whether any reading is stuck. */
 API int tactiled_stuck(ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, const real *sign,
                        const int64_t *others, const flag *judged, real pressed, int64_t n_turned, int64_t n_long,
@@ -222,77 +213,4 @@ API int tactiled_stuck(ptrdiff_t channels, ptrdiff_t sides, ptrdiff_t history, c
         }
     }
     return any;
-}
-
-/* Taxels (n, taxels) whose needed channels have been ok for more than `window` scans; scans count from `first`.
- * Returns whether they are the same in all scans. */
-API int tactiled_clean(ptrdiff_t channels, ptrdiff_t taxels, int64_t window, const real *needs, int64_t *newest_bad,
-                       ptrdiff_t n, int64_t first, const flag *ok, flag *clean)
-{
-    int same = 1;
-    for (ptrdiff_t i = 0; i < n; i++, ok += channels)
-        for (ptrdiff_t t = 0; t < taxels; t++) {
-            for (ptrdiff_t c = 0; c < channels; c++)
-                if (!ok[c] && needs[t * channels + c] != 0)
-                    newest_bad[t] = first + i;
-            clean[i * taxels + t] = first + i - newest_bad[t] > window;
-            same &= clean[i * taxels + t] == clean[t];
-        }
-    return same;
-}
-
-/* Responses of n scans of `steps`: seen (n, 7), and axes (n, 4) of motion and pressure. */
-API void tactiled_respond(ptrdiff_t channels, real largest, ptrdiff_t n, const real *weights, const real *steps,
-                          real *seen, real *axes)
-{
-    enum { AXES = 3, PRESSURE = 6, COLUMNS = 7 };
-    for (ptrdiff_t i = 0; i < n; i++, steps += channels, seen += COLUMNS, axes += AXES + 1) {
-        for (ptrdiff_t k = 0; k < COLUMNS; k++) {
-            real sum = 0;
-            for (ptrdiff_t c = 0; c < channels; c++)
-                sum += steps[c] * weights[k * channels + c];
-            seen[k] = least(most(rint(sum), -largest), largest);
-        }
-        for (ptrdiff_t a = 0; a < AXES; a++)
-            axes[a] = seen[a] - seen[AXES + a];
-        axes[AXES] = seen[PRESSURE];
-    }
-}
-
-static real size(const real *v)
-{
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
-/* Filter n scans of axes (n, 4), of which `newest` is the first, by ramps and wavelets: filtered (n, 4, filters);
- * rises (n, 4, ramps) of the first `ramps` filters; fits (n, ramps), whether a rise may count as evidence
- * (`evidence` states the rule); any (n), whether any does. */
-API void tactiled_evidence(ptrdiff_t filters, const int64_t *lengths, const real *taps, ptrdiff_t ramps,
-                           const real *rise_scale, real least_shear, real unequal, real leaked, real least_new,
-                           real press, ptrdiff_t n, const real *newest, real *filtered, real *rises, flag *fits,
-                           flag *any)
-{
-    enum { AXES = 3 };
-    fir(n, AXES + 1, newest, filters, lengths, taps, 1, filtered);
-    for (ptrdiff_t i = 0; i < n; i++, newest += AXES + 1, filtered += (AXES + 1) * filters) {
-        real pressure = most(newest[AXES], 1);
-        any[i] = 0;
-        for (ptrdiff_t r = 0; r < ramps; r++, fits++) {
-            real rise[AXES + 1], start[AXES], along = 0;
-            for (ptrdiff_t a = 0; a <= AXES; a++)
-                rise[a] = rises[a * ramps + r] = filtered[a * filters + r] * rise_scale[r];
-            for (ptrdiff_t a = 0; a < AXES; a++)
-                start[a] = newest[a] - rise[a];
-            for (ptrdiff_t a = 0; a < AXES; a++)
-                along = a ? along + start[a] * rise[a] : start[a] * rise[a];
-            real grown = size(rise), there = size(start), cosine = along / most(grown * there, 1);
-            real wanted = least_shear * pressure * (cosine < -0.5 && there > least_shear * pressure ? 2 : 1);
-            real reached = grown + (cosine > 0.5 ? most(there - unequal * pressure, 0) : 0);
-            real leak = leaked + there / most(pressure - rise[AXES], 1);
-            *fits = reached >= wanted && grown >= least_new * least_shear * pressure &&
-                    grown >= leak * fabs(rise[AXES]) && rise[AXES] <= press * pressure;
-            any[i] |= *fits;
-        }
-        rises += (AXES + 1) * ramps;
-    }
 }

@@ -30,9 +30,6 @@ from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.wavelet import SwtBank
-from tactiled.detect.slip.detector import CoherentParams, CoherentSlip
-from tactiled.detect.slip.evidence import ShearEvidence
-from tactiled.detect.slip.segments import TaxelSetSegment
 from tactiled.samples.block import ScanBlock, regular_block
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Scan
@@ -115,41 +112,6 @@ def test_readings_contact_bank_and_stuck_channels_have_the_bits_of_numpy(
         for start in range(0, len(piece), 1024):
             one, other = (bank.filter_steps(plain.steps[start : start + 1024]) for bank in banks)
             assert is_same(one, other)
-
-
-@needs_library
-@every_array
-@given(seed=st.integers(0, 2**32), data=st.data())
-@settings(max_examples=6, deadline=None)
-def test_evidence_has_the_bits_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
-    block = touched(array, seed)
-    held = Quantiser(array)
-    both = of_both(lambda: ShearEvidence(array, block.rate_hz, 1.0, 0.05))
-    cuts = sorted({*data.draw(splits(len(block))), *range(256, len(block), 256)})
-    for piece in pieces(block, cuts):
-        readings = held.process(piece)
-        segments = zip(*(evidence.segments(readings) for evidence in both), strict=True)
-        for found, wanted in segments:
-            for name in vars(wanted):
-                assert is_same_field(found, wanted, name), name
-            for row in range(len(wanted.fits)):
-                for evidence, segment in zip(both, (found, wanted), strict=True):
-                    evidence.learn(segment, row, disturbed=False)
-
-
-def is_same_field(found: TaxelSetSegment, wanted: TaxelSetSegment, name: str) -> bool:
-    one, other = getattr(found, name), getattr(wanted, name)
-    return one == other if name == "scans" else is_same(one, other)
-
-
-@needs_library
-@every_array
-@given(seed=st.integers(0, 2**32), data=st.data())
-@settings(max_examples=4, deadline=None)
-def test_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
-    block = touched(array, seed)
-    detector, plain = of_both(lambda: CoherentSlip(array, CoherentParams(false_alarms_per_hour=300.0)))
-    assert run(detector, pieces(block, data.draw(splits(len(block))))) == plain.process(block)
 
 
 @pytest.fixture(scope="module")

@@ -51,8 +51,8 @@ struct Slip {
     double direction_deg = 0.0;
     // Standard deviation of direction_deg, degrees; 180 where the direction is not known.
     double direction_sd_deg = 0.0;
-    // Probability that a tenth of the contact area slips (incipient) or all of it (gross), from the
-    // detectors grip and sliding. From wang2019, not a probability: agreement of the channels, 0 to 1.
+    // Probability of what is reported: that a tenth of the contact area slips (incipient), or all of it
+    // (gross). With the setting wang2019, not a probability: agreement of the channels, 0 to 1.
     double confidence = 0.0;
     // Indices of the taxels that take part.
     std::vector<std::int64_t> taxels;

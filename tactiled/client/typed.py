@@ -69,8 +69,8 @@ class SlipData(TypedDict):
     direction_sd_deg: float
     """Standard deviation of direction_deg, degrees; 180 where the direction is not known."""
     confidence: float
-    """Probability that a tenth of the contact area slips (incipient) or all of it (gross), from the detectors
-    grip and sliding. From wang2019, not a probability: agreement of the channels, 0 to 1.
+    """Probability of what is reported: that a tenth of the contact area slips (incipient), or all of it
+    (gross). With the setting wang2019, not a probability: agreement of the channels, 0 to 1.
     """
     taxels: list[int]
     """Indices of the taxels that take part."""

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.suite import DetectorPair, DetectParams, Wang2019Params, build_methods
+from tactiled.detect.suite import (
+    REGISTRY,
+    DetectorPair,
+    DetectParams,
+    SlipDetector,
+    Wang2019Params,
+    build_methods,
+)
 from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -119,3 +126,9 @@ def contact_states(events: Sequence[Event]) -> list[str]:
 def published(array: Array, params: Wang2019Params | None = None) -> DetectorPair:
     """The methods of the paper, every gap told."""
     return build_methods(array, DetectParams(setting="wang2019", wang2019=params or Wang2019Params()))
+
+
+def slip_detector(array: Array, setting: str = "balanced") -> SlipDetector:
+    """Make the slip detector of a setting, which sees every gap and publishes no grip messages."""
+    params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
+    return REGISTRY[params.setting].slip(array, params)

@@ -98,7 +98,7 @@ def slip_at(block: ScanBlock, state: Literal["onset", "end"], scan: int) -> Slip
     time_s = float(block.time_s[scan])
     return SlipEvent(
         time_s=time_s, state=state, kind="gross", onset_s=time_s, onset_sd_s=0.01, direction_deg=0.0,
-        direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="coherent", statistic=1.0, threshold=0.0,
+        direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="grip", statistic=1.0, threshold=0.0,
         valid=True, detected_s=time_s,
     )  # fmt: skip
 

@@ -1,8 +1,7 @@
 """Scenes held out: no constant and no setting of a detector was set on them.
 
-Findings on them changed the scoring (`bench/slip/truth.py`: swelling pulls grow before truth reports growth)
-and the model of direction (`detect.slip.direction`: skin that is sheared already); both were set on other
-scenes.
+A finding on them changed the scoring (`bench/slip/truth.py`: swelling pulls grow before truth reports
+growth), which was set on other scenes.
 """
 
 from tactiled.emulator.scene.description import Scene

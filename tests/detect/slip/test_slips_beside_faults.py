@@ -5,14 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from touches import LSB, Touch, onsets, pieces, run, slips, splits
+from touches import LSB, Touch, onsets, pieces, run, slip_detector, slips, splits
 
-from tactiled.array import FloatArray, load_array
-from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.stuck_channels import StuckChannelDetector
-from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
-from tactiled.detect.slip.filters import lasting
+from tactiled.array import load_array
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.events.types import Event
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -21,7 +17,7 @@ WHOLE = [("onset", "incipient"), ("onset", "gross"), ("end", "gross")]
 
 
 def detect(block: ScanBlock, setting: str = "balanced") -> list[Event]:
-    return CoherentSlip(ARRAY, SETTINGS[setting]).process(block)
+    return slip_detector(ARRAY, setting).process(block)
 
 
 def told(events: list[Event]) -> list[tuple[str, str]]:
@@ -53,17 +49,6 @@ def test_a_channel_that_sticks_in_a_hold_takes_its_taxel_out(volts: float | None
     assert {e.taxels for e in slips(events)} == {(1, 2, 3, 5, 6, 7, 8)}
 
 
-def test_a_press_that_is_over_mends_no_channel() -> None:
-    touch = Touch(slide_s=3.0, stop_s=3.5, lift_s=4.0, end_s=5.0)
-    volts = np.concatenate([touch.volts(ARRAY, 100.0)] * 2)
-    volts[:, 5] = 2.9  # before it could have had noise
-    stuck = StuckChannelDetector(ARRAY).process(steps(volts))
-    assert stuck[150:, 5].all()
-    assert not np.delete(stuck, 5, axis=1).any()
-    volts[600:, 5] += LSB
-    assert not StuckChannelDetector(ARRAY).process(steps(volts))[600, 5]
-
-
 def test_a_side_that_is_stuck_from_the_start_costs_no_confidence() -> None:
     block = Touch().block(ARRAY)
     broken = stuck_at(block, [5], 2.9, 0)
@@ -80,37 +65,6 @@ def test_a_stuck_channel_works_again_when_it_moves() -> None:
     stuck[200:400, 5] = stuck[200, 5]
     events = detect(dataclasses.replace(block, volts=stuck))
     assert slips(events)[0].taxels == tuple(range(9))
-
-
-def steps(volts: FloatArray) -> FloatArray:
-    return Quantiser(ARRAY).round(np.floor(volts / LSB + 0.5) * LSB)
-
-
-@given(st.floats(0.0, 0.6), st.floats(-2e-4, 2e-4), st.integers(0, 99))
-@settings(max_examples=25, deadline=None)
-def test_a_quiet_converter_repeats_its_codes_lawfully(noise_lsb: float, drift_v_s: float, seed: int) -> None:
-    """A press, a slip and its end with noise below the last bit, and a drift through its codes."""
-    touch = Touch(noise=0.0, seed=seed, end_s=10.0, lift_s=20.0).volts(ARRAY, 100.0)
-    rng = np.random.default_rng(seed)
-    volts = touch + noise_lsb * LSB * rng.normal(size=touch.shape)
-    volts += drift_v_s * np.arange(len(volts))[:, np.newaxis] / 100
-    assert not StuckChannelDetector(ARRAY).process(steps(volts)).any()
-
-
-def test_noise_that_stops_everywhere_sticks_nothing() -> None:
-    rng = np.random.default_rng(5)
-    volts = 1.2 + 2e-3 * rng.normal(size=(1500, ARRAY.n_channels)) * (np.arange(1500) < 700)[:, np.newaxis]
-    assert not StuckChannelDetector(ARRAY).process(steps(volts)).any()
-
-
-@pytest.mark.parametrize("noise", [1e-3, 10e-3])
-def test_noise_of_a_last_bit_repeats_no_code_for_long(noise: float) -> None:
-    rng = np.random.default_rng(6)
-    assert (
-        not StuckChannelDetector(ARRAY)
-        .process(steps(1.2 + noise * rng.normal(size=(60_000, ARRAY.n_channels))))
-        .any()
-    )
 
 
 def broken() -> ScanBlock:
@@ -131,17 +85,7 @@ WHOLE_RUN = detect(BROKEN, "fast")
 @given(splits(len(BROKEN)))
 @settings(max_examples=15, deadline=None)
 def test_what_drops_out_does_so_at_the_same_scan_however_scans_are_chunked(cuts: list[int]) -> None:
-    assert run(CoherentSlip(ARRAY, SETTINGS["fast"]), pieces(BROKEN, cuts)) == WHOLE_RUN
-
-
-@given(st.lists(st.integers(0, 1000), min_size=3, max_size=40), st.data())
-def test_what_lasts_is_what_only_rises_and_no_spike(steps_up: list[int], data: st.DataObject) -> None:
-    rises = np.cumsum(steps_up, dtype=np.float64)[:, np.newaxis]
-    np.testing.assert_array_equal(lasting(rises), rises)
-    struck, at = rises.copy(), data.draw(st.integers(1, len(rises) - 2))
-    struck[at] += data.draw(st.sampled_from([-1e6, 1e6]))
-    assert np.abs(lasting(struck) - rises).max() <= max(steps_up)
-    np.testing.assert_array_equal(lasting(struck)[[0, -1]], rises[[0, -1]])
+    assert run(slip_detector(ARRAY, "fast"), pieces(BROKEN, cuts)) == WHOLE_RUN
 
 
 @pytest.mark.parametrize("seed", [3, 4])
@@ -212,14 +156,3 @@ def test_a_press_at_a_slant_is_no_slip(slant: float, takes_s: float) -> None:
     volts = pressed * (1 + slant / 2 * along)
     volts += 0.3e-3 * np.random.default_rng(10).normal(size=volts.shape)
     assert onsets(detect(regular_block(volts, 100.0), "fast")) == []
-
-
-def test_a_higher_false_alarm_rate_gives_earlier_onsets() -> None:
-    """The more false alarms are permitted, the sooner a slow slip is reported."""
-    block = Touch(shear_takes_s=1.0, seed=11).block(ARRAY)
-    said = [
-        onsets(CoherentSlip(ARRAY, CoherentParams(false_alarms_per_hour=rate)).process(block))[0].detected_s
-        for rate in (300.0, 200.0, 100.0, 50.0, 20.0, 6.0)
-    ]
-    assert said == sorted(said)
-    assert len(set(said)) >= 5

@@ -1,4 +1,4 @@
-"""The coherent slip detector on touches with known truth, and at the extremes."""
+"""Slip events of each setting on touches with known truth, and at the extremes."""
 
 import dataclasses
 import itertools
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import LSB, Touch
+from touches import LSB, Touch, slip_detector
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.slip.detector import SETTINGS, CoherentParams, CoherentSlip
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import FAMILIES, parts
@@ -38,7 +38,7 @@ def told(events: list[Event]) -> list[tuple[str, str]]:
 
 
 def detect(block: ScanBlock, setting: str = "balanced", array: Array = ARRAY) -> list[Event]:
-    return CoherentSlip(array, SETTINGS[setting]).process(block)
+    return slip_detector(array, setting).process(block)
 
 
 WHOLE = [("onset", "incipient"), ("onset", "gross"), ("end", "gross")]
@@ -220,7 +220,7 @@ def test_fewer_taxels_know_the_direction_less_well() -> None:
 
 def test_a_slip_that_began_in_a_gap_is_found_by_its_going_on() -> None:
     block = Touch(shear_takes_s=0.5).block(ARRAY)
-    detector = CoherentSlip(ARRAY)
+    detector = slip_detector(ARRAY)
     events = detector.process(block[:395])
     assert slips(events) == []
     assert slips(detector.process(Gap(10, "missing", int(block.index[405])))) == []
@@ -232,7 +232,7 @@ def test_a_slip_that_began_in_a_gap_is_found_by_its_going_on() -> None:
 
 def test_a_gap_in_a_slip_ends_it_and_the_end_is_not_valid() -> None:
     block = Touch().block(ARRAY)
-    detector = CoherentSlip(ARRAY)
+    detector = slip_detector(ARRAY)
     assert told(detector.process(block[:500])) == WHOLE[:2]
     (end,) = slips(detector.process(Gap(10, "missing", int(block.index[510]))))
     assert (end.state, end.valid) == ("end", False)
@@ -314,13 +314,6 @@ def test_a_slide_is_gross_on_arrays_of_any_scale(name: str, setting: str) -> Non
     events = detect(Touch(shear=0.4).block(array), setting, array)
     assert told(events)[:3] == WHOLE  # fast may say the recoil too
     assert [e.state for e in events if isinstance(e, ContactEvent)][:3] == ["loading", "holding", "sliding"]
-
-
-def test_a_size_that_is_given_holds_on_any_array() -> None:
-    array = load_array("xyz-two-pads-4x4")
-    params = CoherentParams(gross_shear=0.5)
-    events = CoherentSlip(array, params).process(Touch(shear=0.4).block(array))
-    assert "gross" not in {kind for _, kind in told(events)}
 
 
 def test_a_slip_soon_after_a_swing_is_said() -> None:
@@ -419,11 +412,3 @@ def test_late_scans_make_no_valid_event() -> None:
 def test_events_come_in_the_order_of_their_evidence() -> None:
     events = detect(Touch().block(ARRAY))
     assert all(a.evidence_s <= b.evidence_s for a, b in itertools.pairwise(events))
-
-
-def test_settings_are_frozen_parameters() -> None:
-    assert CoherentParams().false_alarms_per_hour == SETTINGS["balanced"].false_alarms_per_hour
-    allowed = [SETTINGS[name].false_alarms_per_hour for name in ("fast", "balanced", "quiet")]
-    thresholds = [slips(detect(Touch().block(ARRAY), name))[0].threshold for name in SETTINGS]
-    assert allowed == sorted(allowed, reverse=True)
-    assert thresholds == sorted(thresholds)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from touches import pieces, run, slips, splits
+from touches import pieces, run, slip_detector, slips, splits
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 
@@ -33,7 +33,7 @@ SLIPPED = held(0.6 * ramp(4.0, 0.1), PRESSED)
 
 
 def through_a_gap(block: ScanBlock, setting: str = "balanced", cause: GapCause = "missing") -> list[Event]:
-    detector = CoherentSlip(ARRAY, SETTINGS[setting])
+    detector = slip_detector(ARRAY, setting)
     events = detector.process(block[:FIRST])
     events += detector.process(Gap(LAST - FIRST, cause, int(block.index[LAST])))
     return events + detector.process(block[LAST:])
@@ -89,7 +89,7 @@ def test_one_taxel_alone_that_jumps_in_a_gap_is_a_fault_of_its_own() -> None:
 @given(cuts=splits(len(SLIPPED) - LAST))
 @settings(deadline=None, max_examples=10)
 def test_it_is_the_same_however_scans_come_after_the_gap(cuts: list[int]) -> None:
-    detector = CoherentSlip(ARRAY)
+    detector = slip_detector(ARRAY)
     events = detector.process(SLIPPED[:FIRST])
     events += detector.process(Gap(LAST - FIRST, "missing", int(SLIPPED.index[LAST])))
     assert events + run(detector, pieces(SLIPPED[LAST:], cuts)) == through_a_gap(SLIPPED)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from touches import pieces, run, slips, splits
+from touches import pieces, run, slip_detector, slips, splits
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.slip.detector import SETTINGS, CoherentSlip
+from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -24,7 +24,7 @@ def held(shear: FloatArray, direction_deg: float = 30.0, seed: int = 2) -> ScanB
 
 
 def said(block: ScanBlock, setting: str = "balanced") -> list[SlipEvent]:
-    return slips(CoherentSlip(ARRAY, SETTINGS[setting]).process(block))
+    return slips(slip_detector(ARRAY, setting).process(block))
 
 
 def words(events: list[SlipEvent]) -> list[str]:
@@ -133,7 +133,7 @@ def test_many_taxels_are_gross_with_and_without_noise(noise: float, shear: float
     along = np.sign(array.shear_weights().sum(axis=1))[0]
     volts = 1.2 * np.clip((t - 0.5) / 0.5, 0, 1) + shear * np.clip((t - 4) / 0.2, 0, 1) * along
     volts = volts + noise * np.random.default_rng(1).normal(size=volts.shape)
-    events = slips(CoherentSlip(array).process(regular_block(volts, 100.0)))
+    events = slips(slip_detector(array).process(regular_block(volts, 100.0)))
     assert words(events) == ["incipient", "gross"]
 
 
@@ -143,5 +143,5 @@ SHAKE = held(0.3 * np.sin(2 * np.pi * 2 * T) * (T > 4) * (T < 7))
 @given(cuts=splits(len(SHAKE)))
 @settings(deadline=None, max_examples=5)
 def test_a_shake_is_the_same_however_it_is_cut(cuts: list[int]) -> None:
-    pieced = run(CoherentSlip(ARRAY), pieces(SHAKE, cuts))
-    assert pieced == CoherentSlip(ARRAY).process(SHAKE)
+    pieced = run(slip_detector(ARRAY), pieces(SHAKE, cuts))
+    assert pieced == slip_detector(ARRAY).process(SHAKE)

@@ -1,1 +1,0 @@
-"""The slip detector: from scan blocks to slip events."""
