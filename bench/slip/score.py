@@ -90,14 +90,14 @@ def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
 
 
 def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
-    """Return the onsets in an hour in which nothing slips."""
+    """Return the onsets of both kinds in an hour in which nothing slips."""
     n, hours = 0, 0.0
     for case, events in reported:
         nothing = case.nothing
         hours += float(nothing.sum()) / case.block.rate_hz / 3600
-        for event in onsets(events, "incipient"):
+        for event in events:
             row = round((event.detected_s - float(case.block.time_s[0])) * case.block.rate_hz)
-            n += bool(nothing[row])
+            n += event.state == "onset" and bool(nothing[row])
     return n / max(hours, 1e-9)
 
 

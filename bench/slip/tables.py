@@ -66,9 +66,12 @@ def _direction(kind: str, reported: Sequence[Reported]) -> str:
 
 
 def _early(reported: Sequence[Reported]) -> str:
+    return f"{len(reported_early(usual(reported)))} of {sum(one.case.slips for one in usual(reported))}"
+
+
+def _early_at(reported: Sequence[Reported]) -> str:
     used = reported_early(usual(reported))
-    n = sum(one.case.slips for one in usual(reported))
-    return f"{len(used)} of {n}" + (f" (utilisation {np.median(used):.2f})" if used else "")
+    return f"{np.median(used):.2f}" if used else NONE
 
 
 def _latency(reported: Sequence[Reported]) -> str:
@@ -90,6 +93,7 @@ QUESTIONS: Mapping[str, Question] = {
     "gross reported in 100 ms": lambda found: ratio(gross_reported(usual(found), 0.1)),
     "gross reported in 300 ms": lambda found: ratio(gross_reported(usual(found), 0.3)),
     f"gross reported more than {1e3 * AHEAD_S:.0f} ms early": _early,
+    "utilisation at these, median": _early_at,
     "gross reported in 300 ms where friction falls": lambda found: ratio(gross_reported(falling(found), 0.3)),
     "rests called gross": lambda found: ratio(rests_called_gross(found)),
     f"rests below {_CLEAR:.0%} of the limit called gross": lambda found: ratio(
