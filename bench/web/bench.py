@@ -41,8 +41,6 @@ _CONFIG = """\
 url = "{folder}/board"
 [publish]
 endpoints = ["ipc://{folder}/events.ipc"]
-[detect.grip]
-enabled = true
 """
 # Notes in the page: when the lamp changed, and when each slip event appeared.
 _WATCH = """
