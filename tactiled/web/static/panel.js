@@ -125,7 +125,7 @@ export class BoardPanel {
     if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
     if (grip === null || grip.state === "none") {
       const touches = this.board.touch !== null && this.board.touch.state !== "none";
-      fill(at, `none${touches}`, () => [el("p", "muted", touches ? "No grip messages: [detect.grip] enabled = true turns them on." : "Nothing is held.")]);
+      fill(at, `none${touches}`, () => [el("p", "muted", touches ? "No grip messages: [detect.grip] publish is off, or this array has no shear or no load channels." : "Nothing is held.")]);
       return;
     }
     fill(at, `${grip.seq}`, () => [
