@@ -212,9 +212,7 @@ struct Grip {
     static constexpr const char* STATE_GROSS = "gross";
     static constexpr const char* STATE_UNLOADING = "unloading";
     std::string state;
-    // False where readings cannot be trusted or the message is suppressed: do not act on it. While the shear
-    // that pressing alone makes is not known, in the first 0.6 s of a contact, the interval of utilisation
-    // is wider.
+    // False where readings cannot be trusted or the message is suppressed: do not act on it.
     bool valid = false;
     // True where the scan was delivered long after its instant.
     bool late = false;

@@ -201,10 +201,7 @@ class GripData(TypedDict):
     slips with a probability of one half or more; unloading: shear over load falls.
     """
     valid: bool
-    """False where readings cannot be trusted or the message is suppressed: do not act on it. While the shear
-    that pressing alone makes is not known, in the first 0.6 s of a contact, the interval of utilisation is
-    wider.
-    """
+    """False where readings cannot be trusted or the message is suppressed: do not act on it."""
     late: bool
     """True where the scan was delivered long after its instant."""
     suppressed: Literal["", "inhibit", "load-change"]
