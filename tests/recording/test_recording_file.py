@@ -12,7 +12,8 @@ from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_r
 from rosbags.highlevel import AnyReader
 
 from tactiled.errors import DataError
-from tactiled.events.types import ScanEvent
+from tactiled.events.types import Event, ScanEvent
+from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Input, Read, RecordedEvent
 from tactiled.recording.reader import read_header
 from tactiled.recording.writer import RecordingWriter
@@ -27,9 +28,11 @@ def test_bytes_arrivals_and_events_come_back_exactly(tmp_path: Path, reads: list
     path = tmp_path / "a.mcap"
     record(path, reads)
     assert [item for item in items(path) if isinstance(item, Read)] == reads
-    scans = [item.event for item in items(path) if isinstance(item, RecordedEvent)]
-    assert len(scans) > 100
-    assert all(isinstance(scan, ScanEvent) for scan in scans)
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    live = [out for read in reads for out in pipeline.receive_data(read.data, read.arrival_s)]
+    events = [item.event for item in items(path) if isinstance(item, RecordedEvent)]
+    assert events == [out for out in live if isinstance(out, Event)]
+    assert sum(isinstance(event, ScanEvent) for event in events) > 100
     header = read_header(path)
     assert (header.source, header.pipeline, header.part) == (SOURCE, HEADER.pipeline, 1)
     assert list(tmp_path.iterdir()) == [path]
@@ -58,7 +61,9 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
 ) -> None:
     path = tmp_path / "a.mcap"
     record(path, reads)
-    scans = iter([i.event for i in items(path) if isinstance(i, RecordedEvent) and i.event.topic == "scan"])
+    recorded = [i.event for i in items(path) if isinstance(i, RecordedEvent)]
+    scans = iter([event for event in recorded if isinstance(event, ScanEvent)])
+    others = iter([event for event in recorded if not isinstance(event, ScanEvent)])
     raws = iter(reads)
     with AnyReader([path]) as bag:
         for connection, stamp_ns, data in bag.messages():
@@ -67,13 +72,16 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
                 read = next(raws)
                 assert message.data.tobytes() == read.data
                 instant_s = read.arrival_s
-            else:
+            elif connection.topic.endswith("/scan"):
                 scan = next(scans)
-                assert isinstance(scan, ScanEvent)
                 assert tuple(message.volts.tolist()) == scan.volts
                 instant_s = scan.time_s
+            else:
+                other = next(others)
+                assert connection.topic.endswith(f"/{other.topic}")
+                instant_s = other.time_s
             assert stamp_ns == pytest.approx((instant_s + UNIX_OFFSET_S) * 1e9, abs=1e3)
-    assert next(scans, None) is None
+    assert next(scans, None) is next(others, None) is None
     with path.open("rb") as stream:
         reader = make_reader(stream)
         for schema, channel, message in reader.iter_messages():
