@@ -116,11 +116,11 @@ def test_every_command_is_recorded_with_requester_and_result(tmp_path: Path) -> 
             assert (row["command"], row["who"], row["key"], row["ok"]) == ("mark", "test", "", True)
             assert json.loads(row["arguments"]) == {"text": "the cup is full"}
             assert row["board"] == "TS0001"
-            refused = await daemon.send("thresholds", values={"slip.nonsense": 1.0})
+            refused = await daemon.send("thresholds", values={"grip.nonsense": 1.0})
             assert not refused.ok
             row = await setup.audited(refused.data["id"])
             assert not row["ok"]
-            assert "slip.nonsense: unknown key" in row["reason"] == refused.reason
+            assert "grip.nonsense: unknown key" in row["reason"] == refused.reason
             assert not (await daemon.send("record", on=True)).ok  # there is no recorder here
 
     play(setup, story)
