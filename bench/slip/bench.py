@@ -109,7 +109,7 @@ def _sections(
         "stated standard deviation. Reversed: an error beyond 90 deg with a standard deviation below 30 deg. "
         "Heads name the probabilities at which incipient and gross slip are reported."
     )
-    summary = {group: some for group, some in groups.items() if group in _IN_SUMMARY}
+    summary = {group: groups[group] for group in _IN_SUMMARY}
     yield f"In short: {'; '.join(map(_in_words, summary))}."
     yield tables.summary_table(summary)
     for group, some in groups.items():
