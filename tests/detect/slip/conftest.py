@@ -40,6 +40,7 @@ KNOWN = {
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.05-14-8]": UNIFORM,
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.05-34-3]": UNIFORM,
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.05-34-8]": UNIFORM,
+    "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.1-0-3]": UNIFORM,
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.1-0-8]": UNIFORM,
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.1-14-3]": UNIFORM,
     "test_one_channel_that_is_lost_in_mid_slip_hides_no_gross_slip[4.1-14-8]": UNIFORM,
