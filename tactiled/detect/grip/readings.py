@@ -201,6 +201,7 @@ class CompiledTaxelReadings:
         self.switched = np.zeros(array.n_taxels, dtype=np.bool_)
         self._volts, self._offset_s = np.zeros((2, array.n_channels))
         self._valid = np.zeros(array.n_channels, dtype=np.bool_)
+        self._block_offset_s: FloatArray | None = None
         # Arrays whose addresses are bound must live as long as this object.
         self._bound = (
             sizes,
@@ -223,7 +224,9 @@ class CompiledTaxelReadings:
     def begin(self, block: ScanBlock) -> None:
         """Take a block, whose scans are then taken one by one."""
         self._block_volts, self._block_valid = block.volts, block.valid
-        self._offset_s[:] = block.channel_offset_s
+        if block.channel_offset_s is not self._block_offset_s:
+            self._block_offset_s = block.channel_offset_s
+            self._offset_s[:] = block.channel_offset_s
 
     def take(self, scan: int, *, in_contact: bool, is_pressed: bool) -> ScanReading:
         """Take a scan of the block, in a contact whose press may be over."""
