@@ -206,7 +206,7 @@ class CompiledTaxelReadings:
         self._bound = (
             sizes,
             numbers,
-            np.array([compiled.address(values) for values in arrays]),
+            np.array([compiled.address(values) for values in arrays], dtype=np.uintp),
             *(self._volts, self._valid, self._offset_s, self.history, self.dropped, self.switched),
             arrays,
         )
@@ -259,16 +259,16 @@ def _constants(
         ]
     )
     filters = [taps(level) * grid.volts_per_step for level in range(1, FLOOR_LEVELS + 1)]
-    lengths = np.array([len(one) for one in filters])
+    lengths = np.array([len(one) for one in filters], dtype=np.int64)
     arrays = (
         *(lengths, np.concatenate(filters), responses.own, responses.own_weights),
         *(sides.own, sides.weights, sides.even, responses.taxel_channels),
-        *(stuck.sign, stuck.sides, stuck.judged),
+        *(stuck.sign, compiled.dense(stuck.sides, np.int64), stuck.judged),
     )
     n_sides = len(sides.own) if sides.is_needed else 0
     sizes = [array.n_channels, array.n_taxels, FLOOR_LEVELS, len(responses.own), n_sides]
     sizes += [history_scans(rate_hz), border_scans(FLOOR_LEVELS), stuck.sides.shape[1]]
-    return numbers, arrays, np.array(sizes)
+    return numbers, arrays, np.array(sizes, dtype=np.int64)
 
 
 AnyTaxelReadings = TaxelReadings | CompiledTaxelReadings
