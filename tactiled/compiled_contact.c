@@ -11,8 +11,12 @@ struct window {
     real *values;
 };
 
+static ptrdiff_t count(const struct window *window) { return window->end - window->begin; }
+
 static void append(struct window *window, real value)
 {
+    if (count(window) == window->room)
+        window->begin++;
     if (window->end == window->room) {
         window->end -= window->begin;
         memmove(window->values, window->values + window->begin, sizeof(real[window->end]));
@@ -20,8 +24,6 @@ static void append(struct window *window, real value)
     }
     window->values[window->end++] = value;
 }
-
-static ptrdiff_t count(const struct window *window) { return window->end - window->begin; }
 
 static real length(const real *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
@@ -39,7 +41,7 @@ struct trend {
 static void follow_trend(const struct trend_numbers *with, struct trend *trend, const real *ratio, real noise_sd,
                          real step_s)
 {
-    const real noise_1 = at_least(noise_sd, with->least_noise), noise = noise_1 * noise_1;
+    const real sd = at_least(noise_sd, with->least_noise), noise = sd * sd;
     if (!trend->is_begun) {
         trend->is_begun = 1;
         memcpy(trend->value, ratio, sizeof trend->value);
@@ -173,8 +175,8 @@ static real growth_odds(const struct growth_numbers *with, struct growth *growth
 
 /* Constants and state of `ShareEvidence`: places are ratios (n, 3) at which a look was taken. */
 struct places_numbers {
-    real gain_sd, common, softening_sd, offset_sd, unlike, least_uneven, place, noisy, grown, least_ratio, noises, loaded;
-    real misfit, temper, n_places;
+    real gain_sd, common, softening_sd, offset_sd, unlike, least_uneven;
+    real place, noisy, grown, least_ratio, noises, loaded, misfit, temper, n_places;
     struct shares_numbers shares;
 };
 struct places {
@@ -249,7 +251,8 @@ enum { OUT = 12 };
  * and for the arrays of the friction posterior, which outlives the contact. */
 struct contact {
     struct {
-        real total[3], ratio[3], ratio_sd, rate_sd, size, growth, is_fresh, posterior[OUT], is_gross, is_unloading, log_odds;
+        real total[3], ratio[3], ratio_sd, rate_sd, size, growth, is_fresh;
+        real posterior[OUT], is_gross, is_unloading, log_odds;
     } seen; /* what the caller reads */
     struct trend trend;
     struct growth growth;
@@ -300,8 +303,8 @@ API void tactiled_model_follow(struct contact *c, real whole, real noise_sd, rea
     c->seen.is_fresh = (real)trend->is_fresh;
     const real borne = at_least(trend->size - c->with->surely * offset_sd, 0), before = c->borne;
     c->borne = at_most(borne / c->with->bear.fallen, at_least(borne, before));
-    bear(c->hypotheses, c->with->bear.numbers, c->log_friction, c->weights, c->met, c->penalty, borne,
-                  before, c->borne, step_s);
+    bear(c->hypotheses, c->with->bear.numbers, c->log_friction, c->weights, c->met, c->penalty, borne, before,
+         c->borne, step_s);
     take_size(&c->with->growth, &c->growth, length(ratio), step_s);
     c->scan_s = step_s;
     c->noise_sd = noise_sd;
@@ -372,7 +375,7 @@ static void take_shares(struct contact *c, const real *shear, const real *predic
     if (temper == 0)
         return;
     share_likelihoods(m, n, &with->shares, c->friction, shares->nuisance, shares->cov, shear, predicted, borne,
-                    part_of_load, found, size, noise_sd, unexplained, temper);
+                      part_of_load, found, size, noise_sd, unexplained, temper);
     weigh(m, c->weights, found);
 }
 
@@ -461,8 +464,8 @@ API void tactiled_model_grip(struct contact *c)
 {
     const struct trend *trend = &c->trend;
     c->seen.is_gross = posterior(c->hypotheses, &c->with->grip, c->friction, c->log_friction, c->weights, c->met,
-                                     c->sticking, c->area, trend->size, trend->growth, trend->rate_sd,
-                                     (int)trend->is_fresh, c->seen.is_gross > 0, c->seen.posterior);
+                                 c->sticking, c->area, trend->size, trend->growth, trend->rate_sd,
+                                 (int)trend->is_fresh, c->seen.is_gross > 0, c->seen.posterior);
     c->seen.is_unloading = trend->growth < -2 * trend->rate_sd;
     c->seen.log_odds = dot(c->hypotheses, c->weights, c->odds);
 }

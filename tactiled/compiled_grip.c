@@ -129,8 +129,8 @@ static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const 
  *
  * measured (2 half, 2 taxels) and predicted (2 half, 2 taxels, hypotheses) of the looks so far are kept; `work`
  * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, taxels, hypotheses) and the `whole`
- * load are those of this look; load and stiffness (taxels) are over it. `odds` stay as they are where the looks `can_tell`
- * nothing. */
+ * load are those of this look; load and stiffness (taxels) are over it. `odds` stay as they are unless the looks
+ * `can_tell`. */
 void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
                  const real *x, const real *y, real *measured, real *predicted, real *work, const real *shear,
                  const real *expected, real whole, const real *load, const real *stiffness, real *odds,
@@ -388,10 +388,10 @@ static WIDE void solve(ptrdiff_t hypotheses, const real *restrict friction, real
 
 /* Forces of all taxels in n Newton steps towards the totals of `target` (see `solve`): `RingForces` explains them.
  *
- * x, y (taxels) are places; `rings` (2, rings) shares of stiffness and limit. `limits` has the floor of the
- * stiffness, the longest step, the extent of the places, the part of
- * its limit below which a ring sticks, and the least divisor. force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses)
- * are the forces of the taxels and the sticking shares of their stiffness. `work` (12, hypotheses) is scratch. */
+ * x, y (taxels) are places; `rings` (2, rings) shares of stiffness and limit. `limits` has the floor of the stiffness,
+ * the longest step, the extent of the places, the part of its limit below which a ring sticks, and the least divisor.
+ * force (2, rings, taxels, hypotheses) is kept; sums (3, taxels, hypotheses) are the forces of the taxels and the
+ * sticking shares of their stiffness. `work` (12, hypotheses) is scratch. */
 void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction, const real *x,
                    const real *y, const real *rings, const real *limits, real *force, real *sums, real *work,
                    ptrdiff_t n_steps, const real *load, const real *stiffness, const real *target)

@@ -105,7 +105,7 @@ static void follow_floor(ptrdiff_t channels, ptrdiff_t levels, real per_sd, real
     }
 }
 
-/* ---- loads and shears of the scans (tactiled.detect.grip.readings) ----------------------------------------------- */
+/* ---- loads and shears of the scans (tactiled.detect.grip.readings) ---------------------------------------------- */
 
 /* Constants, in the order in which `_constants` of Python has them. */
 struct readings_numbers {
