@@ -4,15 +4,13 @@ A part is taken out by another value of a name that the model reads. Friction th
 contact cannot be taken out here: worlds have one contact.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-
-from tactiled.detect.grip import detector, shares
+from tactiled.detect.grip import detector, observe, shares
 from tactiled.detect.grip.constants import Ahead, Wander
-from tactiled.detect.grip.observe import NoiseFloor
 
 WHOLE = "nothing"
 # Name of what is left out: (object, name, value) of each change.
@@ -28,7 +26,8 @@ ABLATIONS: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "wandering of the shares": ((Wander, "SLOPE", 0.0), (Wander, "OFFSET", 0.0)),
     "approximation (raw scans)": ((detector, "level_for", lambda *_: 0),),
     "whitening (noise of one step)": (
-        (NoiseFloor, "sd", lambda self: np.full_like(self._step, self._least)),
+        (observe, "_MEAN_ABS", math.inf),
+        (observe, "_ROUNDING", math.inf),
     ),
     "ends of growths": ((Ahead, "FRESH", 1.0), (Ahead, "REVISITED", 1.0), (Ahead, "E_FOLDS", 0.0)),
 }
