@@ -41,7 +41,7 @@ _DECLARED = {
     "readings_rest": ("", "pr"),
     "readings_release": ("", "p"),
     "readings_interrupt": ("", "p"),
-    "model": ("s", "ssssrppppppppppppp"),
+    "model": ("s", "ssssrpppppppppppppp"),
     "model_measure": ("", "pr"),
     "model_follow": ("", "prrrr"),
     "model_skip": ("", "p"),

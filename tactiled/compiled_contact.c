@@ -260,7 +260,7 @@ struct contact {
     real scan_s, noise_sd, borne; /* largest ratio since it fell */
     ptrdiff_t n_looks, hypotheses, taxels, n_rings, half;
     const struct contact_numbers *with;
-    const real *x, *y, *ring_shares, *friction, *log_friction, *newest, *parts;
+    const real *x, *y, *ring_shares, *friction, *log_friction, *walk_rates, *newest, *parts;
     real *weights, *met, *penalty, *shear;
     real *force, *sums, *measured, *predicted, *expected, *work;
     real *odds, *sticking, *area; /* by hypothesis */
@@ -337,14 +337,14 @@ static void take_sliding(struct contact *c, real log_odds)
         c->weights[j] /= sum;
 }
 
-/* Let friction change: `FrictionPosterior._diffuse`. */
-static void diffuse(ptrdiff_t n, real *weights, real part)
+/* Let friction change, with rates (2, n - 1): `FrictionPosterior._diffuse`. */
+static void diffuse(ptrdiff_t n, real *weights, const real *rates, real part)
 {
     const real steps = at_least(rint(part / 0.25), 1);
     for (real step = 0; step < steps; step++) {
         real flow[n];
         for (ptrdiff_t j = 0; j < n - 1; j++)
-            flow[j] = part / steps * (weights[j + 1] - weights[j]);
+            flow[j] = part / steps * (rates[n - 1 + j] * weights[j + 1] - rates[j] * weights[j]);
         for (ptrdiff_t j = 0; j < n - 1; j++)
             weights[j] += flow[j];
         for (ptrdiff_t j = 0; j < n - 1; j++)
@@ -454,7 +454,7 @@ API void tactiled_model_look(struct contact *c, ptrdiff_t n_taps, const real *ta
     const real grew = growth_odds(&with->growth, &c->growth, c->noise_sd, c->scan_s);
     if (grew != 0)
         take_sliding(c, grew);
-    diffuse(m, c->weights, with->diffusion * step_s);
+    diffuse(m, c->weights, c->walk_rates, with->diffusion * step_s);
     for (ptrdiff_t j = 0; j < m; j++)
         c->sticking[j] = exp(-c->odds[j]);
 }
@@ -503,15 +503,15 @@ static struct window window_of(real *block, ptrdiff_t *at, real n)
  * only. `step_s` is the time between scans. */
 API ptrdiff_t tactiled_model(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, ptrdiff_t half, real step_s,
                              const struct contact_numbers *with, const real *x, const real *y,
-                             const real *ring_shares, const real *friction, const real *log_friction, real *weights,
-                             real *met, real *penalty, const real *newest, const real *parts, real *shear,
-                             real *block)
+                             const real *ring_shares, const real *friction, const real *log_friction,
+                             const real *walk_rates, real *weights, real *met, real *penalty, const real *newest,
+                             const real *parts, real *shear, real *block)
 {
     const ptrdiff_t m = hypotheses, n = taxels, all = m * n, n_places = (ptrdiff_t)with->places.n_places;
     struct contact begun = {.hypotheses = m, .taxels = n, .n_rings = n_rings, .half = half, .with = with, .x = x,
                             .y = y, .ring_shares = ring_shares, .friction = friction, .log_friction = log_friction,
-                            .weights = weights, .met = met, .penalty = penalty, .newest = newest, .parts = parts,
-                            .shear = shear};
+                            .walk_rates = walk_rates, .weights = weights, .met = met, .penalty = penalty,
+                            .newest = newest, .parts = parts, .shear = shear};
     ptrdiff_t at = reals(sizeof begun);
     begun.trend.value_sd = begun.seen.ratio_sd = INFINITY;
     begun.trend.rate_sd = begun.seen.rate_sd = with->trend.start_rate_sd;

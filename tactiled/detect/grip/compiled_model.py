@@ -56,7 +56,8 @@ class CompiledContactModel:
         self._bound = (
             *(contact_numbers(x, y, friction), compiled.dense(x, np.float64), compiled.dense(y, np.float64)),
             np.stack(rings),
-            *(friction.friction, friction.log_friction, friction.weights, friction.met, friction.penalty),
+            *(friction.friction, friction.log_friction, friction.walk_rates),
+            *(friction.weights, friction.met, friction.penalty),
             *(history[-1], self.parts, self._shear),
         )
         sizes = len(friction.friction), n_taxels, len(rings.limit), HALF

@@ -230,7 +230,7 @@ class GripDetector:
             x, y = self._places
             model = contact_model(x, y, self._friction, readings.history, 1.0 / self._rate_hz)
             per_friction = self._array.shear_per_friction
-            zero = PressZero(self._array.n_taxels, self._rate_hz, per_friction, is_seen=is_seen)
+            zero = PressZero(self._array.n_taxels, self._rate_hz, per_friction, least, is_seen=is_seen)
             self._touch = _Touch(model, zero, self._rate_hz)
         elif load < least / 2:
             self._end_touch(readings)
@@ -274,8 +274,8 @@ class _Touch:
 
     @property
     def is_pressed(self) -> bool:
-        """True once the press is over."""
-        return self._zero.is_measured
+        """True once the press is over, or a pull has begun in it."""
+        return self._zero.is_measured or self._zero.is_left
 
     def pass_gap(self, gap_s: float) -> None:
         """Predict over a gap in which the contact went on."""
@@ -296,13 +296,13 @@ class _Touch:
             model.parts[:] = zero.parts
             self._level = level_for(reading.shear_sd * n_taxels / self._load, 1.0 / self._step_s)
             self._offset_sd = math.hypot(zero.whole_sd, noise_sd)
-            is_clear = zero.is_measured or noise_sd < _CLEAR
+            is_clear = self.is_pressed or noise_sd < _CLEAR
         if not is_clear:
             model.measure(self._load)
             return
         model.follow(self._load, noise_sd, self._since_s, self._offset_sd)
         self._since_s = self._step_s
-        shows = zero.is_measured or model.trend.size > _NOISES * self._offset_sd
+        shows = self.is_pressed or model.trend.size > _NOISES * self._offset_sd
         if self._n % self._n_look == 0 and shows:
             noise_sd = reading.shear_sd * noise_gain(self._level)
             look_sd = math.hypot(noise_sd, zero.taxel_sd * self._load / n_taxels)

@@ -51,6 +51,8 @@ class FrictionPosterior:
         Minus the log likelihood of what the contact has borne.
     diffusion : float
         Of the weights by a walk of friction, in squared cells for each second, halved.
+    walk_rates : (2, N_FRICTION - 1) float64
+        Of the walk from each cell to the next and back, over the diffusion: the walk keeps the prior.
     """
 
     def __init__(self, median: float, log_sd: float) -> None:
@@ -60,11 +62,17 @@ class FrictionPosterior:
         self.lowest = float(self.log_friction[0]) - self.cell / 2
         self.friction = np.exp(self.log_friction)
         # A cell adds its own variance; a prior narrower than a cell must not be lost between two.
-        self._prior = np.exp(-0.5 * offsets**2 / max(log_sd**2 - self.cell**2 / 12, self.cell**2 / 4))
+        log_prior = -0.5 * offsets**2 / max(log_sd**2 - self.cell**2 / 12, self.cell**2 / 4)
+        self._prior = np.exp(log_prior)
         self._prior /= self._prior.sum()
         self.weights = self._prior.copy()
         self._log_sd = log_sd
         self.diffusion = 0.5 * (WALK_PART * log_sd / self.cell) ** 2
+        # A walk that only spreads makes every friction equally likely in the end, and what refutes low values
+        # then drives friction up for ever. Detailed balance keeps the prior; the harmonic mean of two cells
+        # keeps both rates below 2, however narrow it is.
+        rise = np.diff(log_prior)
+        self.walk_rates = 2.0 / (1.0 + np.exp(np.stack([-rise, rise])))
         self.met = np.zeros(N_FRICTION)
         self.penalty = np.zeros(N_FRICTION)
         self._level = 0.0  # largest ratio since it fell
@@ -86,12 +94,12 @@ class FrictionPosterior:
         self.weights /= sum_in_order(self.weights)
 
     def walk(self, step_s: float) -> None:
-        """Let friction change for a time."""
-        self._diffuse(self.diffusion * step_s)
+        """Let friction change for a time, around the prior."""
+        self._diffuse(self.diffusion * step_s, *self.walk_rates)
 
     def spread(self, log_sd: float) -> None:
         """Widen the posterior by a standard deviation of log friction."""
-        self._diffuse(0.5 * (log_sd / self.cell) ** 2)
+        self._diffuse(0.5 * (log_sd / self.cell) ** 2, *np.ones_like(self.walk_rates))
 
     def bear(self, ratio: float, step_s: float) -> None:
         """Take the ratio of shear over load that the contact bears now.
@@ -157,11 +165,18 @@ class FrictionPosterior:
         found = np.minimum(1.0, ratio / exp(log_q))
         return np.asarray(np.where(tail >= 1.0, 1.0, found))
 
-    def _diffuse(self, part: float) -> None:
-        """Move a part of the differences between cells; beyond a half at once, weights would be negative."""
+    def _diffuse(self, part: float, up: FloatArray, down: FloatArray) -> None:
+        """Move parts of the weights to neighbouring cells; beyond a half at once, they would be negative.
+
+        Parameters
+        ----------
+        part : float
+        up, down : (N_FRICTION - 1,) float64
+            Rates from each cell to the next and back.
+        """
         steps = max(1, round(part / 0.25))
         for _ in range(steps):
-            flow = part / steps * (self.weights[1:] - self.weights[:-1])
+            flow = part / steps * (down * self.weights[1:] - up * self.weights[:-1])
             self.weights[:-1] += flow
             self.weights[1:] -= flow
 

@@ -1,10 +1,12 @@
 """Shear that pressing alone makes: zero of the taxels' shear, as a multiple of their load.
 
 Unequal gains of the channels and a skin that is mounted at an angle turn a part of the load into shear. It is
-measured from touch on, until the shear leaves it by more than it can vary, or `_PRESS_S` have passed: hands
-that grasp and lift begin to pull a tenth of a second after touch. Each taxel's part is unknown by itself, so
-that the part of the whole array is small; a press at a slant, whose shear is larger, loads the contact. All
-shear of a contact that was not seen to begin is taken for the zero, and all of it may be load.
+measured from touch on until `_PRESS_S` have passed, from all scans whose shear does not leave it by more than
+it can vary: hands that grasp and lift begin to pull a tenth of a second after touch. Shear that left it may
+return, because the first scans of a touch, at small loads, measure it badly. Each taxel's part is unknown by
+itself, so that the part of the whole array is small; a press at a slant, whose shear is larger, loads the
+contact. All shear of a contact that was not seen to begin is taken for the zero, and all of it may be load,
+until the load has grown so much that most of the contact was seen to begin.
 
 What is not known of it yet is an offset of the shear over load: it widens intervals, and weakens what the
 shares of the taxels and the borne shear say of friction.
@@ -21,7 +23,8 @@ _PRESS_S = 0.6  # of a press that shear does not end, after which the zero is kn
 # an array that is mounted at 2 degrees so much of all of it.
 _TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
 _SDS = 2.0  # that the zero of the whole array may have
-_LEFT_SDS = 3.0  # by which shear must leave the zero to end the press
+_LEFT_SDS = 3.0  # by which shear must leave the zero to be of a pull
+_SEEN = 2.0  # times the first load: more than half of the contact was seen to begin
 
 
 class PressZero:
@@ -33,6 +36,8 @@ class PressZero:
     rate_hz : float
     shear_per_friction : float
         Reading of shear over that of load at a friction of 1.
+    least_load : float
+        Of a taxel, on the mean: where a contact begins. Smaller loads say little of the zero.
     is_seen : bool
         The contact was seen to begin. Otherwise shear may have come before.
 
@@ -42,42 +47,61 @@ class PressZero:
         Shear over load.
     taxel_sd, whole_sd : float
         Standard deviations of what is unknown of a taxel's part, and of that of the whole array.
+    is_measured : bool
+        True once the press is over.
+    is_left : bool
+        True where the newest shear is that of a pull.
     """
 
-    def __init__(self, n_taxels: int, rate_hz: float, shear_per_friction: float, *, is_seen: bool) -> None:
+    def __init__(
+        self, n_taxels: int, rate_hz: float, shear_per_friction: float, least_load: float, *, is_seen: bool
+    ) -> None:
         self._n_taxels = n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
         self._taxel_sd = self.taxel_sd = _TAXEL_SD * shear_per_friction
         mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD)
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
+        self._least_load = least_load
         self._is_seen = is_seen
-        self._n = 0
+        self._first = 0.0  # sum of the first loads
+        self._n = self._n_taken = 0  # scans, and those of which the zero is made
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
         self._squares = np.zeros(n_taxels)  # and of load squared
         self.parts = np.zeros((2, n_taxels))
-        self.is_measured = False
-        """True once the press is over."""
+        self.is_measured = self.is_left = False
 
     def take(self, load: FloatArray, shear: FloatArray, shear_sd: float, total_sd: float) -> None:
         """Take loads (taxels,) and shears (2, taxels) of a scan of the press, with their noise."""
         whole = max(float(load.sum()), 1e-9)
-        if self._n:
-            left = (shear - self.parts * load).sum(axis=1) / whole
-            if math.hypot(*left) > _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole):
-                self.is_measured = True
-                return
         self._n += 1
+        self.is_measured = self._n >= self._n_press
+        self._first = self._first or whole
+        if not self._is_seen and whole > _SEEN * self._first:
+            self._see()
+        if self._n_taken:
+            left = (shear - self.parts * load).sum(axis=1) / whole
+            self.is_left = math.hypot(*left) > _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
+            if self.is_left:
+                return
+        self._n_taken += 1
         self._crossed += shear * load
         self._squares += load**2
-        # The load's own noise keeps taxels without load from a zero made of noise.
-        parts = self._crossed / np.maximum(self._squares + self._n * shear_sd**2, 1e-300)
+        # Noise, and what a small load does not tell, keep taxels without load from a zero that is made of it.
+        silent = self._n_taken * shear_sd**2 + self._least_load**2
+        parts = self._crossed / np.maximum(self._squares + silent, 1e-300)
         parts_of_whole = (parts * load / whole).sum(axis=1, keepdims=True)
         size = math.hypot(*parts_of_whole[:, 0])
         if self._is_seen:
             parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
-            unknown = 1.0 - self._n / self._n_press
+            unknown = 1.0 - self._n_taken / self._n_press
             self.taxel_sd, self.whole_sd = self._taxel_sd * unknown, self._whole_sd * unknown
         else:  # all of the zero may be load
             self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
-        self.is_measured = self._n >= self._n_press
+
+    def _see(self) -> None:
+        """Measure anew, as in a contact that was seen to begin."""
+        self._is_seen = True
+        self._n_taken = 0
+        self._crossed[:], self._squares[:], self.parts = 0.0, 0.0, np.zeros_like(self.parts)
+        self.taxel_sd, self.whole_sd = self._taxel_sd, self._whole_sd

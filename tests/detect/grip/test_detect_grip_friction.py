@@ -56,6 +56,27 @@ def p_gross(ratio: float, growth: float, *, is_fresh: bool = True) -> np.ndarray
     return p_gross_within(posterior.log_used(ratio), posterior.weights, growth, 0.05, is_fresh, HORIZONS)
 
 
+@pytest.mark.parametrize("log_sd", [0.1, 0.3, 0.6, 1.0])
+def test_the_walk_keeps_the_prior_and_returns_to_it(log_sd: float) -> None:
+    posterior = FrictionPosterior(0.6, log_sd)
+    prior = posterior.friction_quantiles(AT)
+    posterior.walk(1000.0)
+    np.testing.assert_allclose(posterior.friction_quantiles(AT), prior, rtol=1e-9)
+    posterior.bear(0.9, 0.01)
+    assert posterior.friction_quantiles(AT)[1] > 1.2 * prior[1]
+    posterior.walk(1000.0)
+    np.testing.assert_allclose(posterior.friction_quantiles(AT), prior, rtol=1e-3)
+
+
+def test_a_ratio_that_grows_slowly_comes_near_to_friction() -> None:
+    """Low values are refuted one after the other, and friction must not run away before the ratio."""
+    posterior = FrictionPosterior(0.6, 0.6)
+    for ratio in np.linspace(0.01, 0.9, 1000):
+        posterior.bear(ratio, 1.0)
+        posterior.walk(1.0)
+    assert posterior.friction_quantiles(AT)[1] < 1.5 * 0.9
+
+
 def test_p_gross_grows_with_horizon_rate_and_ratio_and_is_a_probability() -> None:
     for ratio in (0.0, 0.3, 0.5, 0.6, 5.0):
         for growth in (-3.0, 0.0, 0.5, 5.0):
