@@ -42,6 +42,7 @@ class Touch:
     grooves: tuple[float, float] | None = None  # period (mm) and angle (degrees)
     ripple: float = 0.05
     speed_mm_s: float = 1.0
+    uneven: float = 0.0  # standard deviation of a taxel's friction along the surface, over its mean
     noise: float = 0.3e-3
     seed: int = 0
 
@@ -55,6 +56,8 @@ class Touch:
         state = 1 - np.exp(-slid / self.shear_takes_s)
         state = state * (self.shear_kept + (1 - self.shear_kept) * np.exp(-stopped / 0.3)) * (t < self.lift_s)
         motion = self.shear * state * _answers(array, self.direction_deg)
+        if self.uneven:
+            motion = motion * (1 + uneven_friction(array, slid / self.shear_takes_s, self.uneven))
         pressure = np.where([kind in ("side", "normal") for kind in array.channel_kind], pressed, 0.0)
         if self.grooves is not None:
             pressure = pressure * (1 + self._wave(array, slid) * (slid > 0))
@@ -90,6 +93,20 @@ def _answers(array: Array, direction_deg: float) -> FloatArray:
         elif not array.has_shear:  # a plain pad feels the load shift from its one half to the other
             answers[c] = 1.0 if array.x_mm[array.channel_taxel[c]] > array.x_mm.mean() else -1.0
     return answers
+
+
+def uneven_friction(array: Array, travel: FloatArray, sd: float) -> FloatArray:
+    """Return by how much friction differs at the channels (n, channels) from its mean, after some travel.
+
+    Each taxel meets three waves of its own: the surface under it is not that under the others. The mean over
+    the taxels, which a change of friction as a whole would be, is zero. It begins with the travel.
+    """
+    rng, waves = np.random.default_rng(5), np.zeros((len(travel), array.n_taxels))
+    for _ in range(3):
+        cycles, phase = rng.uniform(0.1, 0.6, array.n_taxels), rng.uniform(0, 2 * np.pi, array.n_taxels)
+        waves += np.sin(2 * np.pi * cycles * travel[:, :1] + phase) * np.sqrt(2 / 3)
+    waves -= waves.mean(axis=1, keepdims=True)
+    return np.asarray(sd * np.clip(travel[:, :1], 0, 1) * waves[:, array.channel_taxel])
 
 
 def splits(n: int) -> st.SearchStrategy[list[int]]:
@@ -128,7 +145,13 @@ def published(array: Array, params: Wang2019Params | None = None) -> DetectorPai
     return build_methods(array, DetectParams(setting="wang2019", wang2019=params or Wang2019Params()))
 
 
-def slip_detector(array: Array, setting: str = "balanced") -> SlipDetector:
-    """Make the slip detector of a setting, which sees every gap and publishes no grip messages."""
-    params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
+def slip_detector(array: Array, setting: str = "balanced", friction: float | None = None) -> SlipDetector:
+    """Make the slip detector of a setting, which sees every gap and publishes no grip messages.
+
+    A friction, in shear reading over load, is known to 10 % beforehand. Without one, it has the wide prior.
+    """
+    grip: dict[str, float | bool] = {"publish": False}
+    if friction is not None:
+        grip |= {"friction": friction, "friction_log_sd": 0.1}
+    params = DetectParams.model_validate({"setting": setting, "grip": grip})
     return REGISTRY[params.setting].slip(array, params)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from touches import pieces, run, slip_detector, slips, splits
+from touches import pieces, run, slip_detector, slips, splits, uneven_friction
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.grip.slip_detector import SETTINGS
@@ -16,12 +16,13 @@ T = np.arange(800) / 100.0
 FIRST, LAST = 398, 418  # scans that are lost
 
 
-def held(shear: FloatArray, pressure: FloatArray, seed: int = 3) -> ScanBlock:
-    """Shear (n,) in volts of opposed channels, at 25 degrees, and pressure (n,) in volts of all."""
+def held(shear: FloatArray, pressure: FloatArray, slides_s: float = 99.0) -> ScanBlock:
+    """Shear (n,) at 25 degrees and pressure (n,), in volts; from `slides_s` on, the contact slides."""
     theta = np.radians(25.0)
     motion = shear[:, np.newaxis] * (np.cos(theta) * SHEAR[0] + np.sin(theta) * SHEAR[1])
+    motion = motion * (1 + uneven_friction(ARRAY, np.clip(T - slides_s, 0, None)[:, np.newaxis] / 0.1, 0.05))
     volts = pressure[:, np.newaxis] + motion
-    return regular_block(volts + 1e-3 * np.random.default_rng(seed).normal(size=volts.shape), 100.0)
+    return regular_block(volts + 1e-3 * np.random.default_rng(3).normal(size=volts.shape), 100.0)
 
 
 def ramp(start_s: float, takes_s: float) -> FloatArray:
@@ -29,7 +30,7 @@ def ramp(start_s: float, takes_s: float) -> FloatArray:
 
 
 PRESSED = 1.2 * ramp(0.5, 0.5)
-SLIPPED = held(0.6 * ramp(4.0, 0.1), PRESSED)
+SLIPPED = held(0.6 * ramp(4.0, 0.1), PRESSED, slides_s=4.05)
 
 
 def through_a_gap(block: ScanBlock, setting: str = "balanced", cause: GapCause = "missing") -> list[Event]:
@@ -45,12 +46,11 @@ def test_a_slip_inside_a_gap_is_reported(setting: str, cause: GapCause) -> None:
     first, gross = slips(through_a_gap(SLIPPED, setting, cause))[:2]
     assert (first.state, first.kind, first.valid) == ("onset", "incipient", True)
     assert first.detected_s < 4.18 + 0.1
-    assert abs(first.onset_s - 4.0) <= first.onset_sd_s == pytest.approx(0.105, abs=0.01)
-    assert first.confidence <= 0.5
+    assert abs(first.onset_s - 4.0) <= 2 * first.onset_sd_s
+    assert first.onset_sd_s > 0.2 / 12**0.5 - 0.01  # it may have begun anywhere in the gap of 0.2 s
     assert abs(first.direction_deg - 25.0) < 2
     assert gross.kind == "gross"
-    assert 3.97 < gross.onset_s < 4.2
-    assert gross.onset_sd_s > 0.05
+    assert 3.97 < gross.onset_s < 4.4
 
 
 def test_the_contact_then_slides() -> None:
