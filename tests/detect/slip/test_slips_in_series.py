@@ -93,7 +93,8 @@ SHAKES = {
 def test_onsets_and_ends_of_a_shaking_hand_alternate(shake: tuple[float, float], setting: str) -> None:
     """Each swing in which a tenth of the area slips may be reported; all have ended when the shear rests."""
     events = said(SHAKES[shake], setting)
-    is_open, kinds = False, []
+    kinds: list[str] = []
+    is_open = False
     for event in events:
         if event.state == "end":
             assert is_open
