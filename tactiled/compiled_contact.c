@@ -154,6 +154,8 @@ static real odds_of_growth(const struct growth_numbers *with, ptrdiff_t n, const
 static real growth_odds(const struct growth_numbers *with, struct growth *growth, real size_sd, real step_s)
 {
     const ptrdiff_t n = count(&growth->sizes);
+    if (n == 0)
+        return 0;
     const real *sizes = growth->sizes.values + growth->sizes.begin;
     const real level = n > 1 ? (sizes[n - 2] + sizes[n - 1]) / 2 : sizes[n - 1];
     ptrdiff_t below = n - 1;

@@ -61,6 +61,8 @@ class GrowthEvidence:
         step_s : float
             Time between scans.
         """
+        if not self._sizes:  # scans are further apart than what is remembered
+            return 0.0
         sizes = np.array(self._sizes)
         level = float(sizes[-2:].mean())
         below = np.flatnonzero(sizes < _HALF * level)
