@@ -1,12 +1,12 @@
 """Shear that pressing alone makes: zero of the taxels' shear, as a multiple of their load.
 
 Unequal gains of the channels and a skin that is mounted at an angle turn a part of the load into shear. It is
-measured from touch on until `_PRESS_S` have passed, from all scans whose shear does not leave it by more than
-it can vary: hands that grasp and lift begin to pull a tenth of a second after touch. Shear that left it may
-return, because the first scans of a touch, at small loads, measure it badly. Each taxel's part is unknown by
-itself, so that the part of the whole array is small; a press at a slant, whose shear is larger, loads the
-contact. All shear of a contact that was not seen to begin is taken for the zero, and all of it may be load,
-until the load has grown so much that most of the contact was seen to begin.
+measured from touch on, until the shear leaves it by more than it can vary, or `_PRESS_S` have passed: hands
+that grasp and lift begin to pull a tenth of a second after touch. A zero that shear left is measured anew
+where the load has doubled since and the shear is small: the first scans of a touch, at small loads, measure
+it badly. Each taxel's part is unknown by itself, so that the part of the whole array is small; a press at a
+slant, whose shear is larger, loads the contact. All shear of a contact that was not seen to begin is taken
+for the zero, and all of it may be load, until the load has doubled.
 
 What is not known of it yet is an offset of the shear over load: it widens intervals, and weakens what the
 shares of the taxels and the borne shear say of friction.
@@ -24,7 +24,7 @@ _PRESS_S = 0.6  # of a press that shear does not end, after which the zero is kn
 _TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
 _SDS = 2.0  # that the zero of the whole array may have
 _LEFT_SDS = 3.0  # by which shear must leave the zero to be of a pull
-_SEEN = 2.0  # times the first load: more than half of the contact was seen to begin
+_SEEN = 2.0  # times the load of the zero: more than half of the contact was seen to begin since
 
 
 class PressZero:
@@ -63,7 +63,7 @@ class PressZero:
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._least_load = least_load
         self._is_seen = is_seen
-        self._first = 0.0  # sum of the first loads
+        self._largest = 0.0  # sum of the loads of which the zero is made; of the first ones where not seen
         self._n = self._n_taken = 0  # scans, and those of which the zero is made
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
         self._squares = np.zeros(n_taxels)  # and of load squared
@@ -75,14 +75,20 @@ class PressZero:
         whole = max(float(load.sum()), 1e-9)
         self._n += 1
         self.is_measured = self._n >= self._n_press
-        self._first = self._first or whole
-        if not self._is_seen and whole > _SEEN * self._first:
-            self._see()
-        if self._n_taken:
+        most = _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
+        has_doubled = self._n > 1 and whole > _SEEN * self._largest
+        is_small = math.hypot(*shear.sum(axis=1)) <= most * whole
+        if has_doubled and (not self._is_seen or (self.is_left and is_small)):
+            self._forget()
+        if self.is_left:
+            return
+        if self._n > 1:
             left = (shear - self.parts * load).sum(axis=1) / whole
-            self.is_left = math.hypot(*left) > _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
+            self.is_left = math.hypot(*left) > most
             if self.is_left:
                 return
+        if self._is_seen or self._n == 1:
+            self._largest = max(self._largest, whole)
         self._n_taken += 1
         self._crossed += shear * load
         self._squares += load**2
@@ -99,9 +105,9 @@ class PressZero:
             self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
 
-    def _see(self) -> None:
+    def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""
-        self._is_seen = True
+        self._is_seen, self.is_left = True, False
         self._n_taken = 0
         self._crossed[:], self._squares[:], self.parts = 0.0, 0.0, np.zeros_like(self.parts)
         self.taxel_sd, self.whole_sd = self._taxel_sd, self._whole_sd

@@ -94,6 +94,18 @@ def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -
     assert 0.01 < zero.whole_sd < 0.04
 
 
+def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a_pull() -> None:
+    for ratio, is_pull in ((0.0, False), (0.2, True)):
+        zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True), np.full(9, 0.1)
+        zero.take(load, 0 * load * np.ones((2, 1)), 1e-3, 3e-3)
+        zero.take(load, 0.2 * load * np.ones((2, 1)), 1e-3, 3e-3)
+        assert zero.is_left
+        for k in range(58):
+            zero.take((1 + k / 20) * load, ratio * (1 + k / 20) * load * np.ones((2, 1)), 1e-3, 3e-3)
+        assert zero.is_left == is_pull
+        assert zero.is_measured
+
+
 def test_the_zero_of_the_first_small_loads_does_not_last() -> None:
     """Of a taxel that is hardly touched, noise is many times the load."""
     zero, rng = PressZero(9, 100.0, 1.0, 0.01, is_seen=True), np.random.default_rng(6)
@@ -144,6 +156,14 @@ def test_a_contact_whose_load_grows_after_the_first_scan_was_seen_to_begin() -> 
         zero.take(10 * load, np.zeros((2, 9)), 1e-3, 3e-3)
     assert zero.whole_sd < 0.002
     assert zero.parts == pytest.approx(np.zeros((2, 9)), abs=1e-9)
+
+
+def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> None:
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False), np.full(9, 0.1)
+    for k in range(30):
+        zero.take((1 + k / 10) * load, 0.2 * (1 + k / 10) * load * np.ones((2, 1)), 1e-3, 3e-3)
+    assert zero.is_left
+    assert not zero.parts.any()
 
 
 # --- gaps
