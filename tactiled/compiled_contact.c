@@ -82,7 +82,7 @@ static void follow_trend(const struct trend_numbers *with, struct trend *trend, 
 /* Constants and state of `GrowthEvidence`. */
 struct growth_numbers {
     real history_s, half, slows, nearly, stays, least, noisy, turn, noises, few;
-    real hand_s, hand_log_sd, rare, slide[2], even[2], smooth[2], other;
+    real hand_s, hand_log_sd, rare, slide[2], even[2], smooth[2], other, stays_at;
 };
 struct growth {
     real taken;
@@ -141,7 +141,7 @@ static real odds_of_growth(const struct growth_numbers *with, ptrdiff_t n, const
     if (fell > with->turn * level)
         return NAN;
     const real z = log(took_s / with->hand_s) / with->hand_log_sd;
-    real found = -log(at_least(0.5 * (1 + erf(z / sqrt(2.0))), with->rare));
+    real found = with->stays_at - log(at_least(0.5 * (1 + erf(z / sqrt(2.0))), with->rare));
     if (slows - half >= with->few * step_s) {
         real course = log(at_least(stays - slows, 0.5 * step_s) / (0.2 * (slows - half)));
         real holds = 0.5 * (density(course, with->even) + density(course, with->smooth));

@@ -19,7 +19,9 @@ _EXCESS_SD = (
     0.10  # of log ratio by which a sliding contact exceeds its friction: unequal taxels, speed; a prior
 )
 FULL = 0.97  # of the ratio at the limit: taxels of unequal friction slip one after the other
-_SOFT = 0.10  # log ratios over which a limit is met: a cell of the grid
+# Log ratios over which a limit is met: shear over load at gross slip is known to 10 % either way, by what
+# gains, relieved sides and taxels of unequal friction leave.
+SOFT = 0.2
 _KINETIC_LEAST = 0.75  # of the static limit: kinetic friction of rubber is seldom less, a prior
 # Mean duration of gross slip: a dropped object is lost within 1 s, an arm strokes for 1 to 5 s; a prior.
 # An even slide and a rest after it look the same, so that nothing else tells when it ended.
@@ -121,7 +123,7 @@ class FrictionPosterior:
     def _part_met(self, ratio: float) -> FloatArray:
         """Return the part of each cell whose limit a ratio meets."""
         above = math.log(max(ratio, LEAST_RATIO)) - self.log_friction
-        return np.asarray(np.clip((above - math.log(FULL)) / _SOFT + 0.5, 0.0, 1.0))
+        return np.asarray(np.clip((above - math.log(FULL)) / SOFT + 0.5, 0.0, 1.0))
 
     def take_sliding(self, log_odds: float) -> None:
         """Take a log likelihood ratio of sliding over sticking, which is the same for all friction values."""
@@ -195,7 +197,7 @@ def bear_numbers() -> FloatArray:
         [
             LEAST_RATIO,
             math.log(FULL),
-            _SOFT,
+            SOFT,
             math.log(_KINETIC_LEAST),
             _SLIDE_S,
             _EXCESS_SD,

@@ -1,7 +1,9 @@
 """Evidence for sliding from how fast and in which course the ratio of shear to load grew before it stayed.
 
-A ratio stays where friction is met, or where the hand stops. Two things tell them apart, at any noise:
+A ratio stays where friction is met, or where the hand stops. Three things tell them apart, at any noise:
 
+* A contact that slides stays where its limit is, and a hand may stop anywhere: that the ratio stays just at
+  the limit of a friction value is a coincidence where that value sticks, and certain where it slides.
 * A contact that is moved comes to its limit in a travel of tenths of a millimetre, often within some
   hundredths of a second; a hand takes longer to change what it bears. The fastest voluntary changes of force
   last 0.1 s from beginning to end (Freund and Buedingen, Exp. Brain Res. 31, 1978).
@@ -18,8 +20,14 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.grip.friction import SOFT
 
 _HISTORY_S = 1.0  # a growth from half of the ratio that takes longer says nothing
+# Stops of a hand in one e-fold of the ratio, a prior: forces are set on a logarithmic scale (Weber), and a
+# hand that has doubled the ratio goes on by two thirds in the mean. 1 and 2 give the same reports at
+# thresholds of `gross_p` that differ by a third.
+_HAND_STOPS = 2.0
+_STAYS_AT = -math.log(_HAND_STOPS * SOFT)  # log odds of a ratio that stays where a limit is met
 # Lognormal prior of the time in which a hand brings the ratio from half to 0.95 of where it stays.
 _HAND_S, _HAND_LOG_SD = 0.12, 1.0
 _RARE = 1e-3  # least probability of a hand that fast: impacts
@@ -94,7 +102,7 @@ def _of_growth(rise: FloatArray, level: float, size_sd: float, step_s: float) ->
     if fell > _TURN * level:
         return None
     z = math.log(took_s / _HAND_S) / _HAND_LOG_SD
-    found = -math.log(max(0.5 * (1.0 + math.erf(z / math.sqrt(2.0))), _RARE))
+    found = _STAYS_AT - math.log(max(0.5 * (1.0 + math.erf(z / math.sqrt(2.0))), _RARE))
     if slows - half >= _FEW * step_s:
         course = math.log(max(stays - slows, 0.5 * step_s) / (0.2 * (slows - half)))
         holds = 0.5 * (_density(course, *_EVEN) + _density(course, *_SMOOTH))
@@ -122,6 +130,5 @@ def _density(value: float, mean: float, sd: float) -> float:
 def growth_numbers() -> FloatArray:
     """Return the constants of `GrowthEvidence` in the order of `struct growth_numbers`."""
     looks = _LEAST, _NOISY, _TURN, _NOISES, _FEW
-    return np.array(
-        [_HISTORY_S, *_PARTS, *looks, _HAND_S, _HAND_LOG_SD, _RARE, *_SLIDE, *_EVEN, *_SMOOTH, _OTHER]
-    )
+    hand = _HAND_S, _HAND_LOG_SD, _RARE
+    return np.array([_HISTORY_S, *_PARTS, *looks, *hand, *_SLIDE, *_EVEN, *_SMOOTH, _OTHER, _STAYS_AT])
