@@ -238,38 +238,60 @@ static WIDE void use(ptrdiff_t taxels, const struct shares_numbers *with, real f
     }
 }
 
-/* Nuisances (5, taxels) with covariance after a look, of one hypothesis. Turns `root`, the cubic root of what is left
- * of the limit, into one over the likelihood. */
-static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real scale, real size, real noise,
-                       real unexplained, real temper, const real *restrict shear_x, const real *restrict shear_y,
-                       const real *restrict x, const real *restrict y, const real *restrict load,
-                       const real *restrict force, const real *restrict used, real *restrict root,
-                       real *restrict nuisance, real *restrict cov)
+/* A look beside one hypothesis: residuals, the variance that is known of the nuisances, that of all (taxels), and the
+ * covariance of the shear with the nuisances (5, taxels). `root` is the cubic root of what is left of the limit. Returns
+ * the mean square of the residuals over their deviations. */
+static WIDE real compare(ptrdiff_t taxels, const struct shares_numbers *with, real scale, real noise, real unexplained,
+                         const real *restrict shear_x, const real *restrict shear_y, const real *restrict x,
+                         const real *restrict y, const real *restrict load, const real *restrict force,
+                         const real *restrict used, const real *restrict root, const real *restrict nuisance,
+                         const real *restrict cov, real *restrict residual, real *restrict known,
+                         real *restrict variance, real *restrict spread)
 {
-    const real power = with->power, even = with->even, degrees = with->degrees;
+    const real power = with->power, even = with->even;
+    real squares = 0;
     for (ptrdiff_t t = 0; t < taxels; t++) {
         real along = (shear_x[t] * x[t] + shear_y[t] * y[t]) / force[t], model = force[t] * scale;
         real softening = 1 - power * (1 - root[t] * root[t]) * root[t] / used[t];
-        real to_x = x[t] / force[t], to_y = y[t] / force[t], spread[KINDS], moved = 0, known = 0;
+        real to_x = x[t] / force[t], to_y = y[t] / force[t], moved = 0, own = 0;
         real direction[KINDS] = {model * to_x * to_x, model * to_y * to_y, model * softening, load[t] * to_x,
                                  load[t] * to_y};
         for (int a = 0; a < KINDS; a++) {
-            spread[a] = 0;
+            real sum = 0;
             for (int b = 0; b < KINDS; b++)
-                spread[a] += cov[COV(a, b) * taxels + t] * direction[b];
+                sum += cov[COV(a, b) * taxels + t] * direction[b];
+            spread[a * taxels + t] = sum;
             moved += nuisance[a * taxels + t] * direction[a];
-            known += spread[a] * direction[a];
+            own += sum * direction[a];
         }
-        real misfit = noise + unexplained * (even + (1 - even) * load[t]);
-        real residual = along - (model + moved), variance = known + misfit;
-        real relative = residual * residual / variance, tail = 1 + relative / degrees;
-        real precision = 1 / (known + misfit / (temper * ((degrees + 1) / (degrees + relative))));
-        root[t] = tail * tail * sqrt(variance) / size;
+        known[t] = own;
+        variance[t] = own + (noise + unexplained * (even + (1 - even) * load[t]));
+        residual[t] = along - (model + moved);
+    }
+    for (ptrdiff_t t = 0; t < taxels; t++)
+        squares += residual[t] * residual[t] / variance[t];
+    return squares / (real)taxels;
+}
+
+/* Nuisances (5, taxels) and the lower half of their covariance (15, taxels) after a look, of one hypothesis. Turns
+ * `variance` into one over the likelihoods. */
+static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real size, real unmodelled, real temper,
+                       const real *restrict residual, const real *restrict known, const real *restrict spread,
+                       real *restrict variance, real *restrict nuisance, real *restrict cov)
+{
+    const real degrees = with->degrees;
+    for (ptrdiff_t t = 0; t < taxels; t++) {
+        real relative = residual[t] * residual[t] / variance[t] / unmodelled, all = variance[t] * unmodelled;
+        real misfit = all - known[t], tail = 1 + relative / degrees;
+        real precision = 1 / (known[t] + misfit / (temper * ((degrees + 1) / (degrees + relative))));
+        variance[t] = tail * tail * sqrt(all) / size;
         for (int a = 0; a < KINDS; a++) {
-            nuisance[a * taxels + t] += spread[a] * precision * residual;
-            for (int b = 0; b <= a; b++)
-                cov[COV(a, b) * taxels + t] -= spread[a] * spread[b] * precision;
+            real gain = spread[a * taxels + t] * precision;
+            nuisance[a * taxels + t] += gain * residual[t];
         }
+        for (int a = 0; a < KINDS; a++)
+            for (int b = 0; b <= a; b++)
+                cov[COV(a, b) * taxels + t] -= spread[a * taxels + t] * spread[b * taxels + t] * precision;
     }
 }
 
@@ -284,19 +306,31 @@ void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shar
                        real temper)
 {
     const ptrdiff_t all = hypotheses * taxels;
-    real force[taxels], used[taxels], root[taxels];
+    real force[taxels], used[taxels], root[taxels], least = INFINITY;
+    real residual[all], known[all], variance[all], spread[KINDS * all];
     for (ptrdiff_t j = 0; j < hypotheses; j++) {
-        const real *x = predicted + j * taxels, *y = x + all;
-        real scale = size / at_least(borne[j], with->tiny), found = 0;
+        const ptrdiff_t at = j * taxels;
+        const real *x = predicted + at, *y = x + all;
+        real scale = size / at_least(borne[j], with->tiny);
         if (fabs(scale - 1) < with->meets)
             scale = 1;
         use(taxels, with, friction[j], x, y, load, force, used);
         for (ptrdiff_t t = 0; t < taxels; t++)
             root[t] = cbrt(1 - used[t]);
-        learn(taxels, with, scale, size, noise_sd * noise_sd, unexplained, temper, shear, shear + taxels, x, y, load,
-              force, used, root, nuisance + j * KINDS * taxels, cov + j * COVS * taxels);
+        real square = compare(taxels, with, scale, noise_sd * noise_sd, unexplained, shear, shear + taxels, x, y, load,
+                              force, used, root, nuisance + KINDS * at, cov + COVS * at, residual + at, known + at,
+                              variance + at, spread + KINDS * at);
+        least = at_most(square, least);
+    }
+    /* What no hypothesis explains is misfit of this look. */
+    const real unmodelled = at_least(least, 1);
+    for (ptrdiff_t j = 0; j < hypotheses; j++) {
+        const ptrdiff_t at = j * taxels;
+        real found = 0;
+        learn(taxels, with, size, unmodelled, temper, residual + at, known + at, spread + KINDS * at, variance + at,
+              nuisance + KINDS * at, cov + COVS * at);
         for (ptrdiff_t t = 0; t < taxels; t++)
-            found += log(root[t]);
+            found += log(variance[at + t]);
         out[j] = -temper * found;
     }
 }

@@ -148,6 +148,11 @@ class ShareEvidence:
         residual = along - expected
         variance = known + misfit
         relative = residual**2 / variance
+        # What no hypothesis explains (slopes of a groove, a hum) is misfit of this look.
+        mean_square = np.add.accumulate(relative, axis=1)[:, -1] / relative.shape[1]
+        unmodelled = max(float(mean_square.min()), 1.0)
+        relative, variance = relative / unmodelled, variance * unmodelled
+        misfit = variance - known
         # Student's t with three degrees of freedom: (1 + r / 3)^-2 over the standard deviation.
         found = np.add.accumulate(log((1.0 + relative / _DEGREES) ** 2 * np.sqrt(variance) / size), axis=1)
         # A measurement whose variance is that of the misfit over its weight, less where it lies in the tails.

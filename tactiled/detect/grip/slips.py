@@ -18,6 +18,7 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.grip.detector import ContactScan
 from tactiled.detect.grip.direction import averaged_scans, direction
+from tactiled.detect.grip.friction import FULL
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
@@ -133,7 +134,9 @@ class PosteriorSlips:
 
     def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
-        began_s, sd_s = self._began(friction.friction, friction.weights * friction.met, scan)
+        # What slides bears its limit: a lower value that still has weight is the model's misfit.
+        limit = np.maximum(friction.friction, FULL * self._past[-1][1])
+        began_s, sd_s = self._began(limit, friction.weights * friction.met, scan)
         towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=True)
         began_s = max(began_s, slip.onset_s)
         return dataclasses.replace(
