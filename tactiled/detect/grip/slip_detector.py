@@ -51,7 +51,7 @@ class GripSlip:
     >>> for event in GripSlip(array).process(regular_block(volts, 100.0)):
     ...     if event.topic == "slip" and event.state == "onset":
     ...         print(f"{event.detected_s:.2f} s: {event.kind}, since {event.onset_s:.2f} s")
-    4.32 s: incipient, since 4.15 s
+    4.28 s: incipient, since 4.14 s
     """
 
     def __init__(self, array: Array, params: GripParams | None = None) -> None:

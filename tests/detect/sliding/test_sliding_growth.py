@@ -90,12 +90,12 @@ def test_a_press_is_no_slip_where_normal_channels_show_it() -> None:
 
 
 @kinds_of
-def test_any_chunking_and_a_gap_give_the_same_slips(kinds: tuple[str, ...]) -> None:
+def test_any_chunking_and_a_restart_give_the_same_slips(kinds: tuple[str, ...]) -> None:
     block = held(kinds, 1, tug())
     whole = detector(kinds).process(block)
     seen = detector(kinds)
     seen.process(block[:640])
-    assert [event.valid for event in slips(seen.process(Gap(5, "missing", 5000)))] == [False]
+    assert [event.valid for event in slips(seen.process(Gap(5, "restart", 5000)))] == [False]
     assert seen.process(block) == whole
 
     @given(splits(len(block)))
