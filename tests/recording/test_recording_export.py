@@ -60,8 +60,8 @@ def test_detect_finds_the_same_in_the_table(
     detect_file(tmp_path / name)
     table = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(e["topic"], e["state"]) for e in table] == [(e["topic"], e["state"]) for e in ours]
-    # A table does not say when within a scan each channel was sampled: an onset may move by a scan, and an event
-    # by one of the looks at the taxels' parts of the shear.
+    # A table does not say when within a scan each channel was sampled: an onset may move by a scan, and an
+    # event by one of the looks at the taxels' parts of the shear.
     assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=0.01 + STEP_S)
 
 

@@ -46,7 +46,8 @@ class GripParams(Params):
     publish: bool = Field(default=True, description="a grip message for each scan in contact")
     friction: float | None = Field(
         default=None,
-        gt=0,
+        ge=0.01,
+        le=100,
         description="median of friction before any contact, in shear reading over load; left out: 0.6 times "
         "`shear_per_friction` of the array",
     )
@@ -342,7 +343,7 @@ class _Touch:
             load=self._load,
             shear_x=x,
             shear_y=y,
-            torsion=moment * radius_mm,
+            torsion=moment * radius_mm + 0.0,  # never -0.0
             unit=unit,
             needed_load=size / (NEEDED_UTILISATION * friction[0]),
             state=state,

@@ -10,7 +10,7 @@ counted.
 import numpy as np
 
 from tactiled.detect.base import Detector
-from tactiled.events.types import Event
+from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 BRIDGE_S = 0.05  # the onset of a slip bends the signal for longer; corruption seldom lasts so long
@@ -39,10 +39,12 @@ class GapBridge:
         """Return the events that the item completes."""
         if isinstance(item, Gap):
             return self._take_gap(item)
-        block = item if self._gap is None or self._last is None else _joined(self._last, item)
+        last = self._last if self._gap is not None else None
+        block = item if last is None else _joined(last, item)
         self._gap = None
         self._last = item
-        return self._detector.process(block)
+        events = self._detector.process(block)
+        return [event for event in events if last is None or not _of_no_scan(event, item)]
 
     def _take_gap(self, gap: Gap) -> list[Event]:
         last = self._last
@@ -51,6 +53,11 @@ class GapBridge:
             return []
         self._last = self._gap = None
         return self._detector.process(gap)
+
+
+def _of_no_scan(event: Event, block: ScanBlock) -> bool:
+    """Return True for the message of an interpolated scan, before the block; the end of a contact is news."""
+    return isinstance(event, GripEvent) and event.state != "none" and event.time_s < block.time_s[0]
 
 
 def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:

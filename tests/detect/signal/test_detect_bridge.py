@@ -10,7 +10,7 @@ from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import load_scene
-from tactiled.events.types import ContactEvent, Event, SlipEvent
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
@@ -131,3 +131,12 @@ def test_the_bridge_is_a_straight_line_between_what_was_read() -> None:
     assert seen[1].volts[:, 0] == pytest.approx([2.0, 3.0, 4.0])
     assert seen[1].index.tolist() == [2, 3, 4]
     assert seen[1].time_s == pytest.approx([0.02, 0.03, 0.04])
+
+
+def test_a_scan_that_was_lost_has_no_grip_message() -> None:
+    suite = build_suite(ARRAY, DetectParams(), topics=("slip", "contact", "grip"))
+    items = with_holes({700, 701, 702, 703})
+    of_s = [e.time_s for item in items for e in suite.process(item) if isinstance(e, GripEvent)]
+    lost_s = set(BLOCK.time_s[700:704].tolist())
+    assert len(of_s) > 100
+    assert not lost_s & set(of_s)
