@@ -45,7 +45,7 @@ _EARLY_S = 3.0  # of a contact, in which most of what is not known yet is learnt
 
 @dataclass
 class HandCount:
-    """What one kind of hand was told."""
+    """Alarms and false events of one kind of hand."""
 
     hours: float = 0.0
     alarms: Counter[float] = field(default_factory=Counter)

@@ -50,7 +50,7 @@ _WHOLE = 1e-6  # of a step of integration: between whole steps, readings are int
 
 @dataclass(frozen=True)
 class Population:
-    """What worlds are drawn from.
+    """Distribution that worlds are drawn from.
 
     Attributes
     ----------

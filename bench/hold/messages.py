@@ -1,4 +1,4 @@
-"""What controllers in simulated time are told of a scan: by a detector, or by the truth behind it."""
+"""Messages to controllers in simulated time: of a detector, or of the truth behind it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol

@@ -1,4 +1,4 @@
-"""What counts of rare reports prove: intervals of their rate.
+"""Intervals of the rate of rare reports, from their count.
 
 No report in T hours bounds the rate by 3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of motion
 can never prove one report an hour.

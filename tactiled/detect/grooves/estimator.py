@@ -203,7 +203,7 @@ class JointTexture:
     >>> block = regular_block(volts, 100.0)
     >>> slip = SlipEvent(
     ...     time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01,
-    ...     direction_deg=0.0, direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="coherent",
+    ...     direction_deg=0.0, direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="grip",
     ...     statistic=1.0, threshold=0.0, valid=True, detected_s=0.0,
     ... )
     >>> events = JointTexture(array, JointParams(speed_mm_s=2.0)).process(block, [slip])
