@@ -134,11 +134,14 @@ class PosteriorSlips:
 
     def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
-        # What slides bears its limit: a lower value that still has weight is the model's misfit.
+        # What slides bears its limit: a lower value that has weight is the model's misfit. It slid neither
+        # before the ratio came there nor, most likely, after it was found: any instant between is as likely.
         limit = np.maximum(friction.friction, FULL * self._past[-1][1])
-        began_s, sd_s = self._began(limit, friction.weights * friction.met, scan)
+        reached_s, sd_s = self._began(limit, friction.weights * friction.met, scan)
+        reached_s = max(reached_s, slip.onset_s)
+        began_s = (reached_s + at.time_s) / 2
+        sd_s = math.hypot(sd_s, (at.time_s - reached_s) / math.sqrt(12))
         towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=True)
-        began_s = max(began_s, slip.onset_s)
         return dataclasses.replace(
             slip,
             kind="gross",
