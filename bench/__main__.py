@@ -30,6 +30,7 @@ BENCHES = {
     "web": "bench.web.bench",
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
+    "hostile": "bench.hostile.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
@@ -69,7 +70,7 @@ def bench(
     bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
     beside the strongest line of a spectrum. web: delays of the live page in a browser, and what server
     and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
-    bytes of many boards through two routers of zenoh.
+    bytes of many boards through two routers of zenoh. hostile: attacks on every border, with what was seen.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -1,0 +1,5 @@
+"""Disks and clocks: recordings that must not be deleted."""
+
+from bench.hostile.attack import Attack
+
+ATTACKS: tuple[Attack, ...] = ()

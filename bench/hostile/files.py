@@ -1,0 +1,5 @@
+"""Files of others: sizes that lie, tables that expand."""
+
+from bench.hostile.attack import Attack
+
+ATTACKS: tuple[Attack, ...] = ()

@@ -1,0 +1,5 @@
+"""Networks of robots: ROS 2, zenoh, fleets."""
+
+from bench.hostile.attack import Attack
+
+ATTACKS: tuple[Attack, ...] = ()

@@ -1,0 +1,5 @@
+"""Stores of recordings: copies that are damaged."""
+
+from bench.hostile.attack import Attack
+
+ATTACKS: tuple[Attack, ...] = ()
