@@ -1,1 +1,1 @@
-"""Worlds drawn at random, model included, and scores of the contact model on them."""
+"""Scores of the contact model on random worlds."""

@@ -1,8 +1,8 @@
 """``./run bench grip``: how well the contact model tells what is in use, and what comes.
 
-Worlds are drawn with their contact law, materials, sensor and hand (`worlds`). Constants of the model were
-set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPORTED_FROM`, a quarter of them
-of a contact law on which nothing was set.
+Worlds are drawn with their contact law, materials, sensor and hand (`bench.worlds.laws`). Constants of the
+model were set on seeds from `TUNED_FROM`; what is printed is measured on seeds from `REPORTED_FROM`, a
+quarter of them of a contact law on which nothing was set.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +27,6 @@ from bench.grip.score import (
     warned,
     without_falling_friction,
 )
-from bench.grip.worlds import HELD_OUT_LAW, USUAL, Population, World, draw_worlds
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -42,6 +41,8 @@ from bench.report import (
     seeds_in_words,
     table,
 )
+from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
+from bench.worlds.world import World
 from tactiled.detect.grip.detector import GripParams
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
@@ -155,7 +156,7 @@ def _measure(seeds: range) -> tuple[list[GripRecord], list[GripRecord]]:
     worlds = draw_reported(seeds)
     told = [tell(world, GripParams()) for world in worlds]
     informed = [
-        tell(world, GripParams(friction=world.friction, friction_log_sd=_KNOWN_SD)) for world in worlds
+        tell(world, GripParams(friction=world.static_friction, friction_log_sd=_KNOWN_SD)) for world in worlds
     ]
     return told, informed
 

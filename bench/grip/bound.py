@@ -7,7 +7,7 @@ prior of friction and the scatter of the taxels' gains remain.
 import numpy as np
 from scipy.optimize import brentq
 
-from bench.grip.worlds import World
+from bench.worlds.world import World
 from tactiled.array import FloatArray
 from tactiled.detect.grip.observe import Responses
 
@@ -69,7 +69,6 @@ def bounds(world: World, gain_sd: float) -> FloatArray:
     for scan in scans[::_EVERY]:
         load = np.maximum(responses.of(world.block.volts[scan])[0], 0.0)
         if load.sum() > 0:
-            found.append(
-                utilisation_sd(load, float(world.utilisation[scan]), shear_sd / world.friction, gain_sd)
-            )
+            used = float(world.utilisation[scan])
+            found.append(utilisation_sd(load, used, shear_sd / world.static_friction, gain_sd))
     return np.array(found)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.grip.score import alarms
-from bench.grip.worlds import HELD_OUT_LAW, INCIPIENT_USED, LAWS, Population, World, draw_worlds
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -23,6 +22,8 @@ from bench.report import (
     judge,
     table,
 )
+from bench.worlds.laws import HELD_OUT_LAW, INCIPIENT_USED, LAWS, Population, draw_worlds
+from bench.worlds.world import World
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.grip.worlds import HANDS, World
+from bench.worlds.laws import HANDS
+from bench.worlds.world import World
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.forecast import p_gross_within
 from tactiled.detect.grip.model import HORIZONS_S

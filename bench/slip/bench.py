@@ -1,6 +1,6 @@
 """``./run bench slip``: what a controller asks of slip events, for every setting.
 
-Random worlds (`bench.grip.worlds`) and the emulator's families (`scenes`, `resting`) are asked the same
+Random worlds (`bench.worlds.laws`) and the emulator's families (`scenes`, `resting`) are asked the same
 questions (`score`). Everything is measured on seeds on which nothing was set.
 """
 

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.grip.worlds import World
 from bench.slip.resting import LOADS, loaded
 from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, Announcement, PlayedScene, play
+from bench.worlds.world import World
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.samples.block import ScanBlock

@@ -1,4 +1,4 @@
-"""Numbers of the contact model that were set on emulated worlds (`bench.grip.worlds`, seeds from 20000).
+"""Numbers of the contact model that were set on emulated worlds (`bench.worlds.laws`, seeds from 20000).
 
 Everything else in this room is derived, physical with a source, or a prior, and stands beside the code that
 uses it; docs/grip.md names the priors that were chosen on the same worlds. The worlds that `./run bench grip`

@@ -18,7 +18,8 @@ from bench.grip.score import (
     tell,
     warned,
 )
-from bench.grip.worlds import HANDS, LAWS, USUAL, Population, World, draw_worlds
+from bench.worlds.laws import HANDS, LAWS, USUAL, Population, draw_worlds
+from bench.worlds.world import World
 from tactiled.detect.grip.detector import GripParams
 
 

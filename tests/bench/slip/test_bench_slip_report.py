@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from bench.grip.worlds import draw_worlds
 from bench.report import BenchOptions
 from bench.slip import bench as slip_bench
 from bench.slip.bench import bench_slip, read_scene
@@ -14,6 +13,7 @@ from bench.slip.faults import FaultEvents, Stream
 from bench.slip.replay import NAMES, CaseEvents, run_case, run_stream
 from bench.slip.scenes import ARRAY, NOISES_V, RATE_HZ, play
 from bench.slip.tables import QUESTIONS, fault_table, quiet_table, resting_table, settings_table, slips_table
+from bench.worlds.laws import draw_worlds
 from tactiled.emulator.scene.families import QUIET
 from tactiled.progress import ProgressBar
 from tactiled.samples.block import Gap

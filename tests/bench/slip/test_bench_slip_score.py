@@ -5,7 +5,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from bench.grip.worlds import World, draw_worlds
 from bench.slip.announced import as_announced
 from bench.slip.cases import Case, from_world
 from bench.slip.replay import Reliability, run_case
@@ -21,6 +20,8 @@ from bench.slip.score import (
     rests_called_gross,
     slow_reported_ahead,
 )
+from bench.worlds.laws import draw_worlds
+from bench.worlds.world import World
 from tactiled.array import load_array
 from tactiled.detect.grip.detector import GripParams
 from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip

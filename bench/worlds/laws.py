@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.world import World
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build
-from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.samples.block import regular_block
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +44,7 @@ INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share 
 _STEP_S = 0.002
 _RINGS = 24
 _STOPPED_MM_S = 0.5
+_TOUCHING = 0.05  # of the full load
 _TOUCH_S = 0.3
 _SURFACE = 256  # places of a surface, after which it repeats
 _WHOLE = 1e-6  # of a step of integration: between whole steps, readings are interpolated
@@ -72,46 +74,6 @@ class Population:
 
 
 USUAL = Population()
-
-
-@dataclass(frozen=True, eq=False)
-class World:
-    """One drawn scene with its truth at every scan.
-
-    Attributes
-    ----------
-    seed : int
-    law, hand, rate_hz, noise_mv : drawn kinds
-    array : Array
-    block : ScanBlock
-    utilisation : (n,) float64
-    gross : (n,) bool
-    gross_s : list of float
-        Instants at which gross slip begins.
-    direction_deg : (n,) float64
-        Of the motion that the total shear opposes: that of the skin over the surface in gross slip.
-    friction : float
-        In the sensor's relative units: reading of shear over reading of load at gross slip.
-    """
-
-    seed: int
-    law: str
-    hand: str
-    rate_hz: float
-    noise_mv: float
-    array: Array
-    block: ScanBlock
-    utilisation: FloatArray
-    gross: NDArray[np.bool_]
-    gross_s: list[float]
-    tenth_s: list[float]
-    direction_deg: FloatArray
-    friction: float
-
-    @property
-    def slips(self) -> bool:
-        """True where gross slip happens."""
-        return bool(self.gross_s)
 
 
 @dataclass
@@ -251,8 +213,8 @@ def _plan_hand(
     v["angle"] = rng.uniform(0, 2 * np.pi)
 
 
-def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Integrate all worlds; loads (n, T), shears (n, 2, T), utilisation (n,) and speed (n,) of each."""
+def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, ...]]:
+    """Integrate all worlds; loads (n, T), shears (n, 2, T), utilisation, speed and limit (n,) of each."""
 
     def stack(name: str) -> FloatArray:
         return np.array([d.values[name] for d in drawn])
@@ -276,7 +238,7 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
     hand_damping, held = stack("hand_damping"), np.ones_like(x)
     place, velocity = np.zeros((3, n)), np.zeros((3, n))
     out_load, out_shear = np.zeros((n_steps, n, taxels)), np.zeros((n_steps, n, 2, taxels))
-    out_u, out_speed = np.zeros((n_steps, n)), np.zeros((n_steps, n))
+    out_u, out_speed, out_limit = (np.zeros((n_steps, n)) for _ in range(3))
     along = np.stack([np.cos(angle), np.sin(angle)])
     hand_turn = hand * np.hypot(x, y).mean(axis=1) ** 2
     for k in range(n_steps):
@@ -319,9 +281,10 @@ def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, FloatArray, FloatAr
         place += _STEP_S * velocity
         out_load[k], out_shear[k] = loads, force.transpose(1, 0, 2)
         out_u[k] = np.sqrt((force**2).sum(axis=0)).sum(axis=1) / np.maximum(limit.sum(axis=1), 1e-9)
-        out_u[k] *= load[:, k] > 0.05 * full
-        out_speed[k] = speed
-    return [(out_load[:, b], out_shear[:, b], out_u[:, b], out_speed[:, b]) for b in range(n)]
+        out_u[k] *= load[:, k] > _TOUCHING * full
+        out_speed[k], out_limit[k] = speed, limit.sum(axis=1)
+    found = (out_load, out_shear, out_u, out_speed, out_limit)
+    return [tuple(series[:, b] for series in found) for b in range(n)]
 
 
 def _curve(power: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -334,13 +297,19 @@ def _curve(power: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _measured(
-    drawn: _Drawn, load: FloatArray, shear: FloatArray, utilisation: FloatArray, speed: FloatArray
+    drawn: _Drawn,
+    load: FloatArray,
+    shear: FloatArray,
+    utilisation: FloatArray,
+    speed: FloatArray,
+    limit: FloatArray,
 ) -> World:
     """Readings of a drawn sensor, and the truth at its scans."""
     v = drawn.values
     rng: np.random.Generator = v["rng"]
     gross = _gross(utilisation, speed)
-    n_taxels, whole = len(v["x"]), shear.sum(axis=2).T
+    n_taxels, whole, pressed = len(v["x"]), shear.sum(axis=2).T, load.sum(axis=1)
+    touching = pressed > _TOUCHING * v["load_n"]
     # Crosstalk: part of the neighbours, shear of a press, load of a shear.
     mix = np.exp(-((v["x"][:, None] - v["x"]) ** 2 + (v["y"][:, None] - v["y"]) ** 2) / 8.0)
     np.fill_diagonal(mix, 0.0)
@@ -394,7 +363,9 @@ def _measured(
         tenth.append(float(below[-1] + 1) * _STEP_S if len(below) else 0.0)
     # Friction as the sensor reads it: shear over load at the limit.
     borne = relative * float(np.mean(v["mu_taxel"]))
+    friction = np.where(touching, relative * limit / np.maximum(pressed, 1e-9), np.nan)
     return World(
+        generator="laws",
         seed=drawn.seed,
         law=drawn.law,
         hand=drawn.hand,
@@ -407,7 +378,11 @@ def _measured(
         gross_s=[float(g) * _STEP_S for g in gross_steps],
         tenth_s=tenth,
         direction_deg=np.degrees(np.arctan2(-whole[1], -whole[0]))[picks],
-        friction=borne,
+        friction=friction[picks],
+        static_friction=borne,
+        load=pressed[picks],
+        touching=touching[picks],
+        acceleration_m_s2=np.full(len(picks), np.nan),
     )
 
 

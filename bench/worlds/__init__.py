@@ -1,0 +1,1 @@
+"""Random contact worlds with known truth, from generators whose physics have nothing in common."""

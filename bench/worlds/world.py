@@ -1,0 +1,72 @@
+"""One drawn contact scene, with its truth at every scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array
+from tactiled.samples.block import ScanBlock
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """One drawn scene with its truth at every scan.
+
+    Attributes
+    ----------
+    generator, law, hand : str
+        Physics; contact law or shape of the object; what the hand does.
+    seed : int
+    rate_hz : float
+    noise_mv : float
+        White noise, thousandths of the unit of the readings.
+    array : Array
+    block : ScanBlock
+    utilisation : (n,) float64
+        Shear of all places of the contact over what they bear; 1 while all of it slides, 0 without contact.
+    gross : (n,) bool
+        All of the contact slides.
+    gross_s : list of float
+        Instants at which gross slip begins.
+    tenth_s : list of float
+        For each of these, when a tenth of the contact began to slip, at the latest utilisation.
+    direction_deg : (n,) float64
+        Of the motion that the total shear opposes: that of the skin over the surface in gross slip.
+    friction : (n,) float64
+        Reading of shear that the contact bears over its reading of load; NaN without contact.
+    static_friction : float
+        The same for a contact that has not slipped, at the usual load: what a person would state.
+    load : (n,) float64
+        Normal load, N.
+    touching : (n,) bool
+    acceleration_m_s2 : (n,) float64
+        Acceleration along the pull that the hand itself causes and announces, gravity's part included; NaN
+        where it announces none.
+    """
+
+    generator: str
+    law: str
+    hand: str
+    seed: int
+    rate_hz: float
+    noise_mv: float
+    array: Array
+    block: ScanBlock
+    utilisation: FloatArray
+    gross: NDArray[np.bool_]
+    gross_s: list[float]
+    tenth_s: list[float]
+    direction_deg: FloatArray
+    friction: FloatArray
+    static_friction: float
+    load: FloatArray
+    touching: NDArray[np.bool_]
+    acceleration_m_s2: FloatArray
+
+    @property
+    def slips(self) -> bool:
+        """True where gross slip happens."""
+        return bool(self.gross_s)
