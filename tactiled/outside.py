@@ -5,6 +5,7 @@ passes one of these before it is written, allocated, deleted or logged. Messages
 `events.incoming`, frames in `wire`.
 """
 
+import re
 import stat
 from pathlib import Path
 
@@ -13,11 +14,52 @@ from tactiled.errors import DataError
 # A text file of ours (configuration, array, layout, calibration) has at most some hundred kilobytes.
 TEXT_LIMIT_BYTES = 4 * 2**20
 SHOWN_CHARACTERS = 60  # of a text from outside, in an error or a log line
+# Of a USB string descriptor: 255 bytes at most, two of them its head, the rest UTF-16.
+USB_CHARACTERS = 126
+# Longer names leave no room for the rest of a file name (255 bytes) or of a socket's path (107 bytes).
+NAME_CHARACTERS = 64
+# No quote, blank, comma, glob (* ? [ ] |) or substitution ($ %): none of these ends a value of a rule, or
+# makes it match what it does not say.
+_IN_A_RULE = re.compile(rf"[A-Za-z0-9_.:-]{{1,{USB_CHARACTERS}}}")
+_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{NAME_CHARACTERS - 1}}}")
 
 
 def shown(text: str) -> str:
     """Return a text from outside as it may stand in an error or a log line: printable, short, quoted."""
     return ascii(text[:SHOWN_CHARACTERS]) + ("..." if len(text) > SHOWN_CHARACTERS else "")
+
+
+def name_of(text: str) -> str:
+    """Return a name that may stand in paths, units and rules.
+
+    Raises
+    ------
+    DataError
+        It has other characters than letters, digits, ``-``, ``_`` and ``.``, begins with none of the first
+        two, or is too long.
+    """
+    if not _NAME.fullmatch(text):
+        words = f"at most {NAME_CHARACTERS} letters, digits, '-', '_' and '.', as in left-hand"
+        raise DataError(f"{shown(text)}: is no name: {words}")
+    return text
+
+
+def rule_value(text: str) -> str:
+    """Return a text of a USB device as it may stand in a udev rule, and as udev itself sees it.
+
+    udev cuts blanks at both ends and makes one ``_`` of those between; it drops or rewrites most of what is
+    refused here, so that a rule with the text as it is would match nothing, or another device.
+
+    Raises
+    ------
+    DataError
+        It is empty, too long, or has other characters than letters, digits and ``-_.:``.
+    """
+    value = re.sub(" +", "_", text.strip(" "))
+    if not _IN_A_RULE.fullmatch(value):
+        words = f"1 to {USB_CHARACTERS} letters, digits, '-', '_', '.' and ':'"
+        raise DataError(f"{shown(text)}: may not stand in a udev rule: only {words}")
+    return value
 
 
 def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:

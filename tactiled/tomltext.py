@@ -3,6 +3,7 @@
 Needs the standard library only, so that the command line reports a wrong name before it imports numpy.
 """
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,11 @@ def locate(name_or_path: str, kind: str) -> Path:
         what, known = _CALLED[kind], ", ".join(resources.shipped_names(kind))
         raise ConfigError(what, [f"no {what} named {name_or_path!r}; shipped: {known}; or give a file"])
     return path
+
+
+def quoted(text: str) -> str:
+    """Return a text as a string of TOML, which escapes as JSON does, and DEL too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -6,7 +6,6 @@ force is a weighted sum of features (`tactiled.force.model`).
 """
 
 import itertools
-import json
 from pathlib import Path
 from typing import Literal, Self
 
@@ -206,7 +205,7 @@ def _value(value: object) -> str:
     if isinstance(value, float):
         return _number(value)
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML escapes as JSON does
+        return tomltext.quoted(value)
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_value(inner)}" for key, inner in value.items()) + " }"
     assert isinstance(value, list | tuple)

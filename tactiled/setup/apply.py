@@ -2,14 +2,18 @@
 
 import hashlib
 import json
+import re
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tactiled.errors import OperatorError
+from tactiled.errors import DataError, OperatorError
+from tactiled.outside import name_of, read_text
 from tactiled.setup.plan import PlannedFile, SetupPlan
 
 Say = Callable[[str], None]
+# Where a plan has files: nothing else is removed, whatever a list of written files says.
+_OURS = re.compile(r"/etc/(tactiled|sysusers\.d|systemd/system|udev/rules\.d)/[A-Za-z0-9][A-Za-z0-9_.@-]*")
 
 
 def write(plan: SetupPlan, root: Path, say: Say) -> None:
@@ -27,12 +31,14 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
         if (packaged := _packaged(root, file)) is not None and not path.exists():
             say(f"unchanged  {packaged}, of the Debian package")
             continue  # a copy in /etc would hide what the next version of the package brings
-        if path.exists() and path.read_text() == file.text:
+        there = _text_of(path) if path.exists() else None
+        if there == file.text:
             say(f"unchanged  {file.path}")
             if file.path not in written and file.path not in others:
                 continue  # it was here before: removal must leave it
-        elif path.exists() and _digest(path.read_text()) != written.get(file.path):
-            say(f"kept       {file.path}: it differs from the proposal, which --dry-run prints")
+        elif path.exists() and (there is None or _digest(there) != written.get(file.path)):
+            differs = "it is no text file" if there is None else "it differs from the proposal"
+            say(f"kept       {file.path}: {differs}; --dry-run prints the proposal")
             continue
         else:
             say(f"{'renewed ' if path.exists() else 'written '}   {file.path}")
@@ -50,9 +56,9 @@ def remove(name: str, root: Path, say: Say) -> None:
     Raises
     ------
     OperatorError
-        Nothing was set up under this name, or a file cannot be removed.
+        The name is none, nothing was set up under it, or a file cannot be removed.
     """
-    manifest = _under(root, f"/etc/tactiled/{name}.setup.json")
+    manifest = _under(root, f"/etc/tactiled/{name_of(name)}.setup.json")
     written = _read_manifest(root, name)
     if not manifest.exists():
         known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
@@ -64,7 +70,7 @@ def remove(name: str, root: Path, say: Say) -> None:
             continue
         if name_of_file in others:
             say(f"kept       {name_of_file}: another board needs it")
-        elif _digest(path.read_text()) != digest:
+        elif (there := _text_of(path)) is None or _digest(there) != digest:
             say(f"kept       {name_of_file}: it was edited")
         else:
             _unlink(path)
@@ -87,11 +93,21 @@ def _packaged(root: Path, file: PlannedFile) -> str | None:
     """Return the path of the same file in /usr/lib, where packages have their units, users and rules."""
     packaged = file.path.replace("/etc/", "/usr/lib/", 1)
     path = _under(root, packaged)
-    return packaged if file.shared and path.exists() and path.read_text() == file.text else None
+    return packaged if file.shared and path.exists() and _text_of(path) == file.text else None
 
 
 def _under(root: Path, path: str) -> Path:
     return root / path.lstrip("/")
+
+
+def _text_of(path: Path) -> str | None:
+    """Text of a file that exists; None where it is none of ours: a folder, a device, other bytes."""
+    try:
+        return read_text(path)
+    except DataError:
+        return None
+    except OSError as error:
+        raise OperatorError(f"{path}: cannot be read: {error.strerror}; run this with sudo") from None
 
 
 def _digest(text: str) -> str:
@@ -99,11 +115,26 @@ def _digest(text: str) -> str:
 
 
 def _read_manifest(root: Path, name: str) -> dict[str, str]:
-    try:
-        found = json.loads(_under(root, f"/etc/tactiled/{name}.setup.json").read_text())
-    except (OSError, ValueError):
+    """Files that were written for a board, with their digests.
+
+    Raises
+    ------
+    OperatorError
+        The list is damaged, or names a file where `tactiled setup` writes none.
+    """
+    manifest = _under(root, f"/etc/tactiled/{name}.setup.json")
+    if not manifest.exists():
         return {}
-    return {str(path): str(digest) for path, digest in found.items()} if isinstance(found, dict) else {}
+    try:
+        found = json.loads(_text_of(manifest) or "")
+        written = {str(path): str(digest) for path, digest in found.items()}
+    except (ValueError, AttributeError, RecursionError):
+        written = {"": ""}
+    if not all(_OURS.fullmatch(path) for path in written):
+        raise OperatorError(
+            f"{manifest}: is no list of what `tactiled setup` wrote for {name}; remove it and its files"
+        )
+    return written
 
 
 def _written_for_others(root: Path, name: str) -> set[str]:
@@ -122,7 +153,7 @@ def _write_manifest(root: Path, plan: SetupPlan, written: dict[str, str]) -> Non
 def _write(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OperatorError(f"{path}: cannot be written: {error.strerror}; run this with sudo") from None
 

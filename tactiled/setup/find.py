@@ -1,6 +1,6 @@
 """Search for a board: adapter, bytes, layout, array."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,15 @@ class FoundPort:
         Name that follows the adapter, where udev gives it one.
     serial_number, vendor, product : str
         Of a USB adapter; vendor and product are four hexadecimal digits. Empty where unknown.
+    socket : str
+        Name in /dev/serial/by-path, which follows the USB socket. Empty where udev gives none.
     """
 
     url: str
     serial_number: str = ""
     vendor: str = ""
     product: str = ""
+    socket: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,13 @@ def find_ports() -> list[FoundPort]:
     for entry in sorted(list_ports.comports(), key=lambda entry: str(entry.device)):
         if entry.vid is None:
             continue  # a port of the mainboard, which exists whether anything is connected or not
-        stable = device.stable_name(entry.device)
+        serial = entry.serial_number or ""
+        socket = device.stable_name(entry.device, device.BY_PATH)
+        # Adapters without a serial number share one name in by-id.
+        stable = (device.stable_name(entry.device) if serial else socket) or entry.device
+        product = f"{entry.pid or 0:04x}"
         found.append(
-            FoundPort(
-                str(stable or entry.device), entry.serial_number or "", f"{entry.vid:04x}", f"{entry.pid:04x}"
-            )
+            FoundPort(str(stable), serial, f"{entry.vid:04x}", product, socket.name if socket else "")
         )
     return found
 
@@ -70,7 +75,7 @@ def port_at(url: str) -> FoundPort:
     node = str(Path(url).resolve())
     for found in find_ports():
         if str(Path(found.url).resolve()) == node:
-            return FoundPort(url, found.serial_number, found.vendor, found.product)
+            return replace(found, url=url)
     return FoundPort(url)
 
 

@@ -1,6 +1,5 @@
 """Files and commands of a service for one board, as data: what `tactiled setup` writes, or prints."""
 
-import json
 import re
 import shlex
 import sys
@@ -8,24 +7,32 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactiled import resources, tomlfile
+from tactiled import resources, tomlfile, tomltext
 from tactiled.config import Config
-from tactiled.errors import ConfigError
-from tactiled.setup.find import FoundBoard
+from tactiled.errors import ConfigError, DataError
+from tactiled.outside import name_of, rule_value, shown
+from tactiled.setup.find import FoundBoard, FoundPort
 
 _INSTALLED = "/opt/tactiled/bin/tactiled"  # ExecStart of the shipped unit
 _ALL = "tactiled.service"
 # The condition of tactiled@.service names this path.
 _ALL_ENABLED = f"/etc/systemd/system/multi-user.target.wants/{_ALL}"
 _SHIPPED_RULE = {"0403:6001", "0403:6015"}  # adapters of the shipped udev rule
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _OTHER_RULE = """\
-# Written by `tactiled setup` for {name}: the port of this adapter, with a name that follows it.
+# Written by `tactiled setup` for {name}: the port of this {follows}, with a name that follows it.
 ACTION=="add", SUBSYSTEM=="tty", SUBSYSTEMS=="usb", ATTRS{{idVendor}}=="{vendor}", \\
-    ATTRS{{idProduct}}=="{product}", ENV{{ID_SERIAL_SHORT}}=="{serial}", GROUP="dialout", MODE="0660", \\
+    ATTRS{{idProduct}}=="{product}", ENV{{{key}}}=="{value}", GROUP="dialout", MODE="0660", \\
     SYMLINK+="tactiled-{name}", \\
     TAG+="systemd", ENV{{SYSTEMD_WANTS}}+="tactiled@{name}.service"
 """
+_SOCKET = (
+    "the adapter has no serial number: the rule and the port follow the USB socket that it is plugged into; "
+    "leave it there, or run this again"
+)
+_NEITHER = (
+    "the adapter has neither a serial number nor a name in /dev/serial/by-path: it gets no udev rule, and "
+    "the port may have another name after the next start"
+)
 _CONFIG = """\
 # Written by `tactiled setup`; config/tactiled.toml of the source explains every key.
 [port]
@@ -95,15 +102,20 @@ def make_plan(
         The name is no name of a unit, or the configuration would be invalid.
     """
     port = board.port
-    name = name or port.serial_number or board.board_serial or "board"
-    if not _NAME.fullmatch(name):
-        raise ConfigError("NAME", [f"{name!r}: letters, digits, '-', '_' and '.', as in left-hand"])
+    serial = _serial_of(port)
+    try:
+        name = name_of(name or serial or board.board_serial or "board")
+    except DataError as error:
+        raise ConfigError("NAME", [str(error)]) from None
+    for text in (port.url, board.array):
+        if not text.isprintable():
+            raise ConfigError("setup", [f"{shown(text)}: has characters that cannot be printed"])
     config = _CONFIG.format(
-        url=json.dumps(port.url),
+        url=tomltext.quoted(port.url),
         baud=f"baud = {board.baud}\n" if board.baud else "",
-        protocol=json.dumps(board.protocol),
-        array=json.dumps(_absolute(board.array)),
-        board_serial=f"board_serial = {json.dumps(board.board_serial)}\n" if board.board_serial else "",
+        protocol=tomltext.quoted(board.protocol),
+        array=tomltext.quoted(_absolute(board.array)),
+        board_serial=f"board_serial = {tomltext.quoted(board.board_serial)}\n" if board.board_serial else "",
         tcp_port=tcp_port,
         name=name,
     )
@@ -118,13 +130,17 @@ def make_plan(
     if not for_all:
         files.append(PlannedFile("/etc/systemd/system/tactiled@.service", unit, shared=True))
     commands = [("systemd-sysusers",), ("systemctl", "daemon-reload")]
-    if f"{port.vendor}:{port.product}" in _SHIPPED_RULE:
+    notes = [
+        "members of group tactiled may command the daemon: sudo usermod -aG tactiled USER, then log in anew"
+    ]
+    has_shipped_rule = f"{port.vendor}:{port.product}" in _SHIPPED_RULE
+    if has_shipped_rule:
         rule = resources.shipped("systemd", "99-tactiled.rules").read_text()
         files.append(PlannedFile("/etc/udev/rules.d/99-tactiled.rules", rule, shared=True))
-    elif port.vendor:
-        rule = _OTHER_RULE.format(
-            name=name, vendor=port.vendor, product=port.product, serial=port.serial_number
-        )
+    if port.vendor and not serial:
+        notes.append(_SOCKET if port.socket else _NEITHER)
+    if port.vendor and (port.socket if not serial else not has_shipped_rule):
+        rule = _own_rule(name, port, serial)
         files.append(PlannedFile(f"/etc/udev/rules.d/99-tactiled-{name}.rules", rule))
     if port.vendor:
         commands += [("udevadm", "control", "--reload"), ("udevadm", "trigger", "--action=add")]
@@ -134,9 +150,6 @@ def make_plan(
         commands.append(("sh", "-c", f"{check} && systemctl restart {_ALL}"))
     else:
         commands.append(("systemctl", "enable", "--now", f"tactiled@{name}.service"))
-    notes = [
-        "members of group tactiled may command the daemon: sudo usermod -aG tactiled USER, then log in anew"
-    ]
     if for_all:
         notes.append(
             f"{_ALL} is enabled: it reads this board with the others, and tactiled@{name} is not used"
@@ -146,6 +159,27 @@ def make_plan(
             f"{program} is in /home, which the unit may not see: install tactiled into /opt/tactiled"
         )
     return SetupPlan(name, tuple(files), tuple(commands), tuple(notes))
+
+
+def _serial_of(port: FoundPort) -> str:
+    """Return the serial number of an adapter as udev sees it; empty where it has none."""
+    try:
+        return rule_value(port.serial_number) if port.serial_number.strip(" ") else ""
+    except DataError as error:
+        remedy = "use an adapter with another serial number, or write its rule and configuration by hand"
+        raise ConfigError("serial number of the adapter", [f"{error}; {remedy}"]) from None
+
+
+def _own_rule(name: str, port: FoundPort, serial: str) -> str:
+    """Return the udev rule of one adapter, by its serial number, or by its USB socket where it has none."""
+    if serial:
+        key, value, follows = "ID_SERIAL_SHORT", serial, "adapter"
+    else:
+        # udev names the link after ID_PATH and the number of the port.
+        key, value, follows = "ID_PATH", rule_value(re.sub(r"-port\d+$", "", port.socket)), "USB socket"
+    return _OTHER_RULE.format(
+        name=name, vendor=port.vendor, product=port.product, key=key, value=value, follows=follows
+    )
 
 
 def _absolute(array: str) -> str:

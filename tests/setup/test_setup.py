@@ -1,24 +1,31 @@
 """Setup of a service: proposal, files, and their removal, below a folder instead of /."""
 
+import hashlib
 import json
+import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pages import robot
+from serial.tools import list_ports
 
 from tactiled.config import Config
+from tactiled.daemon.serial import device
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.resources import shipped
 from tactiled.setup import run as setup_run
 from tactiled.setup.apply import remove, write
-from tactiled.setup.find import FoundBoard, FoundPort
-from tactiled.setup.plan import make_plan, serves_all_boards
+from tactiled.setup.find import FoundBoard, FoundPort, find_ports
+from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
 FTDI = FoundPort("/dev/serial/by-id/usb-FTDI_A5-if00-port0", "A5", "0403", "6001")
 OTHER = FoundPort("/dev/serial/by-id/usb-1a86-if00", "B7", "1a86", "7523")
+BY_PATH = "pci-0000:00:14.0-usb-0:1.2:1.0-port0"
 
 
 def board(port: FoundPort = FTDI, serial: str = "TS0001") -> FoundBoard:
@@ -45,6 +52,74 @@ def test_an_adapter_that_the_shipped_rule_does_not_know_gets_its_own() -> None:
     assert 'ATTRS{idVendor}=="1a86"' in rule.text
     assert 'ENV{ID_SERIAL_SHORT}=="B7"' in rule.text
     assert "tactiled@left.service" in rule.text
+
+
+def own_rule(plan: SetupPlan) -> str:
+    (text,) = [file.text for file in plan.files if f"99-tactiled-{plan.name}.rules" in file.path]
+    return text
+
+
+@pytest.mark.parametrize(
+    "serial",
+    [
+        '*", RUN+="/bin/touch X", ENV{z}=="',
+        "*",
+        "A?",
+        "[A-Z]",
+        "A|B",
+        "$env{X}",
+        "A,5",
+        "\U0001f600",
+        "a" * 127,
+    ],
+)
+@pytest.mark.parametrize("port", [FTDI, OTHER])
+def test_a_serial_number_that_may_not_stand_in_a_rule_is_refused_with_the_reason(
+    port: FoundPort, serial: str
+) -> None:
+    with pytest.raises(ConfigError, match=r"serial number .*may not stand in a udev rule"):
+        make_plan(board(replace(port, serial_number=serial)), "left")
+
+
+def test_a_rule_has_the_serial_number_as_udev_sees_it() -> None:
+    plan = make_plan(board(replace(OTHER, serial_number=" B  7:x ")), "left")
+    assert 'ENV{ID_SERIAL_SHORT}=="B_7:x", GROUP' in own_rule(plan)
+    assert make_plan(board(replace(FTDI, serial_number="A 5")), None).name == "A_5"
+
+
+@pytest.mark.parametrize("port", [FTDI, OTHER])
+def test_an_adapter_without_serial_number_is_matched_by_its_socket(port: FoundPort) -> None:
+    plan = make_plan(board(replace(port, serial_number="", socket=BY_PATH)), "left")
+    assert 'ENV{ID_PATH}=="pci-0000:00:14.0-usb-0:1.2:1.0", GROUP' in own_rule(plan)
+    assert "ID_SERIAL_SHORT" not in own_rule(plan)
+    assert any("follow the USB socket" in note for note in plan.notes)
+    unnamed = make_plan(board(replace(port, serial_number=" ", socket="")), "left")
+    assert not any("99-tactiled-left" in file.path for file in unnamed.files)
+    assert any("gets no udev rule" in note for note in unnamed.notes)
+
+
+def test_ports_of_adapters_without_serial_number_have_the_name_of_their_socket(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def entry(node: str, serial: str | None) -> SimpleNamespace:
+        return SimpleNamespace(device=node, serial_number=serial, vid=0x1A86, pid=0x7523)
+
+    monkeypatch.setattr(
+        list_ports, "comports", lambda: [entry("/dev/ttyUSB0", None), entry("/dev/ttyUSB1", "B7")]
+    )
+    monkeypatch.setattr(device, "stable_name", lambda node, folder=device.BY_ID: folder / f"of-{node[-4:]}")
+    nameless, named = find_ports()
+    assert (nameless.url, nameless.socket) == ("/dev/serial/by-path/of-USB0", "of-USB0")
+    assert (named.url, named.serial_number) == ("/dev/serial/by-id/of-USB1", "B7")
+
+
+def test_a_port_of_any_name_becomes_valid_toml() -> None:
+    odd = '/dev/\U0001f600"\\x'
+    plan = make_plan(board(replace(FTDI, url=odd)), "left")
+    assert tomllib.loads(plan.files[0].text)["port"]["url"] == odd
+    for unprintable in ("/dev/\x7f", "/dev/\udc80", "/dev/a\nb"):
+        with pytest.raises(ConfigError, match="cannot be printed"):
+            make_plan(board(replace(FTDI, url=unprintable)), "left")
 
 
 def test_where_one_daemon_reads_all_boards_it_is_restarted_and_no_instance_is_enabled(tmp_path: Path) -> None:
@@ -132,6 +207,53 @@ def test_what_the_debian_package_installed_gets_no_copy(tmp_path: Path) -> None:
     assert written == {"etc/tactiled/left.toml", "etc/tactiled/left.setup.json"}
     remove("left", tmp_path, lambda _: None)
     assert not [name for name in tree(tmp_path) if name.startswith("etc/")]
+
+
+@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "--now", "a b", "a/../../evil"])
+def test_removal_of_what_is_no_name_touches_nothing(tmp_path: Path, name: str) -> None:
+    victim = tmp_path / "etc/systemd/system/victim"
+    victim.parent.mkdir(parents=True)
+    victim.write_text("mine")
+    listed = {"/etc/systemd/system/victim": hashlib.sha256(b"mine").hexdigest()}
+    (tmp_path / "etc/evil.setup.json").write_text(json.dumps(listed))
+    before = tree(tmp_path)
+    with pytest.raises(OperatorError, match="is no name"):
+        setup_run.run_remove(name, tmp_path)
+    assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "listed",
+    [b"\xff\x00", b"[]", b"[" * 50_000, b'{"/etc/passwd": "0"}', b'{"/etc/tactiled/../passwd": "0"}'],
+)
+def test_a_damaged_list_of_files_removes_nothing(tmp_path: Path, listed: bytes) -> None:
+    write(make_plan(board(), "left"), tmp_path, lambda _: None)
+    (tmp_path / "etc/tactiled/left.setup.json").write_bytes(listed)
+    files = sorted(tmp_path.rglob("*"))
+    for name in ("left", "right"):
+        with pytest.raises(OperatorError, match="is no list of what"):
+            write(make_plan(board(), name), tmp_path, lambda _: None)
+    with pytest.raises(OperatorError, match="is no list of what"):
+        remove("left", tmp_path, lambda _: None)
+    assert sorted(tmp_path.rglob("*")) == files
+
+
+@pytest.mark.parametrize("kind", ["bytes", "folder", "fifo"])
+def test_what_is_no_text_file_is_kept(tmp_path: Path, kind: str) -> None:
+    said: list[str] = []
+    plan = make_plan(board(), "left")
+    write(plan, tmp_path, said.append)
+    for planned in plan.files:
+        path = tmp_path / planned.path.lstrip("/")
+        path.unlink()
+        if kind == "bytes":
+            path.write_bytes(b"\xff\xfe\x00")
+        else:
+            path.mkdir() if kind == "folder" else os.mkfifo(path)
+    write(plan, tmp_path, said.append)
+    assert sum("it is no text file" in line for line in said) == len(plan.files)
+    remove("left", tmp_path, said.append)
+    assert all((tmp_path / planned.path.lstrip("/")).exists() for planned in plan.files)
 
 
 def test_what_was_written_before_a_failure_can_be_removed(tmp_path: Path) -> None:

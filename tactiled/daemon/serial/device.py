@@ -19,6 +19,7 @@ from pathlib import Path
 from serial.tools import list_ports
 
 BY_ID = Path("/dev/serial/by-id")
+BY_PATH = Path("/dev/serial/by-path")
 _SYS_TTY = Path("/sys/class/tty")
 LEAST_LATENCY_MS = 1
 """Least value of the FTDI latency timer, milliseconds."""
@@ -158,11 +159,14 @@ def _holds(process: Path, device: Path) -> bool:
     return False
 
 
-def stable_name(url: str, by_id: Path = BY_ID) -> Path | None:
-    """Return the udev name that follows the adapter at `url` from one USB socket to another, or None."""
+def stable_name(url: str, folder: Path = BY_ID) -> Path | None:
+    """Return the udev name of the adapter at `url`, or None.
+
+    Names in `BY_ID` follow the adapter from one USB socket to another; those in `BY_PATH` follow the socket.
+    """
     with contextlib.suppress(OSError):
         device = Path(url).resolve()
-        return next((name for name in sorted(by_id.iterdir()) if name.resolve() == device), None)
+        return next((name for name in sorted(folder.iterdir()) if name.resolve() == device), None)
     return None
 
 
