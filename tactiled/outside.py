@@ -7,12 +7,13 @@ passes one of these before it is written, allocated, deleted or logged. Messages
 
 import re
 import stat
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from tactiled.errors import DataError
 
 # A text file of ours (configuration, array, layout, calibration) has at most some hundred kilobytes.
 TEXT_LIMIT_BYTES = 4 * 2**20
+NAME_LIMIT_CHARACTERS = 1024  # of a path; a quarter of Linux's PATH_MAX leaves room for the folder above it
 SHOWN_CHARACTERS = 60  # of a text from outside, in an error or a log line
 # Of a USB string descriptor: 255 bytes at most, two of them its head, the rest UTF-16.
 USB_CHARACTERS = 126
@@ -90,3 +91,18 @@ def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:
         return data.decode()
     except UnicodeDecodeError as error:
         raise DataError(f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})") from None
+
+
+def path_below(directory: Path, name: str) -> Path:
+    """Return the path of a name from outside (of a store, an archive), which must lie below a directory.
+
+    Raises
+    ------
+    DataError
+        The name is empty, absolute or too long, leads upwards, or has control characters.
+    """
+    parts = PurePosixPath(name).parts
+    is_plain = bool(parts) and not name.startswith("/") and ".." not in parts
+    if not is_plain or len(name) > NAME_LIMIT_CHARACTERS or any(ord(character) < 32 for character in name):
+        raise DataError(f"{shown(name)}: no name for a file below {directory}")
+    return directory.joinpath(*parts)

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import fsspec
 from fsspec import AbstractFileSystem
 from fsspec.implementations.local import LocalFileSystem
 
-from tactiled.errors import DataError, OperatorError
+from tactiled.archive.store import SIDECAR, confirmed_digest, digest_of, reason_of
+from tactiled.errors import DataError
 
-_BLOCK_BYTES = 1 << 22  # few requests, little memory
-_SIDECAR = ".sha256"  # as `sha256sum` writes and checks
-_HEX_DIGITS = "0123456789abcdef"
-
-State = Literal["copied", "there already", "failed"]
+State = Literal["copied", "there already", "repaired", "failed"]
 
 
 @dataclass(frozen=True)
@@ -27,8 +23,10 @@ class Copy:
     Attributes
     ----------
     path : Path
-    state : {"copied", "there already", "failed"}
-        The first two are confirmed: the store has these bytes.
+    state : {"copied", "there already", "repaired", "failed"}
+        All but the last are confirmed: the store had these bytes when they were read back. "there already"
+        was read back now only where the recording is to be removed here; "repaired" is a damaged copy that
+        was made anew.
     reason : str
         Why it failed; else empty.
     """
@@ -36,26 +34,6 @@ class Copy:
     path: Path
     state: State
     reason: str = ""
-
-
-def open_store(url: str) -> tuple[AbstractFileSystem, str]:
-    """Return the file system of a URL (``s3://BUCKET/FOLDER``, ``file:///FOLDER``, ...), and its folder.
-
-    Credentials and the address of an S3 server come from the environment or the user's own files, as for
-    every program that uses fsspec (``AWS_ACCESS_KEY_ID``, ``AWS_ENDPOINT_URL``, ``~/.aws``).
-
-    Raises
-    ------
-    OperatorError
-        The kind of store is unknown, or its library is not installed.
-    """
-    try:
-        store, folder = fsspec.core.url_to_fs(url)
-    except (ImportError, ValueError) as error:
-        raise OperatorError(f"--to {url}: {error}") from None
-    if not folder:
-        raise OperatorError(f"--to {url}: name a bucket or a folder")
-    return store, folder.rstrip("/")
 
 
 def recordings(directory: Path) -> list[Path]:
@@ -100,7 +78,7 @@ def push(
     folder : str
         Folder in the store; recordings keep their path below `directory`.
     remove : bool
-        Remove each recording here once its copy is confirmed.
+        Remove each recording here once its copy was read back in this call, however old the copy is.
     reached : callable
         Called with the name of each recording that is done, and its size in bytes.
     """
@@ -108,14 +86,15 @@ def push(
         n_bytes = size_of(path)
         try:
             before = path.stat()
-            state = _copy(path, store, f"{folder}/{path.relative_to(directory).as_posix()}")
+            remote = f"{folder}/{path.relative_to(directory).as_posix()}"
+            state = _copy(path, store, remote, must_read_back=remove)
             if remove:
                 _remove(path, before)
             yield Copy(path, state)
         except DataError as error:
             yield Copy(path, "failed", str(error))
         except Exception as error:  # each kind of store has exceptions of its own
-            yield Copy(path, "failed", f"{type(error).__name__}: {error}".rstrip(": "))
+            yield Copy(path, "failed", reason_of(error))
         reached(path.name, n_bytes)
 
 
@@ -127,35 +106,40 @@ def _remove(path: Path, confirmed: os.stat_result) -> None:
     path.unlink()
 
 
-def _copy(path: Path, store: AbstractFileSystem, remote: str) -> State:
+def _copy(path: Path, store: AbstractFileSystem, remote: str, *, must_read_back: bool) -> State:
     """Copy one recording and confirm it."""
     if isinstance(store, LocalFileSystem) and os.path.exists(remote) and os.path.samefile(path, remote):  # noqa: PTH110, PTH121
         raise DataError(f"{path} is in this store itself: there is no other copy")
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     store.invalidate_cache()
-    if store.exists(remote + _SIDECAR):
-        confirmed = store.cat_file(remote + _SIDECAR).decode(errors="replace")[: len(digest)]
-        # One that was cut when the store was full or lost power confirms nothing.
-        if confirmed != digest and len(confirmed) == len(digest) and not confirmed.strip(_HEX_DIGITS):
+    is_confirmed = False
+    if store.exists(remote + SIDECAR):
+        confirmed = confirmed_digest(store, remote)
+        if confirmed and confirmed != digest:
             raise DataError(
                 f"{remote} is another recording of the same name; give each board or host a folder of its own"
             )
-        if confirmed == digest and store.exists(remote) and store.size(remote) == path.stat().st_size:
+        is_confirmed = confirmed == digest
+        is_there = is_confirmed and store.exists(remote) and store.size(remote) == path.stat().st_size
+        if is_there and not (must_read_back and _read_back(store, remote) != digest):
             return "there already"
+        store.rm_file(remote + SIDECAR)  # the copy is none until it is made anew and confirmed
     store.makedirs(remote.rsplit("/", 1)[0], exist_ok=True)
     store.put_file(str(path), remote)
-    if (found := _digest(store, remote)) != digest:
+    if (found := _read_back(store, remote)) != digest:
         raise DataError(f"{remote} was read back with SHA-256 {found}, not {digest}")
-    store.pipe_file(remote + _SIDECAR, f"{digest}  {path.name}\n".encode())
-    return "copied"
+    store.pipe_file(remote + SIDECAR, f"{digest}  {path.name}\n".encode())
+    return "repaired" if is_confirmed else "copied"
 
 
-def _digest(store: AbstractFileSystem, remote: str) -> str:
-    """Read a file of the store, and return its SHA-256."""
-    found = hashlib.sha256()
-    store.invalidate_cache()
-    with store.open(remote, "rb", block_size=_BLOCK_BYTES, cache_type="none") as stream:
-        while block := stream.read(_BLOCK_BYTES):
-            found.update(block)
-    return found.hexdigest()
+def _read_back(store: AbstractFileSystem, remote: str) -> str:
+    """Return the SHA-256 of a copy as its disk has it, not as it stands in this host's memory."""
+    if isinstance(store, LocalFileSystem):
+        descriptor = os.open(remote, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+            os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+        finally:
+            os.close(descriptor)
+    return digest_of(store, remote)

@@ -1,5 +1,6 @@
 """Copies of recordings in an S3 server and in a folder: confirmed, resumed, never replaced, never lost."""
 
+import contextlib
 import hashlib
 import os
 import shutil
@@ -13,9 +14,11 @@ from pathlib import Path
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from tactiled.archive.push import Copy, open_store, push
+from tactiled.archive.push import Copy, push
+from tactiled.archive.store import open_store
 from tactiled.errors import OperatorError
 
+SEAWEED_INNER_PORTS = (8181, 9101)  # Iceberg, Lance
 WEED = Path(sys.executable).with_name("weed")
 
 
@@ -51,6 +54,36 @@ def test_an_unfinished_copy_is_made_anew(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "store/a.mcap.sha256").unlink()
     assert states(push(folder, store, to))["a.mcap"] == "copied"
     assert (tmp_path / "store/a.mcap").read_bytes() == (folder / "a.mcap").read_bytes()
+
+
+def flip_a_bit(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def test_a_copy_that_the_store_has_damaged_since_is_made_anew_before_anything_is_removed(
+    folder: Path, tmp_path: Path
+) -> None:
+    store, to = open_store(f"file://{tmp_path}/store")
+    good = (folder / "a.mcap").read_bytes()
+    list(push(folder, store, to))
+    flip_a_bit(tmp_path / "store/a.mcap")
+    assert states(push(folder, store, to, remove=True)) == {"a.mcap": "repaired", "b.mcap": "there already"}
+    assert (tmp_path / "store/a.mcap").read_bytes() == good
+    assert not (folder / "a.mcap").exists()
+
+
+def test_the_only_good_copy_stays_where_the_store_damages_whatever_it_is_given(folder: Path) -> None:
+    store = LossyStore(skip_instance_cache=True)
+    for name in ("a.mcap", "left/b.mcap"):
+        data = (folder / name).read_bytes()
+        store.pipe_file(f"/rotten/{name}", data[:-1] + b"?")
+        store.pipe_file(f"/rotten/{name}.sha256", f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode())
+    copies = list(push(folder, store, "/rotten", remove=True))
+    assert [copy.state for copy in copies] == ["failed", "failed"]
+    assert (folder / "a.mcap").exists()
+    assert not [name for name in store.find("/rotten") if name.endswith(".sha256")]
 
 
 def test_another_recording_of_the_same_name_is_never_replaced(folder: Path, tmp_path: Path) -> None:
@@ -149,6 +182,18 @@ def free_ports(n: int) -> list[int]:
 
 
 @pytest.fixture
+def another_seaweed() -> Iterator[None]:
+    """Occupy the ports that SeaweedFS takes unasked, as another one on this host does."""
+    with contextlib.ExitStack() as stack:
+        for port in SEAWEED_INNER_PORTS:
+            probe = stack.enter_context(socket.socket())
+            with contextlib.suppress(OSError):  # there is another one
+                probe.bind(("127.0.0.1", port))
+                probe.listen()
+        yield
+
+
+@pytest.fixture
 def s3(tmp_path: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]]]:
     """Environment of a client of an S3 server, and the server."""
     s3_port, master, volume, filer, *grpc = free_ports(8)
@@ -159,6 +204,8 @@ def s3(tmp_path: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]
     )
     command = [str(WEED), "server", f"-dir={tmp_path}/s3", "-s3", "-ip=127.0.0.1", "-ip.bind=127.0.0.1"]
     command += [f"-{name}={port}" for name, port in ports.items()]
+    # Two services that nobody asked for, on ports of their own; and no statistics to its makers.
+    command += ["-s3.port.iceberg=0", "-s3.port.lance=0", "-master.telemetry=false"]
     server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     end_s = time.monotonic() + 60
     while time.monotonic() < end_s:
@@ -179,6 +226,7 @@ def s3(tmp_path: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]
 
 
 @pytest.mark.system
+@pytest.mark.usefixtures("another_seaweed")
 def test_an_s3_server_gets_every_recording_and_what_it_did_not_get_stays(
     folder: Path, tmp_path: Path, s3: tuple[dict[str, str], subprocess.Popen[bytes]]
 ) -> None:
@@ -187,12 +235,14 @@ def test_an_s3_server_gets_every_recording_and_what_it_did_not_get_stays(
     spare = tmp_path / "spare"
     shutil.copytree(folder, spare)
 
-    def pushed(directory: Path, *options: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "tactiled", "archive", "push", str(directory), *options]
-        command += ["--to", "s3://touch/hand-3"]
+    def archive(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "tactiled", "archive", *arguments]
         return subprocess.run(
             command, env=environment, capture_output=True, text=True, check=False, timeout=90
         )
+
+    def pushed(directory: Path, *options: str) -> subprocess.CompletedProcess[str]:
+        return archive("push", str(directory), *options, "--to", "s3://touch/hand-3")
 
     for _ in range(20):  # the server opens its port before it serves
         first = pushed(folder, "--remove")
@@ -213,6 +263,11 @@ def test_an_s3_server_gets_every_recording_and_what_it_did_not_get_stays(
     assert remote.stdout.split() == [digest, digest]
     again = pushed(spare)
     assert (again.returncode, "0 copied, 2 there already" in again.stderr) == (0, True)
+    verified = archive("verify", "s3://touch/hand-3")
+    assert (verified.returncode, verified.stdout.count('"whole"')) == (0, 2)
+    pulled = archive("pull", "s3://touch/hand-3", "a.mcap", "--to", str(tmp_path / "back"))
+    assert (pulled.returncode, "1 fetched" in pulled.stderr) == (0, True)
+    assert hashlib.sha256((tmp_path / "back/a.mcap").read_bytes()).hexdigest() == digest
     server.kill()
     server.wait()
     lost = pushed(spare, "--remove")

@@ -1,0 +1,63 @@
+"""Run a command of tactiled as a process of its own: exit code, words, memory."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_KIB = 1024
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a process did.
+
+    Attributes
+    ----------
+    code : int
+        Exit code; negative for a signal.
+    out, err : str
+        First megabyte of standard output and of standard error.
+    peak_mb : float
+        Largest resident memory, 10^6 bytes.
+    seconds : float
+    """
+
+    code: int
+    out: str
+    err: str
+    peak_mb: float
+    seconds: float
+
+    @property
+    def is_tidy(self) -> bool:
+        """It ended by itself and without a traceback."""
+        return self.code >= 0 and "Traceback" not in self.err
+
+
+def tactiled(*arguments: str, environment: Mapping[str, str] | None = None) -> Done:
+    """Run ``tactiled ARGUMENTS`` to its end."""
+    began_s = time.monotonic()
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tactiled", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            env={**os.environ, **(environment or {})},
+        )
+        # For the memory of this process alone; `getrusage` knows only the largest of all.
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        err.seek(0)
+        return Done(
+            process.returncode,
+            out.read(1_000_000).decode(errors="replace"),
+            err.read(1_000_000).decode(errors="replace"),
+            usage.ru_maxrss * _KIB / 1e6,
+            time.monotonic() - began_s,
+        )
