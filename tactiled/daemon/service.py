@@ -20,7 +20,6 @@ from tactiled import compiled
 from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.operations.metrics import metrics_text
 from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, SharedParts
@@ -30,6 +29,7 @@ from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.errors import ConfigError, TactiledError
+from tactiled.limited_log import RateLimitedLog
 
 logger = logging.getLogger(__name__)
 

@@ -20,10 +20,10 @@ from daemons import Daemon, play
 from mcap.reader import make_reader
 from patience import PATIENCE_S
 
+from tactiled import limited_log
 from tactiled.daemon import service as service_module
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.terms import SessionParams
-from tactiled.daemon.operations import limited_log
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.served import ServiceParams

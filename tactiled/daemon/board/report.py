@@ -9,9 +9,9 @@ from tactiled.array import Array
 from tactiled.daemon.board.health import info_event
 from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
+from tactiled.limited_log import RateLimitedLog
 from tactiled.wire.layout import Layout
 
 logger = logging.getLogger(__name__)

@@ -4,10 +4,10 @@ import asyncio
 import logging
 from typing import Protocol
 
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.errors import PortError
+from tactiled.limited_log import RateLimitedLog
 
 logger = logging.getLogger(__name__)
 

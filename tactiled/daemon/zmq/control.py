@@ -11,10 +11,10 @@ from typing import Any
 
 import msgpack
 
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, CommandRequest, Events, Requester, parse
 from tactiled.events.types import EVENT_TYPES
+from tactiled.limited_log import RateLimitedLog
 
 logger = logging.getLogger(__name__)
 

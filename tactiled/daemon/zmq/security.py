@@ -30,9 +30,9 @@ from pydantic import Field
 from zmq.utils import z85
 
 from tactiled import tomlfile
-from tactiled.daemon.operations.limited_log import RateLimitedLog
 from tactiled.daemon.zmq.handshakes import Handshakes
 from tactiled.errors import ConfigError, OperatorError
+from tactiled.limited_log import RateLimitedLog
 from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)

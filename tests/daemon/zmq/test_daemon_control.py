@@ -23,7 +23,6 @@ from patience import PATIENCE_S
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
-from tactiled.daemon.operations.limited_log import PERIOD_S
 from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
@@ -38,6 +37,7 @@ from tactiled.daemon.zmq.requests import (
     parse,
 )
 from tactiled.events.types import ContactEvent
+from tactiled.limited_log import PERIOD_S
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
 SOMEONE = Requester("1")

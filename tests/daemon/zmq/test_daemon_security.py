@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from patience import PATIENCE_S
 from ports import free_pair
 
+from tactiled import limited_log as limited_log_module
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
-from tactiled.daemon.operations import limited_log as limited_log_module
 from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq import publisher as publisher_module
 from tactiled.daemon.zmq.network import Network

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from tactiled.daemon.operations.limited_log import PERIOD_S, RateLimitedLog
+from tactiled.limited_log import PERIOD_S, RateLimitedLog
 
 
 def test_a_condition_is_logged_once_then_counted(caplog: pytest.LogCaptureFixture) -> None:
