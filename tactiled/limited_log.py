@@ -1,7 +1,14 @@
 """Log lines at a bounded rate: a condition that repeats is logged once, then counted."""
 
 import logging
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
+
+from tactiled.outside import shown
 
 PERIOD_S = 10.0  # from a line to the count of its repetitions, and between two counts
 _NAMED = 8  # conditions logged in one period: a noisy one does not hide the others, and the disk cannot fill
@@ -71,3 +78,40 @@ class RateLimitedLog:
             self._logger.warning("%sand %d more, for other reasons", self._prefix, self._others)
         self._recent = {kind: entry._replace(times=0) for kind, entry in repeated.items()}
         self._others, self._end_s = 0, now_s + PERIOD_S
+
+
+@contextmanager
+def limit_rate_of(names: tuple[str, ...], log: RateLimitedLog) -> Iterator[None]:
+    """Send the lines of loggers of libraries through `log` meanwhile, each as one line without a traceback.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Loggers, such as ``"asyncio"``. Their children are not affected.
+    log : RateLimitedLog
+    """
+
+    def redirect(record: logging.LogRecord) -> bool:
+        if record.levelno >= logging.WARNING:
+            log.add(_one_line(record), time.monotonic(), record.levelno, kind=str(record.msg))
+        return False
+
+    loggers = [logging.getLogger(name) for name in names]
+    for logger in loggers:
+        logger.addFilter(redirect)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(redirect)
+
+
+def _one_line(record: logging.LogRecord) -> str:
+    """First line of a record; for an exception also its type, its words and where it was raised."""
+    text = record.getMessage().partition("\n")[0]
+    error = record.exc_info[1] if record.exc_info else None
+    if error is None:
+        return text
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{text}: {type(error).__name__}: {shown(str(error))}{where}"

@@ -5,15 +5,19 @@ passes one of these before it is written, allocated, deleted or logged. Messages
 `events.incoming`, frames in `wire`.
 """
 
+import os
 import re
 import stat
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from tactiled.errors import DataError
+from tactiled.errors import ConfigError, DataError
 
 # A text file of ours (configuration, array, layout, calibration) has at most some hundred kilobytes.
 TEXT_LIMIT_BYTES = 4 * 2**20
 NAME_LIMIT_CHARACTERS = 1024  # of a path; a quarter of Linux's PATH_MAX leaves room for the folder above it
+# A key file of ours has 200 bytes, a configuration of zenoh with certificates 10 kB.
+SECRET_LIMIT_BYTES = 64 * 1024
 SHOWN_CHARACTERS = 60  # of a text from outside, in an error or a log line
 # Of a USB string descriptor: 255 bytes at most, two of them its head, the rest UTF-16.
 USB_CHARACTERS = 126
@@ -106,3 +110,28 @@ def path_below(directory: Path, name: str) -> Path:
     if not is_plain or len(name) > NAME_LIMIT_CHARACTERS or any(ord(character) < 32 for character in name):
         raise DataError(f"{shown(name)}: no name for a file below {directory}")
     return directory.joinpath(*parts)
+def read_secret(path: Path, what: str = "secret key", environ: Mapping[str, str] = os.environ) -> str:
+    """Read a text file with a key or a token, which only its owner may be able to read.
+
+    Parameters
+    ----------
+    path : Path
+        A credential of systemd is accepted with any mode: its access list shows as group permissions.
+    what : str
+        What the file protects, for the error.
+    environ : mapping
+        Environment, with ``CREDENTIALS_DIRECTORY`` in a unit that loads credentials.
+
+    Raises
+    ------
+    ConfigError
+        Others can read the file.
+    DataError, OSError
+        As for `read_text`.
+    """
+    mode = path.stat().st_mode
+    credentials = environ.get("CREDENTIALS_DIRECTORY")
+    is_credential = bool(credentials) and path.parent == Path(str(credentials))
+    if stat.S_ISREG(mode) and mode & 0o077 and not is_credential:
+        raise ConfigError(str(path), [f"others can read the {what}: chmod 600 {path}"])
+    return read_text(path, SECRET_LIMIT_BYTES)

@@ -1,10 +1,11 @@
 """A log that cannot be flooded, and in which no condition hides another."""
 
 import logging
+import re
 
 import pytest
 
-from tactiled.limited_log import PERIOD_S, RateLimitedLog
+from tactiled.limited_log import PERIOD_S, RateLimitedLog, limit_rate_of
 
 
 def test_a_condition_is_logged_once_then_counted(caplog: pytest.LogCaptureFixture) -> None:
@@ -52,3 +53,25 @@ def test_measured_values_do_not_distinguish_conditions(caplog: pytest.LogCapture
         log.add(f"the clock was set by {k} s", 100.0, kind="clock")
     log.write_counts(100.0 + PERIOD_S)
     assert caplog.messages == ["the clock was set by 0 s", "the clock was set by 19 s (19 times)"]
+
+
+def test_lines_of_a_library_are_limited_and_have_no_traceback(caplog: pytest.LogCaptureFixture) -> None:
+    library, log = logging.getLogger("some.library"), RateLimitedLog(logging.getLogger("t"))
+
+    def fail(number: int) -> None:
+        try:
+            raise OSError(24, f"x\ny{number}")
+        except OSError:
+            library.exception("accept of %d failed\nmore", number)
+
+    with limit_rate_of(("some.library",), log):
+        for number in range(100):
+            fail(number)
+        library.info("said to nobody")
+    (record,) = caplog.records
+    place = rf"{__file__.rpartition('/')[2]}, line \d+"
+    assert re.fullmatch(rf"accept of 0 failed: OSError: '.*x\\ny0' \({place}\)", record.getMessage())
+    assert record.exc_info is None
+    assert log.count == 100
+    library.error("afterwards as before")
+    assert caplog.messages[1:] == ["afterwards as before"]

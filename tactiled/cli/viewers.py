@@ -9,9 +9,12 @@ from pathlib import Path
 import click
 
 from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
+from tactiled.errors import DataError
 from tactiled.events.endpoints import ZENOH_SCHEME
+from tactiled.outside import read_secret
 
 _TOKEN_ENV = "TACTILED_WEB_TOKEN"
+_SHORTEST_TOKEN = 16  # characters: 80 bits even where it has letters and digits of one case only
 
 
 @click.command()
@@ -148,9 +151,9 @@ def _token(file: Path | None) -> str:
     if file is None:
         return os.environ.get(_TOKEN_ENV) or secrets.token_urlsafe(24)
     try:
-        token = file.read_text(encoding="ascii").strip()
-    except (OSError, ValueError) as error:
-        raise click.UsageError(f"--token-file {file}: cannot be read: {error}") from None
-    if len(token) < 16:
-        raise click.UsageError(f"--token-file {file}: a token has at least 16 characters")
+        token = read_secret(file, "token").strip()
+    except OSError as error:
+        raise DataError(f"--token-file {file}: cannot be read: {error.strerror}") from None
+    if not token.isascii() or len(token) < _SHORTEST_TOKEN:
+        raise DataError(f"--token-file {file}: a token has at least {_SHORTEST_TOKEN} ASCII characters")
     return token

@@ -54,7 +54,12 @@ class _Request:
 
     def __init__(self, do: str, session: str, number: int, rest: dict[str, Any], timeout_s: float) -> None:
         self.id = f"{session[:8]}-{number}"
-        self.payload = msgpack.packb({"v": 1, "session": session, "id": self.id, "do": do, **rest})
+        try:
+            self.payload = msgpack.packb({"v": 1, "session": session, "id": self.id, "do": do, **rest})
+        except OverflowError:
+            raise OperatorError(f"{do}: a whole number is beyond 64 bits (-2^63 to 2^64 - 1)") from None
+        except ValueError as error:  # nested too deeply, or a lone surrogate
+            raise OperatorError(f"{do}: a value cannot be sent: {error}") from None
         self.until_s = time.monotonic() + timeout_s
         self.again_s = 0.0
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import zmq
 
-from tactiled.errors import ConfigError
+from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT
+from tactiled.outside import read_secret
 
 _RECEIVE_HIGH_WATER = 2000  # as the publisher's: a pause of some 18 s loses nothing
 _LARGEST_BYTES = (
@@ -64,16 +65,13 @@ def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
 def _read_keys(path: Path) -> tuple[bytes, bytes, bytes]:
     """Keys in a file of `tactiled keys make`: public and secret of the client, public of the daemon."""
     try:
-        mode = path.stat().st_mode
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(read_secret(path))
         public, secret, daemon = (document[name] for name in ("public_key", "secret_key", "daemon_key"))
         keys = tuple(str(key).encode("ascii") for key in (public, secret, daemon))
     except OSError as error:
         raise ConfigError(str(path), [f"cannot be read: {error.strerror}"]) from None
-    except (ValueError, KeyError) as error:  # no TOML, no ASCII, a key that is not there
+    except (DataError, ValueError, KeyError, RecursionError) as error:  # no TOML, no ASCII, a key is missing
         raise ConfigError(str(path), [f"is no file of `tactiled keys make`: {error}"]) from None
-    if mode & 0o077:
-        raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
     if any(len(key) != 40 for key in keys):
         raise ConfigError(str(path), ["a key has 40 characters"])
     return keys[0], keys[1], keys[2]

@@ -18,11 +18,14 @@ from tactiled import __version__
 from tactiled.array import Array
 from tactiled.client import Subscription
 from tactiled.errors import UnavailableError
+from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.web.browsers import FRAMES_PER_S, Browser
 from tactiled.web.commands import DaemonCommands, check_request, parse_request
+from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
-from tactiled.web.guard import Guard
+from tactiled.web.guard import Guard, is_loopback
 from tactiled.web.replay import ReplayFile
+from tactiled.web.static_files import read_static
 
 logger = logging.getLogger(__name__)
 
@@ -30,7 +33,9 @@ STATIC = Path(__file__).parent / "static"
 MOST_BROWSERS = 64
 _MOST_ITEMS = 500  # of one endpoint in a frame, some 20 ms: more wait for the next frame
 _LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
+_LINGERING_S = 1.0  # for the rest of a request that was refused before its end
 _LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
+_LOGGERS = ("aiohttp.server", "aiohttp.web", "asyncio")  # which write about connections and requests
 _HEADERS = {
     # No inline script and no inline style, nothing from elsewhere, and nobody may frame the buttons.
     "Content-Security-Policy": (
@@ -83,6 +88,9 @@ class PageServer:
         self._browsers: set[Browser] = set()
         self._sockets: set[web.WebSocketResponse] = set()
         self._commands = [DaemonCommands(endpoint, params.keys) for endpoint in params.endpoints]
+        self._static = read_static(STATIC)
+        self._log = RateLimitedLog(logger)
+        self._connections = Connections(self._crowded)
 
     def application(self) -> web.Application:
         """Return the routes."""
@@ -92,7 +100,7 @@ class PageServer:
         app.router.add_get("/api/live", self._live)
         app.router.add_post("/api/command", self._command)
         app.router.add_get("/api/replay", self._replay)
-        app.router.add_static("/static/", STATIC)
+        app.router.add_get("/static/{name:.*}", self._file)
         return app
 
     async def run(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
@@ -103,18 +111,34 @@ class PageServer:
         UnavailableError
             The port is in use, or the address is none of this host.
         """
-        runner = web.AppRunner(self.application(), access_log=None, shutdown_timeout=1.0)
+        with limit_rate_of(_LOGGERS, self._log):
+            await self._serve(ready, stop)
+
+    async def _serve(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
+        runner = web.AppRunner(
+            self.application(),
+            access_log=None,
+            shutdown_timeout=1.0,
+            keepalive_timeout=IDLE_S,
+            lingering_time=_LINGERING_S,
+        )
         await runner.setup()
+        listener: asyncio.Server | None = None
         try:
-            site = web.TCPSite(runner, self._params.host, self._params.port)
+            assert runner.server is not None  # made by setup
             try:
-                await site.start()
+                listener = await asyncio.get_running_loop().create_server(
+                    self._connections.protocols(runner.server),
+                    self._params.host,
+                    self._params.port,
+                    backlog=BACKLOG,
+                )
             except OSError as error:
                 where = f"{self._params.host}:{self._params.port}"
                 raise UnavailableError(
                     f"{where}: the page cannot be served there: {error.strerror}"
                 ) from None
-            host, port = runner.addresses[0][:2]
+            host, port = listener.sockets[0].getsockname()[:2]
             ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
             with contextlib.ExitStack() as stack:
                 subscriptions = [
@@ -132,6 +156,8 @@ class PageServer:
                         await socket.close(code=WSCloseCode.GOING_AWAY)
             for commands in self._commands:
                 commands.close()
+            if listener is not None:
+                listener.close()
             await runner.cleanup()
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
@@ -150,6 +176,11 @@ class PageServer:
             frames = self._feed.frames(time.time(), time.monotonic())
             for browser in self._browsers:
                 browser.offer(frames)
+            self._log.write_counts(time.monotonic())
+
+    def _crowded(self, address: str) -> None:
+        reason = f"{address}: an idle connection was closed, because as many as are allowed are open"
+        self._log.add(reason, time.monotonic(), kind="crowded")
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -158,17 +189,22 @@ class PageServer:
         )
         if refusal:
             return web.json_response({"ok": False, "reason": refusal}, status=403, headers=_HEADERS)
-        try:
-            response = await handler(request)
-        except web.HTTPException as error:
-            error.headers.update(_HEADERS)
-            raise
+        with self._connections.request(request):
+            try:
+                response = await handler(request)
+            except web.HTTPException as error:
+                error.headers.update(_HEADERS)
+                raise
         if not response.prepared:
             response.headers.update(_HEADERS)
         return response
 
-    async def _page(self, request: web.Request) -> web.StreamResponse:  # noqa: ARG002  signature of a handler
-        return web.FileResponse(STATIC / "index.html", headers=_HEADERS)
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        return self._static["index.html"].answer(request)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        file = self._static.get(request.match_info["name"])
+        return _answer(404, "there is no such file") if file is None else file.answer(request)
 
     async def _session(self, request: web.Request) -> web.StreamResponse:
         """Describe this server to the page. `commands` is true only with the right token."""
@@ -187,7 +223,9 @@ class PageServer:
         if len(self._browsers) >= MOST_BROWSERS:
             reason = f"{MOST_BROWSERS} browsers are connected, which is the most"
             return web.json_response({"ok": False, "reason": reason}, status=503)
-        socket = web.WebSocketResponse(heartbeat=10.0, compress=False, max_msg_size=1024)
+        # Compression serves a slow network; on this host it would cost more than it saves.
+        is_remote = not is_loopback(request.remote or "")
+        socket = web.WebSocketResponse(heartbeat=10.0, compress=is_remote, max_msg_size=1024)
         socket.headers.update(_HEADERS)
         browser = Browser(socket)
         self._browsers.add(browser)  # before any wait, so that the limit holds
@@ -222,7 +260,11 @@ class PageServer:
         if request.content_type != "application/json":
             return _answer(415, "send JSON")
         try:
-            source, do, fields = check_request(parse_request(await request.read()), len(self._commands))
+            async with asyncio.timeout(IDLE_S):
+                body = await request.read()
+            source, do, fields = check_request(parse_request(body), len(self._commands))
+        except TimeoutError:
+            return _answer(408, f"the request was not complete within {IDLE_S:g} s")
         except ValueError as error:
             return _answer(400, str(error))
         reply = await self._commands[source].send(do, fields)
@@ -240,7 +282,9 @@ class PageServer:
         if not 0.0 <= to_s - from_s <= _LONGEST_CHUNK_S:
             return _answer(400, f"ask for at most {_LONGEST_CHUNK_S:g} s at once")
         thin = request.query.get("thin") == "1"
-        return web.Response(text=replay.stretch(from_s, to_s, thin=thin), content_type="application/json")
+        answer = web.Response(text=replay.stretch(from_s, to_s, thin=thin), content_type="application/json")
+        answer.enable_compression()  # where the client asks for it
+        return answer
 
 
 def _answer(status: int, reason: str) -> web.Response:

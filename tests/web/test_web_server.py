@@ -1,15 +1,20 @@
 """Requests to the page server, without a browser."""
 
 import asyncio
+import contextlib
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
+from yarl import URL
 
 from tactiled.errors import UnavailableError
+from tactiled.web import server
+from tactiled.web.connections import IDLE_S, MOST_CONNECTIONS
 from tactiled.web.guard import Guard
 from tactiled.web.server import MOST_BROWSERS, Listening, PageServer, run_web
 
@@ -142,3 +147,180 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
 def test_an_address_of_another_host_is_refused() -> None:
     with pytest.raises(UnavailableError, match="cannot be served"):
         run_web(Listening([], host="192.0.2.1", port=0), lambda _: None)
+
+
+@contextlib.asynccontextmanager
+async def raw(url: str) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    parts = urlsplit(url)
+    reader, writer = await asyncio.open_connection(parts.hostname, parts.port)
+    try:
+        yield reader, writer
+    finally:
+        writer.close()
+        with contextlib.suppress(ConnectionError):
+            await writer.wait_closed()
+
+
+def test_idle_connections_make_room_for_those_that_ask(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        async with session.ws_connect(url + "api/live") as live, contextlib.AsyncExitStack() as stack:
+            held = [await stack.enter_async_context(raw(url)) for _ in range(MOST_CONNECTIONS + 50)]
+            async with session.get(url) as answer:
+                assert answer.status == 200
+            # The first to come have gone; the WebSocket and those that came last stay.
+            async with asyncio.timeout(10):
+                for reader, _ in held[:50]:
+                    with contextlib.suppress(ConnectionError):
+                        assert await reader.read() == b""
+            assert not held[-1][0].at_eof()
+            assert not live.closed
+
+    serve(tmp_path, act)
+    lines = [record.getMessage() for record in caplog.records]
+    assert lines == ["127.0.0.1: an idle connection was closed, because as many as are allowed are open"]
+
+
+def test_where_all_connections_are_busy_a_new_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactiled.web.connections.MOST_CONNECTIONS", 3)
+
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        sockets = [await session.ws_connect(url + "api/live") for _ in range(3)]
+        with pytest.raises(aiohttp.ClientConnectionError):
+            await session.get(url)
+        for socket in sockets:
+            assert not socket.closed
+            await socket.close()
+
+    serve(tmp_path, act)
+
+
+@pytest.mark.parametrize(
+    ("sent", "expected"),
+    [
+        (b"", b""),
+        (b"GET / HTTP/1.1\r\nHost: localh", b""),
+        (b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"HTTP/1.1 200"),
+    ],
+)
+def test_a_connection_without_a_complete_request_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes, expected: bytes
+) -> None:
+    assert IDLE_S == 30.0
+    monkeypatch.setattr(server, "IDLE_S", 0.2)
+
+    async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
+        async with raw(url) as (reader, writer), asyncio.timeout(20):
+            writer.write(sent)
+            assert (await reader.read()).startswith(expected)  # and closed
+
+    serve(tmp_path, act)
+
+
+def test_a_command_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "IDLE_S", 0.2)
+
+    async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
+        head = f"POST /api/command HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n"
+        async with raw(url) as (reader, writer), asyncio.timeout(20):
+            writer.write(f"{head}Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{".encode())
+            assert (await reader.read()).startswith(b"HTTP/1.1 408")  # and closed
+
+    serve(tmp_path, act, TOKEN)
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "%2e%2e/server.py", "..%2fserver.py", "uplot", "%00", "%ff"])
+def test_only_the_files_of_the_page_are_served(
+    tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        async with session.get(URL(f"{url}static/{name}", encoded=True)) as answer:
+            assert answer.status == 404
+            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+
+    serve(tmp_path, act)
+    assert not caplog.records
+
+
+def test_a_file_is_packed_for_who_asks_and_sent_once(tmp_path: Path) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        file = url + "static/uplot/uPlot.esm.js"
+        body = (server.STATIC / "uplot" / "uPlot.esm.js").read_bytes()
+        async with session.get(file, headers={"Accept-Encoding": "identity"}) as plain:
+            assert await plain.read() == body
+            assert "Content-Encoding" not in plain.headers
+        async with session.get(file, headers={"Accept-Encoding": "gzip"}) as packed:
+            assert int(packed.headers["Content-Length"]) < 0.4 * len(body)
+            assert await packed.read() == body
+            assert packed.content_type == "text/javascript"
+        async with session.get(file, headers={"If-None-Match": packed.headers["ETag"]}) as known:
+            assert (known.status, await known.read()) == (304, b"")
+
+    serve(tmp_path, act)
+
+
+@pytest.mark.parametrize("remote", [False, True])
+def test_frames_are_packed_for_who_asks_from_another_host(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, remote: bool
+) -> None:
+    monkeypatch.setattr(server, "is_loopback", lambda _: not remote)
+
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        for asks in (0, 15):
+            socket = await session.ws_connect(url + "api/live", compress=asks)
+            assert bool(socket.compress) is (remote and bool(asks))
+            assert json.loads((await socket.receive()).data)["m"] == []
+            await socket.close()
+
+    serve(tmp_path, act)
+
+
+@pytest.mark.parametrize("value", ["18446744073709551616", "-9223372036854775809"])
+def test_a_value_that_no_message_holds_is_refused(
+    tmp_path: Path, value: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
+        body = '{"do": "thresholds", "fields": {"values": {"x": ' + value + "}}}"
+        async with session.post(url + "api/command", headers=headers, data=body) as answer:
+            reply = await answer.json()
+        assert reply["ok"] is False
+        assert "beyond 64 bits" in reply["reason"]
+
+    serve(tmp_path, act, TOKEN)
+    assert not caplog.records
+
+
+def test_requests_that_are_no_http_are_counted_in_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        for _ in range(100):
+            async with raw(url) as (reader, writer):
+                writer.write(b"GET / HTTP/1.1\r\nA\x00: b\r\n\r\n")
+                assert b" 400 " in await reader.readline()
+        async with session.get(url) as answer:
+            assert answer.status == 200
+
+    serve(tmp_path, act)
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith("Error handling request from 127.0.0.1: ")
+    assert "\n" not in line
+
+
+def test_failed_accepts_are_counted_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        error = OSError(24, "Too many open files")
+        for _ in range(1000):  # as asyncio does for each connection that it cannot accept
+            what = {"message": "socket.accept() out of system resource", "exception": error}
+            asyncio.get_running_loop().call_exception_handler(what)
+        async with session.get(url) as answer:
+            assert answer.status == 200
+
+    serve(tmp_path, act)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("socket.accept() out of system resource: OSError: ")
+    assert record.exc_info is None

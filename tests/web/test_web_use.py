@@ -24,6 +24,7 @@ def commanding(live: Robot) -> str:
     """Serve a page that may give commands; return its address without the token."""
     token = live.folder / "token"
     token.write_text(TOKEN)
+    token.chmod(0o600)
     return live.serve("--allow-commands", "--token-file", str(token)).partition("#")[0]
 
 

@@ -20,6 +20,7 @@ import asyncio
 import logging
 import os
 import re
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,9 @@ from zmq.utils import z85
 
 from tactiled import tomlfile
 from tactiled.daemon.zmq.handshakes import Handshakes
-from tactiled.errors import ConfigError, OperatorError
+from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.limited_log import RateLimitedLog
+from tactiled.outside import read_secret
 from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)
@@ -79,14 +81,12 @@ class KeyFolder:
         if loaded.exists():
             path = loaded
         try:
-            mode = path.stat().st_mode
+            document = tomllib.loads(read_secret(path, environ=environ))
         except OSError:
             raise ConfigError(str(path), ["cannot be read; make it with `tactiled keys make`"]) from None
-        if (
-            mode & 0o077 and path != loaded
-        ):  # for a credential, systemd's access list shows as group permissions
-            raise ConfigError(str(path), [f"others can read the secret key: chmod 600 {path}"])
-        pair = tomlfile.load(path, _Pair)
+        except (DataError, ValueError, RecursionError) as error:
+            raise ConfigError(str(path), [f"is no file of `tactiled keys make`: {error}"]) from None
+        pair = tomlfile.parse(document, _Pair, str(path))
         return pair.public_key.encode(), pair.secret_key.encode()
 
     def clients(self) -> dict[bytes, str]:

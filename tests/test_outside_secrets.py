@@ -1,0 +1,73 @@
+"""Keys and tokens in files: nobody else may be able to read them."""
+
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tactiled.cli import main
+from tactiled.errors import ConfigError, DataError
+from tactiled.outside import SECRET_LIMIT_BYTES, read_secret
+
+TOKEN = "0123456789abcdef"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "secret"
+    path.write_text(TOKEN)
+    path.chmod(0o600)
+    return path
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o400])
+def test_a_secret_of_its_owner_is_read(file: Path, mode: int) -> None:
+    file.chmod(mode)
+    assert read_secret(file) == TOKEN
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o602, 0o644])
+def test_a_secret_that_others_can_read_or_change_is_refused(file: Path, mode: int) -> None:
+    file.chmod(mode)
+    with pytest.raises(ConfigError, match=f"secret: others can read the token: chmod 600 {file}"):
+        read_secret(file, "token")
+
+
+def test_a_credential_of_the_service_manager_may_have_any_mode(file: Path) -> None:
+    file.chmod(0o440)
+    assert read_secret(file, environ={"CREDENTIALS_DIRECTORY": str(file.parent)}) == TOKEN
+    for elsewhere in ("", str(file.parent.parent)):
+        with pytest.raises(ConfigError, match="others can read"):
+            read_secret(file, environ={"CREDENTIALS_DIRECTORY": elsewhere})
+
+
+def test_what_is_no_small_file_is_refused(file: Path, tmp_path: Path) -> None:
+    file.write_bytes(b"x" * (SECRET_LIMIT_BYTES + 1))
+    with pytest.raises(DataError, match="more than 65536 bytes"):
+        read_secret(file)
+    os.mkfifo(tmp_path / "fifo", 0o600)
+    with pytest.raises(DataError, match="not a regular file"):
+        read_secret(tmp_path / "fifo")
+
+
+@pytest.mark.parametrize(
+    ("mode", "text", "words"),
+    [
+        (0o644, TOKEN, "others can read the token: chmod 600"),
+        (0o600, "short", "at least 16 ASCII characters"),
+        (0o600, "é" * 16, "at least 16 ASCII characters"),
+    ],
+)
+def test_the_page_refuses_a_bad_token_file(file: Path, mode: int, text: str, words: str) -> None:
+    file.write_text(text)
+    file.chmod(mode)
+    asked = ["web", "--events", "ipc:///nonexistent/e.ipc", "--allow-commands", "--token-file", str(file)]
+    done = CliRunner().invoke(main, asked)
+    assert (done.exit_code, words in done.stderr) == (2, True)
+
+
+def test_the_page_says_that_its_token_file_is_not_there(tmp_path: Path) -> None:
+    asked = ["web", "--events", "ipc:///x/e.ipc", "--allow-commands", "--token-file", str(tmp_path / "none")]
+    done = CliRunner().invoke(main, asked)
+    assert (done.exit_code, "cannot be read: No such file" in done.stderr) == (2, True)
