@@ -110,6 +110,8 @@ def path_below(directory: Path, name: str) -> Path:
     if not is_plain or len(name) > NAME_LIMIT_CHARACTERS or any(ord(character) < 32 for character in name):
         raise DataError(f"{shown(name)}: no name for a file below {directory}")
     return directory.joinpath(*parts)
+
+
 def read_secret(path: Path, what: str = "secret key", environ: Mapping[str, str] = os.environ) -> str:
     """Read a text file with a key or a token, which only its owner may be able to read.
 

@@ -58,9 +58,12 @@ def test_measured_values_do_not_distinguish_conditions(caplog: pytest.LogCapture
 def test_lines_of_a_library_are_limited_and_have_no_traceback(caplog: pytest.LogCaptureFixture) -> None:
     library, log = logging.getLogger("some.library"), RateLimitedLog(logging.getLogger("t"))
 
+    def accept(number: int) -> None:
+        raise OSError(24, f"x\ny{number}")
+
     def fail(number: int) -> None:
         try:
-            raise OSError(24, f"x\ny{number}")
+            accept(number)
         except OSError:
             library.exception("accept of %d failed\nmore", number)
 
