@@ -5,7 +5,8 @@ Only files named by `new_name` are considered; all other files in the directory 
 
 import contextlib
 import re
-from collections.abc import Iterable
+import stat
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,7 +15,7 @@ from tactiled.recording.writer import ACTIVE, is_being_written
 
 _FINISHED = re.compile(r"tactile-\d{8}T\d{6}\.\d{3}Z(\.\d{3,})?\.mcap")
 _MB = 1e6
-_DAY_S = 86400.0
+DAY_S = 86400.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ def finished(directory: Path) -> list[Finished]:
         if _FINISHED.fullmatch(path.name):
             with contextlib.suppress(FileNotFoundError):  # removed by another process meanwhile
                 status = path.stat()
-                found.append(Finished(path, status.st_size / _MB, status.st_mtime))
+                if stat.S_ISREG(status.st_mode):
+                    found.append(Finished(path, status.st_size / _MB, status.st_mtime))
     return found
 
 
@@ -62,7 +64,7 @@ def unfinished(directory: Path) -> list[Path]:
 
 
 def surplus(
-    files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, now_unix_s: float
+    files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, ages_s: Mapping[Path, float]
 ) -> list[Finished]:
     """Select the files to remove, oldest first, to meet both limits; the newest file is always kept.
 
@@ -71,31 +73,16 @@ def surplus(
     files : iterable of Finished
     keep_mb, keep_days : float, optional
         Limits of total size (10^6 bytes) and of age; None is no limit.
-    now_unix_s : float
+    ages_s : mapping of Path to float
+        Proven ages, s; see `age.proven_ages_s`. A file without one is not too old.
     """
     in_order = sorted(files, key=lambda file: (file.ended_unix_s, file.path.name))
     total_mb = sum(file.size_mb for file in in_order)
     removed = []
     for file in in_order[:-1]:
         too_many = keep_mb is not None and total_mb > keep_mb
-        too_old = keep_days is not None and now_unix_s - file.ended_unix_s > keep_days * _DAY_S
+        too_old = keep_days is not None and ages_s.get(file.path, 0.0) > keep_days * DAY_S
         if too_many or too_old:
             removed.append(file)
             total_mb -= file.size_mb
-    return removed
-
-
-def retain(
-    directory: Path, keep_mb: float | None, keep_days: float | None, now_unix_s: float
-) -> list[Finished]:
-    """Remove the `surplus` of a directory and return the removed files.
-
-    Raises
-    ------
-    OSError
-        The directory cannot be read, or a file in it cannot be removed.
-    """
-    removed = surplus(finished(directory), keep_mb, keep_days, now_unix_s)
-    for file in removed:
-        file.path.unlink(missing_ok=True)
     return removed

@@ -62,13 +62,13 @@ class _Channels:
                 return contents.decode_read(data)
             if schema is contents.INPUT:
                 return Input(**schema.decode(data))
-            topic = _path_of(channel).removeprefix(contents.TOPICS)
+            topic = topic_of(channel).removeprefix(contents.TOPICS)
             return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
 
     def _schema(self, channel: Channel, path: Path) -> Schema | None:
-        name = _path_of(channel)
+        name = topic_of(channel)
         topic = name.removeprefix(contents.TOPICS)
         if name == contents.RAW_TOPIC:
             schema = contents.RAW
@@ -88,8 +88,8 @@ class _Channels:
         return schema if self.with_events or schema in (contents.RAW, contents.INPUT) else None
 
 
-def _path_of(channel: Channel) -> str:
-    """Topic as ROS names it; earlier recordings have no slash before it."""
+def topic_of(channel: Channel) -> str:
+    """Topic of a channel as ROS names it; earlier recordings have no slash before it."""
     return f"/{channel.topic.removeprefix('/')}"
 
 

@@ -56,8 +56,9 @@ class RecordParams(Params):
     keep_days: float | None = Field(
         default=None,
         gt=0,
-        description="Finished recordings in `directory` that are older than this (days) are removed; the "
-        "newest one is never removed. If omitted, all are kept.",
+        description="Finished recordings in `directory` that are older than this (days) are removed, as far "
+        "as the times in recordings prove it: a wrong clock removes nothing. The newest one is never "
+        "removed. If omitted, all are kept.",
     )
     min_free_mb: float = Field(
         default=500.0,

@@ -13,7 +13,8 @@ from pathlib import Path
 from tactiled.events.types import Event
 from tactiled.pipeline import Output
 from tactiled.recording.contents import Header, Input, Read
-from tactiled.recording.directory import new_name, retain
+from tactiled.recording.directory import new_name
+from tactiled.recording.retention import Retained, Retention
 from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams, Rotation
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
@@ -88,7 +89,8 @@ class RecordingSession:
         self._rotation: Rotation | None = None
         self._retains = False
         self._next_retain_s = now_s
-        self._retain_fault = ""
+        self._retention = Retention(self._new_path().parent, params.keep_mb, params.keep_days)
+        self._retain_fault = self._unproven = ""
         if path is not None or params.directory is not None:
             self._retains = path is None
             self._rotation = Rotation(path or self._new_path(), params, header, now_s)
@@ -181,24 +183,23 @@ class RecordingSession:
 
     def _retain(self, now_s: float) -> None:
         """Remove old recordings to keep the directory within `record.keep_mb` and `record.keep_days`."""
-        keep_mb, keep_days = self._params.keep_mb, self._params.keep_days
-        if not self._retains or now_s < self._next_retain_s or (keep_mb is None and keep_days is None):
+        if not self._retains or now_s < self._next_retain_s:
             return
         self._next_retain_s = now_s + RETAIN_S
         try:
-            removed = retain(self._new_path().parent, keep_mb, keep_days, datetime.now(UTC).timestamp())
+            found, fault = self._retention.check(datetime.now(UTC).timestamp()), ""
         except OSError as error:
-            fault, removed = f"{error.filename}: {error.strerror}", []
-        else:
-            fault = ""
-        if removed:
+            found, fault = Retained([], self._unproven), f"{error.filename}: {error.strerror}"
+        if removed := found.removed:
             size_mb = sum(file.size_mb for file in removed)
             logger.info(
                 "removed the %d oldest recordings, %.0f MB, up to %s", len(removed), size_mb, removed[-1].path
             )
+        if found.unproven and not self._unproven:  # once, although the number of files grows
+            logger.warning("%s", found.unproven)
         if fault and fault != self._retain_fault:
             logger.warning("old recordings cannot be removed: %s", fault)
-        self._retain_fault = fault
+        self._retain_fault, self._unproven = fault, found.unproven
 
 
 def _description(hello: Hello | None) -> Hello | None:

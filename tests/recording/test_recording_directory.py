@@ -11,8 +11,9 @@ from recordings import HEADER, items, noise_read
 
 from tactiled.errors import DataError
 from tactiled.recording.contents import Read
-from tactiled.recording.directory import Finished, finished, new_name, retain, surplus, unfinished
+from tactiled.recording.directory import Finished, finished, new_name, surplus, unfinished
 from tactiled.recording.recover import recover_directory
+from tactiled.recording.retention import Retention
 from tactiled.recording.writer import ACTIVE, RecordingWriter
 
 DAY_S = 86400.0
@@ -29,22 +30,28 @@ files_of = st.lists(
 limits = st.none() | st.floats(0.001, 1e4)
 
 
-@given(files=files_of, keep_mb=limits, keep_days=limits, now_unix_s=st.floats(0, 2e9))
+@given(files=files_of, keep_mb=limits, keep_days=limits, data=st.data())
 def test_the_oldest_go_first_until_both_limits_hold_and_the_newest_stays(
-    files: list[Finished], keep_mb: float | None, keep_days: float | None, now_unix_s: float
+    files: list[Finished], keep_mb: float | None, keep_days: float | None, data: st.DataObject
 ) -> None:
-    removed = surplus(files, keep_mb, keep_days, now_unix_s)
+    now_unix_s = max((file.ended_unix_s for file in files), default=0.0)
+    proven = data.draw(st.sets(st.sampled_from(files)) if files else st.just(set()))
+    ages_s = {file.path: now_unix_s - file.ended_unix_s for file in proven}
+    removed = surplus(files, keep_mb, keep_days, ages_s)
     kept = [file for file in files if file not in removed]
     assert bool(kept) == bool(files)
     if not files:
         return
     newest = max(file.ended_unix_s for file in files)
     assert newest in {file.ended_unix_s for file in kept}
-    assert all(gone.ended_unix_s <= file.ended_unix_s for gone in removed for file in kept)
+    if keep_days is None:
+        assert all(gone.ended_unix_s <= file.ended_unix_s for gone in removed for file in kept)
+    if keep_mb is None:
+        assert all(gone in proven for gone in removed)
     if len(kept) > 1:
         assert keep_mb is None or sum(file.size_mb for file in kept) <= keep_mb * (1 + 1e-9)
         old = [file for file in kept if file.ended_unix_s < newest]
-        assert keep_days is None or all(now_unix_s - file.ended_unix_s <= keep_days * DAY_S for file in old)
+        assert keep_days is None or all(ages_s.get(file.path, 0) <= keep_days * DAY_S for file in old)
     if keep_mb is None and keep_days is None:
         assert removed == []
 
@@ -66,10 +73,11 @@ def test_only_finished_recordings_that_the_daemon_named_are_removed(tmp_path: Pa
     place_file(tmp_path / part, 1_000_000, 1000.5)
     for other in others:
         place_file(tmp_path / other, 5_000_000, 1.0)
-    removed = retain(tmp_path, keep_mb=2.5, keep_days=None, now_unix_s=2000.0)
+    (tmp_path / name(7)).mkdir()
+    removed = Retention(tmp_path, keep_mb=2.5, keep_days=None).check(2000.0).removed
     assert [file.path.name for file in removed] == [name(0), part, name(1)]
-    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), *others}
-    retain(tmp_path, keep_mb=0.001, keep_days=0.001, now_unix_s=1e9)
+    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), name(7), *others}
+    Retention(tmp_path, keep_mb=0.001, keep_days=0.001).check(1e9)
     assert [file.path.name for file in finished(tmp_path)] == [name(3)]
 
 
