@@ -60,6 +60,9 @@ CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
 EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
+SAME_S = (
+    2.0  # longest pause of contact messages after which the object may still be the same: gaps end contacts
+)
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 SAY_S = 0.5  # between two lines on the terminal
 
@@ -98,6 +101,7 @@ class HoldController:
         self._slides, self._probes = False, True
         self._past: deque[Seen] = deque()
         self._touched_s = math.inf
+        self._contact_s = -math.inf  # newest message of a contact
         self._calm_from_s = 0.0
         self._dropped_s = -math.inf
         self._held_n, self._wanted_n = self.command_n, 0.0
@@ -106,8 +110,13 @@ class HoldController:
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N), from a `grip` message and the force exerted now."""
         if grip["state"] == "none":
-            self._forget()
+            # A gap in the scans ends a contact, too, and is not valid: the hand holds what it held.
+            if grip["valid"]:
+                self._forget()
             return self.command_n
+        if grip["timestamp"] > self._contact_s + SAME_S:
+            self._forget()
+        self._contact_s = grip["timestamp"]
         self._touched_s = min(self._touched_s, grip["timestamp"])
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactiled import resources
+from tactiled.events.codec import evidence_key
 from tactiled.events.types import EVENT_TYPES
 from tactiled.ros2 import own_types
 
@@ -45,9 +46,11 @@ _CPP_HEAD = """// Messages of tactiled as structures.
 // Needs C++17 and, to read messages, a JSON library with the interface of nlohmann::json (`at`, `get_to`):
 //
 //     auto slip = nlohmann::json::from_msgpack(first, last).get<tactiled::Slip>();
-//     if (slip.valid && slip.state == tactiled::Slip::STATE_ONSET) tighten();
+//     double age_s = now_unix_s - tactiled::evidence(slip);
+//     if (slip.valid && slip.state == tactiled::Slip::STATE_ONSET && std::abs(age_s) < 0.2) tighten();
 //
 // Fields that this version does not know are ignored; a missing field throws. Instants are epoch seconds.
+// Act on a message by the age of its evidence: the onset of a slip lies further back.
 #pragma once
 
 #include <cstdint>
@@ -107,7 +110,7 @@ def typed_cpp() -> str:
     parts = []
     for topic, schema in schemas().items():
         parts += [_cpp_struct(inner, nested, "") for inner, nested in _nested(schema)]
-        parts.append(_cpp_struct(topic.capitalize(), schema, topic))
+        parts.append(_cpp_struct(topic.capitalize(), schema, topic) + _cpp_evidence(topic))
     return _CPP_HEAD + "\n".join(parts) + "\n}  // namespace tactiled\n"
 
 
@@ -169,6 +172,14 @@ def _cpp_struct(name: str, schema: dict[str, Any], topic: str) -> str:
     lines += ["};", "", f"template <class Json> void from_json(const Json& map, {name}& out) {{"]
     lines += [f'    map.at("{field_name}").get_to(out.{field_name});' for field_name in schema["properties"]]
     return "\n".join([*lines, "}", ""])
+
+
+def _cpp_evidence(topic: str) -> str:
+    name, key = topic.capitalize(), evidence_key(topic)
+    return (
+        f"\n// Instant at which the evidence of the message was complete, epoch seconds.\n"
+        f"inline double evidence(const {name}& message) {{ return message.{key}; }}\n"
+    )
 
 
 def _cpp_comment(text: str, indent: str) -> list[str]:

@@ -4,9 +4,11 @@
 // Needs C++17 and, to read messages, a JSON library with the interface of nlohmann::json (`at`, `get_to`):
 //
 //     auto slip = nlohmann::json::from_msgpack(first, last).get<tactiled::Slip>();
-//     if (slip.valid && slip.state == tactiled::Slip::STATE_ONSET) tighten();
+//     double age_s = now_unix_s - tactiled::evidence(slip);
+//     if (slip.valid && slip.state == tactiled::Slip::STATE_ONSET && std::abs(age_s) < 0.2) tighten();
 //
 // Fields that this version does not know are ignored; a missing field throws. Instants are epoch seconds.
+// Act on a message by the age of its evidence: the onset of a slip lies further back.
 #pragma once
 
 #include <cstdint>
@@ -101,6 +103,9 @@ template <class Json> void from_json(const Json& map, Slip& out) {
     map.at("suppressed").get_to(out.suppressed);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Slip& message) { return message.detected; }
+
 // The contact of the whole array changed its state.
 struct Contact {
     static constexpr const char* TOPIC = "contact";
@@ -151,6 +156,9 @@ template <class Json> void from_json(const Json& map, Contact& out) {
     map.at("taxels").get_to(out.taxels);
     map.at("valid").get_to(out.valid);
 }
+
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Contact& message) { return message.timestamp; }
 
 // How much of what friction can bear is in use, and how likely gross slip is; for each scan in contact.
 struct Grip {
@@ -251,6 +259,9 @@ template <class Json> void from_json(const Json& map, Grip& out) {
     map.at("suppressed").get_to(out.suppressed);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Grip& message) { return message.timestamp; }
+
 // Force of the object on the skin in newtons, with standard deviations; for each scan.
 struct Force {
     static constexpr const char* TOPIC = "force";
@@ -342,6 +353,9 @@ template <class Json> void from_json(const Json& map, Force& out) {
     map.at("valid").get_to(out.valid);
     map.at("late").get_to(out.late);
 }
+
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Force& message) { return message.timestamp; }
 
 struct Candidate {
     // Spatial period of this candidate, millimetres.
@@ -474,6 +488,9 @@ template <class Json> void from_json(const Json& map, Texture& out) {
     map.at("estimator").get_to(out.estimator);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Texture& message) { return message.answered; }
+
 // One scan, as volts in channel order.
 struct Scan {
     static constexpr const char* TOPIC = "scan";
@@ -522,6 +539,9 @@ template <class Json> void from_json(const Json& map, Scan& out) {
     map.at("age_s").get_to(out.age_s);
     map.at("late").get_to(out.late);
 }
+
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Scan& message) { return message.timestamp; }
 
 // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
 // some.
@@ -693,6 +713,9 @@ template <class Json> void from_json(const Json& map, Status& out) {
     map.at("sent").get_to(out.sent);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Status& message) { return message.timestamp; }
+
 // The board and its array; repeated every second for subscribers that connect late.
 struct Info {
     static constexpr const char* TOPIC = "info";
@@ -762,6 +785,9 @@ template <class Json> void from_json(const Json& map, Info& out) {
     map.at("tactiled_version").get_to(out.tactiled_version);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Info& message) { return message.timestamp; }
+
 // State of the recording; once a second, and at each change.
 struct Recording {
     static constexpr const char* TOPIC = "recording";
@@ -819,6 +845,9 @@ template <class Json> void from_json(const Json& map, Recording& out) {
     map.at("reads_waiting").get_to(out.reads_waiting);
 }
 
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Recording& message) { return message.timestamp; }
+
 // A client gave the daemon a command; what became of it.
 struct Command {
     static constexpr const char* TOPIC = "command";
@@ -872,5 +901,8 @@ template <class Json> void from_json(const Json& map, Command& out) {
     map.at("reason").get_to(out.reason);
     map.at("scan_index").get_to(out.scan_index);
 }
+
+// Instant at which the evidence of the message was complete, epoch seconds.
+inline double evidence(const Command& message) { return message.timestamp; }
 
 }  // namespace tactiled

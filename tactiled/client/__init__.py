@@ -8,12 +8,15 @@ Needs pyzmq and msgpack only. ::
         async for item in client:
             match item:
                 case SlipMessage(data=slip):
-                    if client.fresh and slip["valid"] and slip["state"] == "onset": tighten()
+                    if client.fresh and slip["valid"] and slip["state"] == "onset" and abs(item.age_s) < 0.2:
+                        tighten()
                 case Stale(reason=reason):
                     hold_without_touch(reason)
 
-`Recovered` has a message that was missed and requested again, so it is old. `Lost` counts messages that
-cannot be recovered. Commands to the daemon: ``AsyncCommander().send("inhibit", duration_s=0.4)``.
+`age_s` of any message is the age of its evidence, so that it is right for every topic; the onset of a slip
+lies further back (`onset_age_s`). `Recovered` has a message that was missed and requested again, so it is
+old. `Lost` counts messages that cannot be recovered. Commands to the daemon:
+``AsyncCommander().send("inhibit", duration_s=0.4)``.
 
 Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
 """

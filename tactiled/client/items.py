@@ -18,7 +18,7 @@ class Message:
     seq : int
         Sequence number within board and topic.
     timestamp : float
-        Instant of the event, epoch seconds.
+        Physical instant that the message is about, epoch seconds: of a slip, its onset or its end.
     data : dict
         The whole map (protocols/events.md).
     received_s : float
@@ -32,10 +32,20 @@ class Message:
     data: dict[str, Any] = field(repr=False)
     received_s: float
     _age_received_s: float = field(repr=False)
+    _evidence_age_s: float = field(repr=False)
 
     @property
     def age_s(self) -> float:
-        """Present age of the event in seconds; grows while the message is held."""
+        """Present age in seconds of the evidence: of `detected` for a slip, `answered` for a texture.
+
+        For all other topics that is the age of `timestamp`. It grows while the message is held. Act on a
+        message by this age: a slip may have begun long before anything could show it.
+        """
+        return self._evidence_age_s + time.monotonic() - self.received_s
+
+    @property
+    def onset_age_s(self) -> float:
+        """Present age in seconds of `timestamp`: of the beginning of a slip, or of its end."""
         return self._age_received_s + time.monotonic() - self.received_s
 
 

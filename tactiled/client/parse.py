@@ -8,7 +8,7 @@ import msgpack
 
 from tactiled.client.items import Malformed, Message
 from tactiled.client.typed import MESSAGE_TYPES
-from tactiled.events.codec import MESSAGE_VERSION
+from tactiled.events.codec import MESSAGE_VERSION, evidence_key
 
 
 def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
@@ -33,5 +33,9 @@ def message_of(topic: str, data: Mapping[str, Any], now_s: float, unix_s: float)
         return Malformed(f"{topic}: seq or timestamp is missing or no number")
     if not isinstance(board, str) or type(run) is not int:
         return Malformed(f"{topic}: board or run is missing, or not what it should be")
+    key = evidence_key(topic)
+    evidence = data.get(key)
+    if type(evidence) is not float or not math.isfinite(evidence):
+        return Malformed(f"{topic}: {key} is missing or no number")
     kind = MESSAGE_TYPES.get(topic, Message)  # a topic of a later version has no class of its own
-    return kind(topic, board, seq, stamp, dict(data), now_s, unix_s - stamp)
+    return kind(topic, board, seq, stamp, dict(data), now_s, unix_s - stamp, unix_s - evidence)

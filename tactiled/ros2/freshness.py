@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tactiled.events.codec import evidence_key
+
 FRESH_S = 0.5  # five periods of the status, as in tactiled.client
 ABOUT_THE_SKIN = frozenset(("scan", "slip", "contact", "texture", "grip", "force"))
-# Instant at which a message was complete: a slip is reported some time after its onset.
-_COMPLETE = {"slip": "detected", "texture": "answered"}
 Level = Literal["ok", "warn", "error", "stale"]
 
 
@@ -43,7 +43,7 @@ class BoardFreshness:
         now_s, unix_s : float
             Monotonic clock and epoch time at which it was received.
         """
-        age_s = abs(unix_s - data[_COMPLETE.get(topic, "timestamp")])  # from the future: a clock was set
+        age_s = abs(unix_s - data[evidence_key(topic)])  # from the future: a clock was set
         if topic == "status":
             self.status, self._status_s, self._status_age_s = data, now_s, age_s
         young = age_s <= FRESH_S

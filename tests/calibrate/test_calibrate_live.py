@@ -41,7 +41,7 @@ class PlayedSubscription:
 
 
 def message(topic: str, data: dict[str, Any]) -> Message:
-    return Message(topic, "b", 0, 0.0, data, 0.0, 0.0)
+    return Message(topic, "b", 0, 0.0, data, 0.0, 0.0, 0.0)
 
 
 def record(log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray) -> tuple[bool, list[str]]:

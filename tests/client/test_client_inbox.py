@@ -1,6 +1,7 @@
 """Inbox: items from messages and from silence, in simulated time."""
 
 import math
+import time
 from typing import Any
 
 import msgpack
@@ -33,7 +34,7 @@ class Daemon:
         seq = self.seq.get(topic, 0)
         self.seq[topic] = seq + 1
         head = {"v": 1, "timestamp": self.now_s + UNIX_S, "seq": seq, "board": self.board, "run": self.run}
-        message = {**head, **fields}
+        message = {**head, **({"detected": head["timestamp"]} if topic == "slip" else {}), **fields}
         return [f"tactile/{self.board or '-'}/{topic}".encode(), msgpack.packb(message)]
 
     def make_status(self, **fields: Any) -> list[bytes]:
@@ -308,6 +309,35 @@ def test_the_age_of_a_message_grows_while_it_is_held() -> None:
     assert isinstance(message, Message)
     first = message.age_s
     assert message.age_s >= first
+
+
+@pytest.mark.parametrize(("topic", "evidence"), [("slip", "detected"), ("texture", "answered")])
+def test_the_age_of_a_message_is_that_of_its_evidence(topic: str, evidence: str) -> None:
+    """An onset is back-dated: what was found 10 ms ago may have begun 400 ms ago."""
+    daemon = Daemon()
+    now_s = daemon.now_s + UNIX_S
+    parts = daemon.make(topic, **{"timestamp": now_s - 0.4, evidence: now_s - 0.01})
+    (message,) = daemon.read(parts)
+    assert isinstance(message, Message)
+    ages_s = message.age_s, message.onset_age_s, message.age_s
+    held_s = ages_s[2] - ages_s[0] + 1e-6  # ages grow while they are read; epoch seconds have steps of 0.2 us
+    assert ages_s[1] - ages_s[0] == pytest.approx(0.39, abs=held_s)
+    assert ages_s[0] + message.received_s <= 0.01 + time.monotonic() + 1e-6
+
+
+def test_the_age_of_other_messages_is_that_of_their_timestamp() -> None:
+    daemon = Daemon()
+    (message,) = daemon.read(daemon.make("grip", timestamp=daemon.now_s + UNIX_S - 0.3))
+    assert isinstance(message, Message)
+    first_s = message.age_s
+    assert first_s <= message.onset_age_s <= message.age_s
+
+
+@pytest.mark.parametrize("detected", [None, 3, math.nan, "now"])
+def test_a_slip_whose_evidence_has_no_instant_is_malformed(detected: Any) -> None:
+    daemon = Daemon()
+    (item,) = daemon.read(daemon.make("slip", detected=detected))
+    assert item == Malformed("slip: detected is missing or no number")
 
 
 def test_restart_forgets_only_that_board() -> None:

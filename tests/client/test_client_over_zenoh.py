@@ -77,7 +77,7 @@ class Subscriber:
     def receive(
         self, topic: str, seq: int, thinned: frozenset[str] = frozenset(), **fields: Any
     ) -> list[Any]:
-        head = {"v": 1, "timestamp": self.now_s, "seq": seq, "board": "B", "run": 7}
+        head = {"v": 1, "timestamp": self.now_s, "detected": self.now_s, "seq": seq, "board": "B", "run": 7}
         parts = [f"tactile/B/{topic}".encode(), msgpack.packb(head | fields)]
         return self.inbox.receive(parts, self.now_s, self.now_s, thinned)
 

@@ -65,8 +65,9 @@ class Publisher:
                 self.skip = 0
                 head = {"v": 1, "timestamp": time.time(), "seq": seq, "board": "TS0001", "run": self.run}
                 status = {"valid": True, "uptime_s": time.monotonic() - started_s, "age_s": 0.0}
+                slip = {"state": "onset", "detected": head["timestamp"]}
                 pub.send_multipart([b"tactile/TS0001/status", msgpack.packb(head | status)])
-                pub.send_multipart([b"tactile/TS0001/slip", msgpack.packb(head | {"state": "onset"})])
+                pub.send_multipart([b"tactile/TS0001/slip", msgpack.packb(head | slip)])
                 while self.extra:
                     pub.send_multipart(self.extra.pop())
                 seq += 1
@@ -230,6 +231,7 @@ def test_listen_reports_values_that_json_cannot_represent(endpoint: str, publish
     head: dict[str, Any] = {
         "v": 1,
         "timestamp": 1.0,
+        "detected": 1.0,
         "seq": 0,
         "board": "x",
         "run": 1,

@@ -101,6 +101,34 @@ def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
     assert controller.take(grip(0.5, shear=50.0) | fault, 6.0) == before_n
 
 
+GAP = {"state": "none", "valid": False, "load": 0.0, "friction": 0.0, "friction_low": 0.0}  # as a gap is sent
+
+
+def test_a_gap_of_80_ms_forgets_neither_the_object_nor_its_friction() -> None:
+    controller, gapless = pressed(), pressed()
+    before = [grip(k / 100, friction_low=2.0, friction=2.4) for k in range(300)]
+    after = [grip(3.08 + k / 100, friction_low=0.1, friction=2.4) for k in range(100)]  # which knows less
+    played(gapless, before)
+    kept_n = played(controller, before)[-1]
+    assert controller.take(grip(2.99) | GAP, 6.0) == kept_n
+    assert played(controller, after) == played(gapless, after)
+
+
+def test_slip_right_after_a_gap_is_answered_at_once() -> None:
+    controller = pressed()
+    played(controller, [grip(k / 100) for k in range(100)])
+    controller.take(grip(0.99) | GAP, 6.0)
+    assert controller.take(grip(1.08, state="gross"), 6.0) >= HOLD.GRASP_AGAIN * 6.0
+
+
+def test_a_contact_long_after_a_gap_may_be_another_object() -> None:
+    controller = HOLD.HoldController(start_n=6.0)
+    played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])
+    command_n = controller.take(grip(2.99) | GAP, 6.0)
+    again = [grip(3.1 + HOLD.SAME_S + k / 100) for k in range(300)]
+    assert played(controller, again) == played(HOLD.HoldController(start_n=command_n), again)
+
+
 def test_another_object_is_met_without_what_was_learnt() -> None:
     controller = HOLD.HoldController(start_n=6.0)
     played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])

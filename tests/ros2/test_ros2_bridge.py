@@ -69,7 +69,9 @@ def test_whatever_a_publisher_sends_is_encoded_or_counted(
     bridge = bridge_with(node)
     bridge.take(ENDPOINT, now(STATUS))
     message = now(base)
-    bridge.take(ENDPOINT, Message(topic, "TS0001", 1, message.timestamp, message.data | fields, 0.0, 0.0))
+    bridge.take(
+        ENDPOINT, Message(topic, "TS0001", 1, message.timestamp, message.data | fields, 0.0, 0.0, 0.0)
+    )
     bridge.diagnose()
 
 

@@ -38,7 +38,7 @@ NOW_S = 1000.0
 
 def message(event: Event, seq: int = 0, board: str = "TS1") -> Message:
     data = to_map(event, seq=seq, board=board, unix_offset_s=0.0)
-    return Message(event.topic, board, seq, event.time_s, data, 0.0, 0.0)
+    return Message(event.topic, board, seq, event.time_s, data, 0.0, 0.0, 0.0)
 
 
 def info(name: str) -> Message:
@@ -142,7 +142,7 @@ TOPICS = st.sampled_from(list(EVENT_TYPES)) | st.text(max_size=8)
 def test_any_foreign_map_is_a_counted_line(items: list[tuple[str, Any, bool]]) -> None:
     views = views_of()
     for topic, data, recovered in items:
-        made = Message(topic, "TS1", 0, NOW_S, {"v": 1, "data": data}, 0.0, 0.0)
+        made = Message(topic, "TS1", 0, NOW_S, {"v": 1, "data": data}, 0.0, 0.0, 0.0)
         views.take(Recovered(made) if recovered else made)
     views.take(Malformed("2 frames"))
     assert views.unreadable == len(items) + 1

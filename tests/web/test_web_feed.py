@@ -28,7 +28,7 @@ SAMPLES: dict[str, Event] = {event.topic: event for event in (SLIP, CONTACT, STA
 def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message:
     event = replace(SAMPLES[topic], time_s=at_s)
     data = {**to_map(event, seq=seq, board="TS1", unix_offset_s=0.0, run=1), **fields}
-    return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0)
+    return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0, 0.0)
 
 
 def rows(text: str | None) -> list[list[Any]]:

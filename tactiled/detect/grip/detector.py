@@ -220,9 +220,11 @@ class GripDetector:
         if self._before_gap is not None:
             loads = readings.history[-1, 0]
             self._touch = self._resume(self._before_gap, loads, load > least, time_s - before_s)
+            self._before_gap = None
             if self._touch is None:
                 self._end_touch(readings)
-            self._before_gap = None
+                if load <= least:  # the contact that was cut off is known to have ended
+                    return _no_contact(time_s, valid=self.is_trusted)
         if self._touch is None:
             if load <= least:
                 self._n_baseline += 1

@@ -226,6 +226,14 @@ def test_other_loads_after_a_gap_are_another_contact() -> None:
     assert after[0].utilisation_low == 0.0
 
 
+def test_a_contact_that_ended_in_a_gap_is_told_after_it() -> None:
+    """A cut-off contact is not valid as an end; that it is over is known only at the scan after the gap."""
+    held = np.where(np.arange(800) < 408, 1.0, 0.02)
+    block = touch(0.2 * ramp(2.0, 1.0) * held, PRESSED * held)
+    after = [event for event in through_grip(block) if isinstance(event, GripEvent) and event.time_s > 4.1]
+    assert [(event.state, event.valid) for event in after] == [("none", True)]
+
+
 def through_grip(block: ScanBlock) -> list[Event]:
     detector = GripDetector(ARRAY)
     events = detector.process(block[:FIRST])
