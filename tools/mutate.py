@@ -233,9 +233,9 @@ class Tree:
             code = 70
             try:
                 os.setsid()
-                with log.open("wb") as stream:
-                    for descriptor in (1, 2):
-                        os.dup2(stream.fileno(), descriptor)
+                sys.stdout = sys.stderr = log.open("w")
+                for descriptor in (1, 2):
+                    os.dup2(sys.stdout.fileno(), descriptor)
                 os.chdir(self.copy)
                 os.environ["PYTHONPATH"] = str(self.copy)
                 sys.path.insert(0, str(self.copy))
