@@ -98,7 +98,7 @@ class Metrics:
         self._slips = {(kind, by): 0 for kind in ("incipient", "gross") for by in get_args(Suppressed)}
 
     def count(self, event: Event, dropped: int) -> None:
-        """Count a published event; `dropped` is the number of messages that sockets have refused so far."""
+        """Count a published event; `dropped` is the number that slow subscribers have lost so far."""
         self._dropped = dropped
         if isinstance(event, ScanEvent):
             self._latency.add(event.age_s)
@@ -180,7 +180,8 @@ class Metrics:
         if self._status is not None:
             sent = {field.name: getattr(self._status.sent, field.name) for field in fields(Sent)}
             yield "messages_total", "counter", "Messages of this board by topic.", _by("topic", sent)
-        yield "messages_refused_total", "counter", "Messages a socket did not take.", _one(self._dropped)
+        what = "Messages dropped for subscribers that do not keep up."
+        yield "messages_refused_total", "counter", what, _one(self._dropped)
 
     def _disk(self) -> Iterator[Family]:
         recording = self._recording

@@ -1,11 +1,14 @@
 """Endpoints of the configuration: syntax, reachability from other hosts, and binding of sockets."""
 
 import contextlib
+import errno
+import fcntl
 import ipaddress
 import os
 import socket
 import stat
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,8 @@ from tactiled.errors import ConfigError, OperatorError, UnavailableError
 
 RUNTIME = "{runtime}"  # placeholder for the runtime directory in an endpoint
 _LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
+_BACKLOG = 64  # connections that wait to be accepted, within a turn of the event loop
+_SIOCGIFADDR = 0x8915  # netdevice(7): the IPv4 address of an interface
 _SOCKET_UMASK = 0o117  # ipc sockets get mode 0660: for the user and group of the daemon
 
 
@@ -56,7 +61,7 @@ def is_wide(endpoint: str) -> bool:
 
 
 def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.environ) -> None:
-    """Bind a socket to an endpoint.
+    """Bind a socket of libzmq to an endpoint.
 
     An ipc socket is open to the user and the group of this process only (mode 0660).
 
@@ -69,30 +74,117 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     ConfigError
         The path is longer than the system allows.
     """
+    endpoint = _prepared(endpoint, environ)
+    try:
+        with _socket_umask():
+            sock.bind(endpoint)
+    except zmq.ZMQError as error:
+        raise _not_bound(endpoint, error) from None
+
+
+def listen(endpoint: str, environ: Mapping[str, str] = os.environ) -> list[socket.socket]:
+    """Return sockets of the kernel, not blocking, that listen at an endpoint: one for each of its addresses.
+
+    Raises
+    ------
+    UnavailableError, OperatorError, ConfigError
+        As `bind`.
+    """
+    endpoint = _prepared(endpoint, environ)
+    listeners: list[socket.socket] = []
+    fault: OSError | None = None
+    try:
+        for family, address in _addresses(endpoint):
+            try:
+                listeners.append(_listener(family, address))
+            except OSError as error:
+                if error.errno not in (errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT):
+                    raise
+                fault = error  # a name may have an address that this host lacks, mostly one of IPv6
+        if fault is not None and not listeners:
+            raise fault
+    except OSError as error:
+        for sock in listeners:
+            sock.close()
+        raise _not_bound(endpoint, error) from None
+    return listeners
+
+
+def _listener(family: int, address: Any) -> socket.socket:
+    sock = socket.socket(family, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+    try:
+        if family != socket.AF_UNIX:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)  # IPv4 has a listener of its own
+        with _socket_umask():
+            sock.bind(address)
+        sock.listen(_BACKLOG)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def stop_listening(sock: socket.socket) -> None:
+    """Close a socket of `listen`, and remove its path."""
+    if sock.family == socket.AF_UNIX and (path := sock.getsockname()):
+        Path(path).unlink(missing_ok=True)
+    sock.close()
+
+
+def _prepared(endpoint: str, environ: Mapping[str, str]) -> str:
+    """Fill in the runtime directory, and make sure that an ipc path may be taken."""
     if RUNTIME in endpoint:
         endpoint = endpoint.replace(RUNTIME, str(runtime_directory(environ)))
     path = Path(endpoint.removeprefix("ipc://")) if endpoint.startswith("ipc://") else None
-    if path is not None and _is_served(path):
+    if path is None:
+        return endpoint
+    if _is_served(path):
         # libzmq would silently take the path from the other daemon.
         raise UnavailableError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
-    if path is not None and path.exists() and not path.is_socket():
+    if path.is_socket():
+        with contextlib.suppress(OSError):  # what a killed daemon left; if it stays, binding says why
+            path.unlink()
+    elif path.exists():
         # libzmq would delete the file.
         raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
-    umask = os.umask(
-        _SOCKET_UMASK
-    )  # unlike chmod after bind, this leaves no time in which others have access
+    return endpoint
+
+
+@contextlib.contextmanager
+def _socket_umask() -> Iterator[None]:
+    """Bind with this umask: unlike chmod afterwards, it leaves no time in which others have access."""
+    umask = os.umask(_SOCKET_UMASK)
     try:
-        sock.bind(endpoint)
-    except zmq.ZMQError as error:
-        if error.errno == zmq.EADDRINUSE:
-            port = endpoint.rsplit(":", 1)[-1]
-            raise UnavailableError(
-                f"{endpoint}: in use, by another tactiled perhaps (see who: ss -tlnp 'sport = :{port}'); "
-                "stop it, or give this one another port in endpoints"
-            ) from None
-        raise UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}") from None
+        yield
     finally:
         os.umask(umask)
+
+
+def _not_bound(endpoint: str, error: zmq.ZMQError | OSError) -> UnavailableError:
+    if error.errno == errno.EADDRINUSE:
+        port = endpoint.rsplit(":", 1)[-1]
+        return UnavailableError(
+            f"{endpoint}: in use, by another tactiled perhaps (see who: ss -tlnp 'sport = :{port}'); "
+            "stop it, or give this one another port in endpoints"
+        )
+    return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}")
+
+
+def _addresses(endpoint: str) -> list[tuple[int, Any]]:
+    """Return family and address of the sockets of an endpoint; its host may be the name of an interface."""
+    transport, _, address = endpoint.partition("://")
+    if transport == "ipc":
+        return [(socket.AF_UNIX, address)]
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        request = struct.pack("256s", os.fsencode(host)[:15])
+        host = socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24])
+    every = None if host in ("*", "::") else host  # None: every address, of IPv4 and IPv6
+    found = socket.getaddrinfo(every, int(port), type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    return list(dict.fromkeys((family, where) for family, _, _, _, where in found))
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:

@@ -85,9 +85,11 @@ class Network:
                 group.create_task(self._authenticator.run())
             if self._server is not None:
                 group.create_task(self._server.run())
+            group.create_task(self.publisher.subscribers.run())
             loop = asyncio.get_running_loop()
             while True:  # also without endpoints
                 self.control.bad.write_counts(loop.time())
+                self.publisher.subscribers.refused.write_counts(loop.time())
                 self.control.commanded.write_counts(loop.time())
                 if self._authenticator is not None:
                     self._authenticator.denied.write_counts(loop.time())

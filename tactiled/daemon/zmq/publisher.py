@@ -1,13 +1,15 @@
 """Publisher: events to ZeroMQ messages of two frames, without ever blocking.
 
-A PUB socket silently drops messages for a subscriber that does not keep up. Every message therefore carries
-the sequence number of its topic, so that the subscriber sees its losses and can request them from the store
-(`control`). ``CONFLATE`` is never set: it breaks two-frame messages.
+Messages are dropped for a subscriber that does not keep up. Every message therefore carries the sequence
+number of its topic, so that the subscriber sees its losses and can request them from the store (`control`).
+
+Plain endpoints are served here (`subscribers`), because libzmq does not bound the subscriptions of a peer.
+Endpoints with keys are PUB sockets of libzmq.
 """
 
 import os
 import secrets
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -17,15 +19,16 @@ from pydantic import Field, model_validator
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, fault_of, is_wide
 from tactiled.daemon.zmq.security import CurveAuthenticator
 from tactiled.daemon.zmq.store import Store
+from tactiled.daemon.zmq.subscribers import Subscribers
 from tactiled.events import codec
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, control_endpoint
 from tactiled.events.types import Event, Sent
 from tactiled.tomlfile import Params
 
-# A stalled subscriber loses nothing for 2000 / (100 scans + 10 status per second) = 18 s, and occupies at
-# most about 2 MB.
+# With a key: a stalled subscriber loses nothing for 2000 / (100 scans + 10 status per second) = 18 s, and
+# occupies at most about 2 MB.
 _SEND_HIGH_WATER = 2000
-_LINGER_MS = 300  # enough to send queued events over loopback; a dead subscriber delays the end by no more
+_LINGER_S = 0.3  # enough to send queued events over loopback; a dead subscriber delays the end by no more
 _TOPIC_FLAGS, _PAYLOAD_FLAGS = int(zmq.NOBLOCK | zmq.SNDMORE), int(zmq.NOBLOCK)
 # Longest message of a subscriber: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
 _LONGEST_SUBSCRIPTION = 1024
@@ -111,16 +114,15 @@ def is_guarded(params: PublishParams, endpoint: str) -> bool:
 
 
 class Publisher:
-    """PUB sockets, sequence number of each topic, and store of recent messages.
+    """PUB endpoints, sequence number of each topic, and store of recent messages.
 
     Parameters
     ----------
     params : PublishParams
     environ : mapping
     context : zmq.Context, optional
-        Closed by its owner; left out: a context of its own.
     authenticator : CurveAuthenticator, optional
-        Required for guarded endpoints.
+        Both are required for guarded endpoints.
     n_boards : int
         Number of boards whose messages are published here.
 
@@ -141,36 +143,33 @@ class Publisher:
         self.run = secrets.randbits(53)
         """Random number of this run of the daemon; a float64, as viewers use, holds it exactly."""
         self.store = Store(round(params.history_mb * 1e6), n_boards)
-        self.dropped: Counter[str] = Counter()
-        """Number of messages that the sockets refused, by board; subscribers see them as lost."""
+        self.subscribers = Subscribers()
+        """Those of the plain endpoints; they are served while its `run` does."""
         self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
-        self._context = zmq.Context() if context is None and params.endpoints else None
-        self._sockets: dict[bool, zmq.Socket[Any]] = {}
+        self._guarded: zmq.Socket[Any] | None = None
         try:
             for endpoint in params.endpoints:
-                guarded = is_guarded(params, endpoint)
-                if guarded not in self._sockets:
-                    self._sockets[guarded] = self._make(
-                        context or self._context, authenticator if guarded else None
-                    )
-                bind(self._sockets[guarded], endpoint, environ)
+                if not is_guarded(params, endpoint):
+                    self.subscribers.listen(endpoint, environ)
+                    continue
+                if self._guarded is None:
+                    self._guarded = _make(context, authenticator)
+                bind(self._guarded, endpoint, environ)
         except BaseException:
             self.close()
             raise
 
     def send(self, event: Event, *, board: str, unix_offset_s: float) -> None:
-        """Publish one event, or drop it where the socket refuses it; never waits."""
+        """Publish one event; never waits."""
         key = (board, event.topic)
         seq = self._next_seq[key]
         self._next_seq[key] = seq + 1
         frames = codec.encode(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=self.run)
-        for sock in self._sockets.values():
-            try:
-                # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
-                sock.send(frames[0], _TOPIC_FLAGS)
-                sock.send(frames[1], _PAYLOAD_FLAGS)
-            except zmq.Again:
-                self.dropped[board] += 1
+        self.subscribers.send(*frames, board)
+        if self._guarded is not None:
+            # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
+            self._guarded.send(frames[0], _TOPIC_FLAGS)
+            self._guarded.send(frames[1], _PAYLOAD_FLAGS)
         self.store.add(board, event.topic, seq, frames[1])
 
     def sent(self, board: str) -> Sent:
@@ -178,23 +177,28 @@ class Publisher:
         topics = Sent.__dataclass_fields__
         return Sent(**{topic: self._next_seq.get((board, topic), 0) for topic in topics})
 
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Number of messages that were dropped for slow subscribers, by board; they see them as lost."""
+        return self.subscribers.dropped
+
     def close(self) -> None:
         """Send queued events, then close."""
-        for sock in self._sockets.values():
-            sock.close()
-        if self._context is not None:
-            self._context.term()
+        self.subscribers.close(_LINGER_S)
+        if self._guarded is not None:
+            self._guarded.close()
 
-    @staticmethod
-    def _make(context: zmq.Context[Any] | None, authenticator: CurveAuthenticator | None) -> zmq.Socket[Any]:
-        assert context is not None
-        sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
-        sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
-        sock.setsockopt(zmq.LINGER, _LINGER_MS)
-        sock.setsockopt(zmq.IPV6, 1)
-        sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
-        for name, value in DEAD_PEER_OPTIONS.items():
-            sock.setsockopt(getattr(zmq, name), value)
-        if authenticator is not None:
-            authenticator.guard(sock)
-        return sock
+
+def _make(context: zmq.Context[Any] | None, authenticator: CurveAuthenticator | None) -> zmq.Socket[Any]:
+    """Make the PUB socket of the endpoints with keys."""
+    assert context is not None  # as the authenticator: guarded endpoints need both
+    assert authenticator is not None
+    sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
+    sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
+    sock.setsockopt(zmq.LINGER, round(1000 * _LINGER_S))
+    sock.setsockopt(zmq.IPV6, 1)
+    sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
+    for name, value in DEAD_PEER_OPTIONS.items():
+        sock.setsockopt(getattr(zmq, name), value)
+    authenticator.guard(sock)
+    return sock

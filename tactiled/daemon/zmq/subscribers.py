@@ -1,0 +1,65 @@
+"""PUB endpoints: each subscriber with its subscriptions, which are bounded, as libzmq's are not."""
+
+import time
+from collections import Counter
+
+from tactiled.daemon.zmq import zmtp
+from tactiled.daemon.zmq.peers import Outgoing, Peer, PeerServer
+from tactiled.daemon.zmq.zmtp import Cancel, Part, Subscribe, Value
+
+MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; prefixes need fewer
+_MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
+
+
+class Subscribers(PeerServer):
+    """Send each message to the subscribers that want its topic.
+
+    A subscriber that does not keep up loses the oldest messages, which the store still has.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("PUB", ("SUB", "XSUB"))
+        self._wanted: dict[Peer, Counter[bytes]] = {}
+        self._audience: dict[bytes, tuple[Peer, ...]] = {}
+
+    def send(self, topic: bytes, payload: bytes, name: str) -> None:
+        """Queue a message for everyone who wants it; never waits.
+
+        Parameters
+        ----------
+        topic, payload : bytes
+        name : str
+            What the message is counted under in `dropped`.
+        """
+        audience = self._audience.get(topic)
+        if audience is None:
+            if len(self._audience) >= _MOST_TOPICS:
+                self._audience.clear()
+            audience = tuple(peer for peer, wanted in self._wanted.items() if topic.startswith((*wanted,)))
+            self._audience[topic] = audience
+        if audience:
+            message = Outgoing(name, zmtp.message(topic, payload))
+            for peer in audience:
+                self._send(peer, message)
+
+    def _take(self, peer: Peer, value: Value) -> None:
+        asked = zmtp.subscription(value) if isinstance(value, Part) else value
+        wanted = self._wanted.setdefault(peer, Counter())
+        if isinstance(asked, Subscribe):
+            if asked.prefix not in wanted and len(wanted) >= MOST_SUBSCRIPTIONS:
+                reason = f"{peer}: {MOST_SUBSCRIPTIONS} subscriptions are the most, further ones are ignored"
+                self.refused.add(reason, time.monotonic())
+                return
+            wanted[asked.prefix] += 1
+        elif isinstance(asked, Cancel) and asked.prefix in wanted:
+            wanted[asked.prefix] -= 1
+            if not wanted[asked.prefix]:
+                del wanted[asked.prefix]
+        else:
+            return
+        peer.is_idle = not wanted
+        self._audience.clear()
+
+    def _gone(self, peer: Peer) -> None:
+        if self._wanted.pop(peer, None):
+            self._audience.clear()
