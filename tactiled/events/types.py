@@ -28,7 +28,7 @@ class Event:
 E = TypeVar("E", bound=Event)
 
 
-def new_event(kind: type[E], **fields: Any) -> E:
+def new_event(kind: type[E], /, **fields: Any) -> E:  # slips have a field `kind`, too
     """Make an event of all its fields, for those of each scan.
 
     The constructor of a frozen dataclass sets each field by a call, in twice to four times the time.
