@@ -22,8 +22,8 @@ from bench.report import (
     judge,
     table,
 )
-from bench.worlds.laws import HELD_OUT_LAW, INCIPIENT_USED, LAWS, Population, draw_worlds
-from bench.worlds.world import World
+from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
+from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slip_detector import SETTINGS
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant

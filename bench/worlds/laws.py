@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.worlds.world import World
+from bench.worlds.world import World, onsets, tenths_s
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build
 from tactiled.samples.block import regular_block
 
@@ -40,7 +40,6 @@ HANDS = (
     "lift", "sway", "tap", "hum", "drift", "rest",
 )  # fmt: skip
 GROSS_AT = 0.985
-INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share (1 - u)^(2/3)
 _STEP_S = 0.002
 _RINGS = 24
 _STOPPED_MM_S = 0.5
@@ -355,12 +354,7 @@ def _measured(
     volts = volts + 1e-3 * noise_mv * (white + 0.5 * colour * red)
     lsb = float(rng.choice([0.0001, 0.0008, 0.0024]))
     volts = np.round(volts / lsb) * lsb
-    gross_steps = np.flatnonzero(np.diff(gross.astype(int)) > 0) + 1
-    slipping = utilisation > INCIPIENT_USED
-    tenth = []
-    for g in gross_steps:
-        below = np.flatnonzero(~slipping[:g])
-        tenth.append(float(below[-1] + 1) * _STEP_S if len(below) else 0.0)
+    gross_steps = onsets(gross)
     # Friction as the sensor reads it: shear over load at the limit.
     borne = relative * float(np.mean(v["mu_taxel"]))
     friction = np.where(touching, relative * limit / np.maximum(pressed, 1e-9), np.nan)
@@ -376,7 +370,7 @@ def _measured(
         utilisation=utilisation[picks],
         gross=gross[picks],
         gross_s=[float(g) * _STEP_S for g in gross_steps],
-        tenth_s=tenth,
+        tenth_s=tenths_s(utilisation, gross_steps, _STEP_S),
         direction_deg=np.degrees(np.arctan2(-whole[1], -whole[0]))[picks],
         friction=friction[picks],
         static_friction=borne,

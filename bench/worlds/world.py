@@ -10,6 +10,8 @@ from tactiled.samples.block import ScanBlock
 
 FloatArray = NDArray[np.float64]
 
+INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share (1 - u)^(2/3)
+
 
 @dataclass(frozen=True, eq=False)
 class World:
@@ -70,3 +72,18 @@ class World:
     def slips(self) -> bool:
         """True where gross slip happens."""
         return bool(self.gross_s)
+
+
+def onsets(gross: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Steps at which gross slip begins."""
+    return np.flatnonzero(np.diff(gross.astype(int)) > 0) + 1
+
+
+def tenths_s(utilisation: FloatArray, gross_steps: NDArray[np.int64], step_s: float) -> list[float]:
+    """Return, for each gross slip, the instant from which at least a tenth of the contact slipped."""
+    slipping = utilisation > INCIPIENT_USED
+    found = []
+    for g in gross_steps:
+        below = np.flatnonzero(~slipping[:g])
+        found.append(float(below[-1] + 1) * step_s if len(below) else 0.0)
+    return found

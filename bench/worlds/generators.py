@@ -1,0 +1,33 @@
+"""All generators of worlds by name."""
+
+from collections.abc import Callable, Mapping
+
+from bench.worlds import bristles, laws, sheet
+from bench.worlds.world import World
+
+
+def _laws(seeds: range, minutes: float, hands: tuple[str, ...] = ()) -> list[World]:
+    return laws.draw_worlds(seeds, laws.Population(duration_s=60 * minutes, hands=hands or laws.HANDS))
+
+
+GENERATORS: Mapping[str, Callable[[range, float, tuple[str, ...]], list[World]]] = {
+    "laws": _laws,
+    "bristles": bristles.draw_worlds,
+    "sheet": sheet.draw_worlds,
+}
+"""Functions of seeds, minutes of each world, and hands to draw from (none: the generator's own)."""
+
+
+def draw(generator: str, seeds: range, minutes: float = 1.0, hands: tuple[str, ...] = ()) -> list[World]:
+    """Draw the worlds of some seeds.
+
+    Parameters
+    ----------
+    generator : str
+        Key of `GENERATORS`.
+    minutes : float
+        Length of each world.
+    hands : tuple of str, optional
+        Only these kinds of hands.
+    """
+    return GENERATORS[generator](seeds, minutes, hands)

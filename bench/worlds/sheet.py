@@ -1,0 +1,217 @@
+"""Worlds of a sheet: a coupled elastic lattice under a probing hand that moves by position.
+
+The skin is a square lattice of nodes half a taxel apart, each tied to the ground and to its neighbours, with
+no mass: forces balance after every step. The object has no mass either and follows the hand through a spring
+and a dashpot. What a place bears is adhesion of the area that touches plus friction in proportion to its
+load, and grows with the logarithm of the speed of slip, so that a slide begins smoothly. The load of a
+hand that holds its position relaxes, and the readings creep with a power of time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.worlds.bristles import ALMOST, AT_LIMIT, KEEP, MOST_OF, MOVES_MM_S, TOUCHING
+from bench.worlds.hands import STEP_S, HandPlan, plan
+from bench.worlds.sensors import Drawn, Forces, measure
+from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
+from bench.worlds.world import World
+
+FloatArray = NDArray[np.float64]
+
+HANDS = (
+    "slow-pull", "slow-pull", "slow-pull", "slow-pull", "fast-pull", "fast-pull", "fast-pull", "twist",
+    "twist", "ease", "ease", "tap", "sway", "sway", "sway", "reverse", "reverse", "near-limit", "near-limit",
+    "rest", "low", "low", "low", "slide", "creep",
+)  # fmt: skip
+# A probing hand pushes further than the elastic travel, which friction that grows with speed lengthens.
+_REACH = {
+    "slow-pull": 2.0,
+    "fast-pull": 2.0,
+    "twist": 2.0,
+    "reverse": 1.5,
+    "ease": 1.3,
+    "tap": 1.3,
+    "sway": 1.3,
+}
+_SWEEPS = 2  # of relaxation a step: what is left balances in the next ones
+_SPEED_S = 0.02  # over which the speed of slip is averaged
+_FOLLOWS_S = 0.006  # the object behind the hand
+_SPEED_MM_S = 0.1  # of slip, from which friction grows with its logarithm
+_BATCH = 24
+
+
+@dataclass(frozen=True)
+class _Scene:
+    drawn: Drawn
+    plan: HandPlan
+    table: PressureTable
+    x: FloatArray
+    y: FloatArray
+    adhesion: FloatArray
+    to_taxels: FloatArray
+    scalars: dict[str, float]
+
+
+def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) -> list[World]:
+    """Simulate worlds of so many minutes; all else is drawn from each seed."""
+    scenes = [_draw(seed, minutes, hands or HANDS) for seed in seeds]
+    found: dict[int, World] = {}
+    for side in {scene.drawn.side for scene in scenes}:
+        some = [scene for scene in scenes if scene.drawn.side == side]
+        for first in range(0, len(some), _BATCH):
+            batch = some[first : first + _BATCH]
+            for scene, forces in zip(batch, _simulate(batch), strict=True):
+                found[scene.drawn.seed] = measure(scene.drawn, forces)
+    return [found[seed] for seed in seeds]
+
+
+def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
+    rng = np.random.default_rng([43, seed])
+    hand, shape = str(rng.choice(hands)), str(rng.choice(SHAPES))
+    side, pitch = int(rng.choice([3, 3, 4])), rng.uniform(3.2, 4.5)
+    line = pitch / 2 * (np.arange(2 * side + 1) - side)
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    table = draw_table(rng, shape, x, y)
+    held = plan(rng, hand, 60 * minutes)
+    usual = table.at(table.usual_n)
+    area = usual > 0
+    mu, sticky = np.exp(rng.uniform(np.log(0.2), np.log(1.2))), rng.uniform(0.0, 0.4)
+    bears = mu * table.usual_n
+    adhesion = np.full(len(x), sticky * bears / max(int(area.sum()), 1))
+    ground = bears / max(int(area.sum()), 1) / np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
+    middles = pitch * (np.arange(side) - (side - 1) / 2)
+    taxel_x, taxel_y = (a.ravel() for a in np.meshgrid(middles, middles))
+    near = np.exp(-((taxel_x[:, None] - x) ** 2 + (taxel_y[:, None] - y) ** 2) / (2 * (0.35 * pitch) ** 2))
+    scalars = {
+        "usual": table.usual_n, "bears": bears, "ground": ground, "mu": mu * (1 - sticky),
+        "coupling": ground * rng.uniform(0.1, 0.8), "stiffness": ground * float(area.sum()),
+        "grows": rng.uniform(0.01, 0.06), "hand": np.exp(rng.uniform(np.log(0.7), np.log(20.0))),
+        "angle": rng.uniform(0, 2 * np.pi), "radius": float(np.hypot(x[area], y[area]).mean()),
+        "relaxes": rng.uniform(0.0, 0.05), "creep": rng.uniform(0.01, 0.08),
+        "x": float(x[area].mean()), "y": float(y[area].mean()),
+    }  # fmt: skip
+    scalars["reach"] = _REACH.get(hand, 1.0)
+    if hand == "near-limit":
+        scalars["relaxes"] = 0.0  # a load that falls would take it beyond
+    return _Scene(
+        drawn=Drawn("sheet", shape, hand, seed, side, pitch, rng),
+        plan=held,
+        table=table,
+        x=x,
+        y=y,
+        adhesion=adhesion,
+        to_taxels=near / near.sum(axis=0),
+        scalars=scalars,
+    )
+
+
+def _simulate(scenes: list[_Scene]) -> list[Forces]:
+    """Relax a batch of lattices of one size, step by step."""
+    v = {name: np.array([s.scalars[name] for s in scenes]) for name in scenes[0].scalars}
+    x, y, adhesion = (np.stack([getattr(s, name) for s in scenes]) for name in ("x", "y", "adhesion"))
+    x, y = x - v["x"][:, None], y - v["y"][:, None]  # the object turns about the middle of the contact
+    longest = max(len(s.plan.course) for s in scenes)
+
+    def course(name: str) -> FloatArray:
+        series = [getattr(s.plan.course, name) for s in scenes]
+        return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in series], axis=1)
+
+    load_course, friction = course("load"), course("friction")
+    hand, elastic = v["hand"] * v["stiffness"], v["bears"] / v["stiffness"]
+    # Elastic travel of the skin and of the hand's own spring.
+    way = course("pull") * v["reach"] * elastic * (1 + 1 / v["hand"]) + course("travel_mm")
+    turn = course("turn") * v["reach"] * elastic * (1 + 1 / v["hand"]) / v["radius"]
+    tables = np.stack([s.table.node_n for s in scenes])
+    n, nodes = x.shape
+    side = round(np.sqrt(nodes))
+    first_row, tables = np.arange(n) * tables.shape[1], tables.reshape(-1, nodes)
+    along = np.stack([np.cos(v["angle"]), np.sin(v["angle"])])
+    ground, coupling = v["ground"][:, None], v["coupling"][:, None]
+    neighbours = _neighbours(side)
+    own = ground + coupling * neighbours
+    drag = (v["stiffness"] + hand) * _FOLLOWS_S
+    u, slip, touch_s = np.zeros((2, n, nodes)), np.zeros((n, nodes)), np.zeros(n)
+    place, balance = np.zeros((3, n)), np.zeros((3, n))
+    kept = longest // KEEP
+    out_load, out_u = np.zeros((kept, n, nodes), np.float32), np.zeros((kept, 2, n, nodes), np.float32)
+    out = np.zeros((3, kept, n))
+    for k in range(kept * KEEP):
+        free = load_course[k] < 1e-3
+        touch_s = np.where(free, 0.0, touch_s + STEP_S)
+        relative = load_course[k] * (1 - v["relaxes"] * np.log1p(touch_s / 0.3))
+        row, part = rows(relative)
+        load = tables[first_row + row] * (1 - part)[:, None] + tables[first_row + row + 1] * part[:, None]
+        limit = adhesion * (load > 0) * np.minimum(relative * 5, 1)[:, None] + v["mu"][:, None] * load
+        limit *= (1 + v["grows"][:, None] * np.log1p(slip / _SPEED_MM_S)) * friction[k][:, None]
+        # The object goes where hand and skin let it, and takes along the places that stick.
+        wanted = np.stack([way[k] * along[0], way[k] * along[1], turn[k]])
+        step = STEP_S * (hand * (wanted - place) - balance) / drag
+        place += step
+        touches = load > 0
+        moved = np.stack([step[0][:, None] - step[2][:, None] * y, step[1][:, None] + step[2][:, None] * x])
+        u += moved * touches
+        back = np.zeros((n, nodes))
+        for _ in range(_SWEEPS):
+            force = own * u - coupling * _sums(u, side)
+            size = np.sqrt(force[0] ** 2 + force[1] ** 2)
+            over = np.maximum(1 - limit / np.maximum(size, 1e-12), 0.0)
+            u -= force * over / own
+            back += size * over / own * touches
+        slip += (back / STEP_S - slip) * (STEP_S / _SPEED_S)
+        force *= 1 - over
+        size *= 1 - over
+        balance[0], balance[1] = force[0].sum(axis=1), force[1].sum(axis=1)
+        balance[2] = (x * force[1] - y * force[0]).sum(axis=1) / v["radius"] ** 2
+        place *= ~free
+        if k % KEEP == KEEP - 1:
+            j = k // KEEP
+            borne = np.maximum(limit.sum(axis=1), 1e-9)
+            slips = size >= np.where(slip > MOVES_MM_S / 2, ALMOST, AT_LIMIT) * limit
+            out_load[j], out_u[j] = load, u
+            in_touch = relative > TOUCHING
+            out[0, j] = np.where(in_touch, size.sum(axis=1) / borne, 0.0)
+            sticks = 1 - (limit * slips).sum(axis=1) / borne
+            out[1, j] = in_touch & (sticks < 1 - MOST_OF) & ((limit * slip).sum(axis=1) / borne > MOVES_MM_S)
+            out[2, j] = borne
+    return [_forces(scene, out_load[:, b], out_u[:, :, b], out[:, :, b]) for b, scene in enumerate(scenes)]
+
+
+def _sums(u: FloatArray, side: int) -> FloatArray:
+    """Sum of the neighbours of each node."""
+    grid = u.reshape(*u.shape[:2], side, side)
+    found = np.zeros_like(grid)
+    found[..., 1:, :] += grid[..., :-1, :]
+    found[..., :-1, :] += grid[..., 1:, :]
+    found[..., 1:] += grid[..., :-1]
+    found[..., :-1] += grid[..., 1:]
+    return np.asarray(found.reshape(u.shape))
+
+
+def _neighbours(side: int) -> FloatArray:
+    """Number of neighbours (nodes,)."""
+    return np.asarray(_sums(np.ones((1, 1, side**2)), side)[0, 0])
+
+
+def _forces(scene: _Scene, load: FloatArray, u: FloatArray, truth: FloatArray) -> Forces:
+    """What the log sees of a scene: what springs bring to the ground, shared among the taxels."""
+    step_s, v = STEP_S * KEEP, scene.scalars
+    part = slice(round(scene.plan.unseen_s / step_s), len(scene.plan.course) // KEEP)
+
+    def shared(forces: FloatArray) -> FloatArray:
+        return np.stack([(forces * row).sum(axis=-1) for row in scene.to_taxels], axis=-1)
+
+    return Forces(
+        step_s=step_s,
+        load=shared(load[part]),
+        shear=shared(v["ground"] * u[part]),
+        utilisation=truth[0][part],
+        slides=truth[1][part] > 0,
+        limit=truth[2][part],
+        touching=load[part].sum(axis=1) > TOUCHING * v["usual"],
+        acceleration_m_s2=scene.plan.course.acceleration_m_s2[KEEP - 1 :: KEEP][part],
+        usual_n=v["usual"],
+        static_friction=v["bears"] / v["usual"],
+        creep=v["creep"],
+    )
