@@ -223,7 +223,7 @@ class Tree:
         os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
         timeouts_s = {test: max(_LEAST_TIMEOUT_S, _TIMES_BASELINE * s) for test, s in tests.items()}
         files = list(dict.fromkeys(_file(test) for test in tests))
-        log, limit_s = self.copy / "tests.txt", _START_S + sum(timeouts_s.values())
+        log, limit_s = self.copy / "tests.txt", _START_S + _TIMES_BASELINE * sum(tests.values())
         return self._in_child(lambda: _pytest(files, _Order(timeouts_s)), log, limit_s) == 0
 
     def _in_child(self, run: Callable[[], int], log: Path, timeout_s: float | None) -> int:

@@ -63,7 +63,7 @@ def neighbour_means(array: Array) -> FloatArray:
     distance[np.not_equal.outer(pad, pad)] = np.inf
     np.fill_diagonal(distance, np.inf)
     least = distance.min(initial=np.inf)
-    near = (distance < _NEIGHBOUR_PITCHES * least) & np.isfinite(distance) & (distance > 0)
+    near = (distance < _NEIGHBOUR_PITCHES * least) & np.isfinite(distance)  # none where places coincide
     of_channel = near[array.channel_taxel][:, array.channel_taxel].astype(np.float64)
     return np.asarray(of_channel / np.maximum(of_channel.sum(axis=1, keepdims=True), 1.0))
 

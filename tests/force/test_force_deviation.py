@@ -99,6 +99,9 @@ def test_every_source_of_error_is_in_the_standard_deviation(n: int) -> None:
     assert deviations(event) == pytest.approx(expected(forces, touched_s=n))
     assert not event.beyond_range
     assert event.calibration == "mine"
+    taxels = np.array([event.taxel_fx_n, event.taxel_fy_n, event.taxel_fz_n])
+    own = [ARRAY.channel_taxel == taxel for taxel in range(9)]
+    assert taxels == pytest.approx(np.stack([WEIGHTS[:3, of] @ FEATURES[of] for of in own], axis=1))
 
 
 @pytest.mark.parametrize("excess", [1.0, 1.5, 3.0])

@@ -1,0 +1,301 @@
+"""Commands against a daemon that answers as told: repeated, matched by id, given up in time."""
+
+import asyncio
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from patience import PATIENCE_S
+
+from tactiled.client import AsyncCommander, Commander
+from tactiled.client import __main__ as program
+from tactiled.client.commander import Reply, fields_of
+from tactiled.client.transports import open_transport
+from tactiled.errors import ConfigError, OperatorError
+
+Answer = Callable[[dict[str, Any], int], list[Any]]
+"""Replies to a request, of which so many came before; bytes are sent as they are."""
+
+
+@contextmanager
+def daemon(folder: Path, answer: Answer) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Endpoint for requests that are answered in a thread, and the requests that came."""
+    endpoint, asked, ended = f"ipc://{folder}/control.ipc", list[dict[str, Any]](), threading.Event()
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as sock:
+        sock.bind(endpoint)
+
+        def serve() -> None:
+            while not ended.is_set():
+                if sock.poll(20):
+                    who, payload = sock.recv_multipart()
+                    request = msgpack.unpackb(payload)
+                    for reply in answer(request, len(asked)):
+                        packed = reply if isinstance(reply, bytes) else msgpack.packb(reply)
+                        sock.send_multipart([who, packed])
+                    asked.append(request)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield endpoint, asked
+        finally:
+            ended.set()
+            thread.join()
+
+
+def done(request: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"v": 1, "id": request["id"], "do": request["do"], "ok": True, "run": 7, "reason": ""} | more
+
+
+def send(is_async: bool, control: str, do: str = "mark", **arguments: Any) -> Reply:
+    if not is_async:
+        with Commander(control=control, who="gripper") as commander:
+            return commander.send(do, **arguments)
+
+    async def run() -> Reply:
+        async with AsyncCommander(control=control, who="gripper") as commander:
+            return await commander.send(do, **arguments)
+
+    return asyncio.run(run())
+
+
+both = pytest.mark.parametrize("is_async", [False, True], ids=["blocking", "asyncio"])
+
+
+@both
+def test_a_request_has_its_arguments_and_its_reply_comes_back(is_async: bool, tmp_path: Path) -> None:
+    with daemon(tmp_path, lambda request, _: [done(request, extra=5)]) as (control, asked):
+        reply = send(is_async, control, board="B", text="here")
+    assert (reply.ok, reply.reason, reply.data["extra"]) == (True, "", 5)
+    ((request),) = asked
+    known = {name: request[name] for name in ("v", "do", "who", "board", "text")}
+    assert known == {"v": 1, "do": "mark", "who": "gripper", "board": "B", "text": "here"}
+    assert request["id"] == f"{request['session'][:8]}-1"
+
+
+@both
+def test_a_refusal_has_its_reason(is_async: bool, tmp_path: Path) -> None:
+    refuse: Answer = lambda request, _: [done(request, ok=False, reason="no such board")]  # noqa: E731
+    with daemon(tmp_path, refuse) as (control, _):
+        reply = send(is_async, control)
+    assert (reply.ok, reply.reason) == (False, "no such board")
+
+
+@both
+def test_only_the_reply_with_the_id_of_the_request_counts(is_async: bool, tmp_path: Path) -> None:
+    others: Answer = lambda request, _: [  # noqa: E731
+        b"\xc1", {"v": 1}, done(request, id="other", reason="not mine"), done(request, ok=1, reason="mine"),
+    ]  # fmt: skip
+    with daemon(tmp_path, others) as (control, _):
+        reply = send(is_async, control)
+    assert reply.reason == "mine"
+    assert not reply.ok  # anything but True is no consent
+
+
+@both
+def test_a_request_without_a_reply_is_sent_again_with_the_same_id(is_async: bool, tmp_path: Path) -> None:
+    late: Answer = lambda request, before: [done(request)] if before == 2 else []  # noqa: E731
+    with daemon(tmp_path, late) as (control, asked):
+        assert send(is_async, control, timeout_s=PATIENCE_S).ok
+    assert len(asked) == 3
+    assert asked[0] == asked[1] == asked[2]
+
+
+@both
+@pytest.mark.parametrize("is_there", [False, True])
+def test_without_a_reply_the_command_ends_with_the_endpoint(
+    is_async: bool, is_there: bool, tmp_path: Path
+) -> None:
+    with daemon(tmp_path, lambda *_: []) as (control, _):
+        endpoint = control if is_there else f"ipc://{tmp_path}/nobody.ipc"
+        with pytest.raises(OperatorError, match=r"ipc: no answer; is tactiled running there"):
+            send(is_async, endpoint, timeout_s=0.2)
+
+
+def test_requests_of_one_commander_are_numbered_and_sessions_differ(tmp_path: Path) -> None:
+    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, asked):
+        with Commander(control=control) as commander:
+            assert commander.send("tare").ok
+            assert commander.send("tare").ok
+        with Commander(control=control) as another:
+            another.send("tare")
+    assert [request["id"].rpartition("-")[2] for request in asked] == ["1", "2", "1"]
+    assert asked[0]["session"] == asked[1]["session"] != asked[2]["session"]
+    assert len(asked[0]["session"]) == 32
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(2**64, "beyond 64 bits"), ("\ud800", "cannot be sent"), (-(2**63) - 1, "beyond 64 bits")],
+)
+def test_values_that_no_message_can_have_are_refused_before_sending(
+    value: Any, said: str, tmp_path: Path
+) -> None:
+    with (
+        Commander(control=f"ipc://{tmp_path}/nobody.ipc") as commander,
+        pytest.raises(OperatorError, match=f"^mark: .*{said}"),
+    ):
+        commander.send("mark", text=value)
+
+
+def test_the_endpoint_for_requests_is_beside_that_of_events(tmp_path: Path) -> None:
+    with (
+        daemon(tmp_path, lambda request, _: [done(request)]) as (control, _),
+        Commander(control.replace("control", "events")) as commander,
+    ):
+        assert commander.send("state").ok
+
+
+def test_an_invalid_endpoint_leaves_nothing_open(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="endpoint"):
+        Commander(control="nonsense")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        Commander(control=f"ipc://{tmp_path}/c.ipc", keys=tmp_path / "none.toml")
+
+
+def keys_of(folder: Path, public: bytes, secret: bytes, server: bytes) -> Path:
+    file = folder / "client.toml"
+    names = {"public_key": public, "secret_key": secret, "daemon_key": server}
+    quote = "'"
+    file.write_text(
+        "".join(f"{name} = {quote * 3}{key.decode()}{quote * 3}\n" for name, key in names.items())
+    )
+    file.chmod(0o600)
+    return file
+
+
+def test_keys_open_an_encrypted_daemon_and_no_other_does(tmp_path: Path) -> None:
+    server, client = zmq.curve_keypair(), zmq.curve_keypair()
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as sock:
+        sock.setsockopt(zmq.CURVE_SERVER, 1)
+        sock.setsockopt(zmq.CURVE_SECRETKEY, server[1])
+        control = f"tcp://127.0.0.1:{sock.bind_to_random_port('tcp://127.0.0.1')}"
+        for daemon_key, opens in [(server[0], True), (client[0], False)]:
+            file = keys_of(tmp_path, *client, daemon_key)
+            with Commander(control=control, keys=file) as commander:
+                thread = threading.Thread(target=lambda: _answer_one(sock))
+                thread.start()
+                if opens:
+                    assert commander.send("tare", timeout_s=PATIENCE_S).ok
+                else:
+                    with pytest.raises(OperatorError, match="has it the key of this client"):
+                        commander.send("tare", timeout_s=0.3)
+                thread.join()
+
+
+def _answer_one(sock: "zmq.Socket[bytes]") -> None:
+    if sock.poll(1000):
+        who, payload = sock.recv_multipart()
+        sock.send_multipart([who, msgpack.packb(done(msgpack.unpackb(payload)))])
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("public_key = 'short'\nsecret_key = 'short'\ndaemon_key = 'short'\n", "40 characters"),
+        (f"public_key = '{'k' * 40}'\n", "no file of `tactiled keys make`"),
+        ("[", "no file of `tactiled keys make`"),
+        ("".join(f"{name}_key = '{'µ' * 40}'\n" for name in ("public", "secret", "daemon")), "no file of"),
+    ],
+)
+def test_a_file_that_has_no_keys_is_refused(content: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "keys.toml"
+    file.write_text(content)
+    file.chmod(0o600)
+    with pytest.raises(ConfigError, match=said):
+        Commander(control=f"ipc://{tmp_path}/c.ipc", keys=file)
+
+
+@pytest.mark.parametrize(
+    ("do", "words", "fields"),
+    [
+        ("speed", ["speed_mm_s=5"], {"speed_mm_s": 5}),
+        ("mark", ["text=a=b", "board=B"], {"text": "a=b", "board": "B"}),
+        ("mark", ["text="], {"text": ""}),
+        ("x", ["a=true", "b=[1]", 'c="5"'], {"a": True, "b": [1], "c": "5"}),
+        ("thresholds", ["slip=3"], {"values": {"slip": 3}}),
+    ],
+)
+def test_words_become_fields(do: str, words: list[str], fields: dict[str, Any]) -> None:
+    assert fields_of(do, words) == fields
+
+
+@pytest.mark.parametrize("word", ["speed", "=5", ""])
+def test_a_word_without_a_field_is_refused(word: str) -> None:
+    with pytest.raises(OperatorError, match="give FIELD=VALUE"):
+        fields_of("speed", [word])
+
+
+@pytest.mark.parametrize("control", ["", None])
+def test_a_connection_asks_at_the_endpoint_for_requests_unless_it_is_empty(
+    control: str | None, tmp_path: Path
+) -> None:
+    """`open_transport`: an empty endpoint for requests means that nothing is asked."""
+    asked: Answer = lambda request, _: [done(request)]  # noqa: E731
+    with daemon(tmp_path, asked) as (endpoint, requests):
+        events = endpoint.replace("control", "events")
+        transport = open_transport(zmq.Context, events, control, ("slip",), None, None)
+        try:
+            if control == "":
+                assert not transport.send(msgpack.packb({"id": "1", "do": "state"}))
+                assert transport.take_reply() is None
+                return
+            sock = transport.pollables[1]
+            assert isinstance(sock, zmq.Socket)
+            assert sock.poll(round(1000 * PATIENCE_S), zmq.POLLOUT)
+            assert transport.send(msgpack.packb({"id": "1", "do": "state"}))
+            assert sock.poll(round(1000 * PATIENCE_S))
+            assert msgpack.unpackb(transport.take_reply() or b"")["id"] == "1"
+            assert transport.receive() == []
+        finally:
+            transport.close()
+    assert len(requests) == 1
+
+
+def test_while_the_daemon_is_away_no_request_leaves(tmp_path: Path) -> None:
+    transport = open_transport(zmq.Context, f"ipc://{tmp_path}/events.ipc", None, (), None, None)
+    assert not transport.send(b"x")
+    transport.close()
+
+
+def test_zenoh_subscribes_to_one_host_and_finds_requests_by_itself() -> None:
+    with pytest.raises(ConfigError, match="a subscription is for one host"):
+        open_transport(zmq.Context, "zenoh://127.0.0.1:1/*", None, ("slip",), None, None)
+    with pytest.raises(OperatorError, match="leave it out"):
+        open_transport(zmq.Context, "zenoh://127.0.0.1:1/h", "tcp://127.0.0.1:2", (), None, None)
+
+
+def test_options_of_the_module_reach_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+
+    def listen(*words: Any, **options: Any) -> int:
+        heard.append((words, options))
+        return 7
+
+    monkeypatch.setattr(program, "listen", listen)
+    monkeypatch.setattr(sys, "argv", ["x"])
+    assert program.main() == 7
+    options = ["-t", "slip", "-t", "grip", "-n", "3", "--timeout", "1.5", "--keys", "k.toml"]
+    monkeypatch.setattr(sys, "argv", ["x", "tcp://h:1", *options])
+    program.main()
+    assert heard == [
+        (("tcp://127.0.0.1:9872", []), {"count": None, "timeout_s": None, "keys": None}),
+        (("tcp://h:1", ["slip", "grip"]), {"count": 3, "timeout_s": 1.5, "keys": Path("k.toml")}),
+    ]
+    monkeypatch.setattr(sys, "argv", ["x", "--topic", "slips"])
+    with pytest.raises(SystemExit):
+        program.main()
+
+
+def test_a_fault_of_the_listener_is_its_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["x", "nonsense"])
+    assert program.main() == 2
+    assert "nonsense" in capsys.readouterr().err
