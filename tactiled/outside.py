@@ -5,6 +5,7 @@ passes one of these before it is written, allocated, deleted or logged. Messages
 `events.incoming`, frames in `wire`.
 """
 
+import json
 import os
 import re
 import stat
@@ -84,17 +85,44 @@ def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:
     OSError
         The file cannot be opened.
     """
-    kind = path.stat().st_mode
-    if not stat.S_ISREG(kind):
-        raise DataError(f"{path}: is not a regular file")
+    need_regular(path)
     with path.open("rb") as file:
         data = file.read(limit_bytes + 1)
     if len(data) > limit_bytes:
         raise DataError(f"{path}: has more than {limit_bytes} bytes")
     try:
-        return data.decode()
+        return data.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError as error:
         raise DataError(f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})") from None
+
+
+def need_regular(path: Path) -> None:
+    """Refuse a device, a FIFO or a folder, which may have no end or never answer.
+
+    Raises
+    ------
+    DataError
+        Not a regular file.
+    OSError
+        There is no such file.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise DataError(f"{path}: is not a regular file")
+
+
+def json_of(text: str) -> object:
+    """Return the value of a JSON text, of any kind.
+
+    Raises
+    ------
+    DataError
+        It is no JSON, is nested too deeply, or has a number that no program reads.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        words = "is nested too deeply" if isinstance(error, RecursionError) else f"is no JSON: {error}"
+        raise DataError(words) from None
 
 
 def path_below(directory: Path, name: str) -> Path:

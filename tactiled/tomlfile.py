@@ -5,6 +5,7 @@ a TOML document, and turns pydantic's errors into lines that a user can act on.
 """
 
 import difflib
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -13,9 +14,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from tactiled.errors import ConfigError
+from tactiled.outside import SHOWN_CHARACTERS, shown
 from tactiled.tomltext import read
 
 __all__ = ["Params", "load", "parse", "read"]
+
+_FAULTS = 50  # that are listed; a file with more is of another kind
+_BARE = re.compile(rf"[A-Za-z0-9_-]{{1,{SHOWN_CHARACTERS}}}")
 
 
 class Params(BaseModel):
@@ -49,8 +54,11 @@ def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:
     try:
         return schema.model_validate(document)
     except ValidationError as error:
-        faults = [_explain(detail, schema) for detail in error.errors(include_url=False)]
-        raise ConfigError(source, list(dict.fromkeys(faults))) from None
+        details = error.errors(include_url=False)
+        faults = list(dict.fromkeys(_explain(detail, schema) for detail in details[:_FAULTS]))
+        if len(details) > _FAULTS:
+            faults.append(f"and {len(details) - _FAULTS} more")
+        raise ConfigError(source, faults) from None
 
 
 def _explain(detail: ErrorDetails, schema: type[BaseModel]) -> str:
@@ -62,7 +70,9 @@ def _explain(detail: ErrorDetails, schema: type[BaseModel]) -> str:
     message = detail["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     given = detail["input"]
-    if isinstance(given, str | int | float | bool):
+    if isinstance(given, str):
+        message += f" (got {shown(given)})"
+    elif isinstance(given, int | float | bool):
         message += f" (got {given!r})"
     return f"{place}: {message}" if place else message
 
@@ -71,13 +81,15 @@ def _place(location: tuple[int | str, ...]) -> str:
     """``("grids", 0, "x_mm")`` as ``grids[0].x_mm``."""
     place = ""
     for part in location:
-        place += f"[{part}]" if isinstance(part, int) else f".{part}"
+        place += (
+            f"[{part}]" if isinstance(part, int) else f".{part if _BARE.fullmatch(part) else shown(part)}"
+        )
     return place.lstrip(".")
 
 
 def _hint(location: tuple[int | str, ...], schema: type[BaseModel]) -> str:
     """Nearest known key, as a hint for a wrong unit or a typing error."""
-    key = str(location[-1])
+    key = str(location[-1])[:SHOWN_CHARACTERS]
     known = [name for model in _models_at(location[:-1], schema) for name in model.model_fields]
     stem = key.rsplit("_", 1)[0]
     units = [name for name in known if name.rsplit("_", 1)[0] == stem or name.startswith(f"{key}_")]

@@ -261,3 +261,28 @@ def test_an_array_without_a_calibration_has_unknown_forces(tmp_path: Path) -> No
 
 def test_an_array_file_without_channels_is_an_array() -> None:
     assert kind_of({"name": "pad", "taxel_count": 16}) == "array"
+
+
+@pytest.mark.parametrize(
+    ("clock", "fault"),
+    [
+        ("window_buckets = 301", "samples.clock.window_buckets: input should be less than or equal to 300"),
+        ("window_buckets = 20000\nbucket_s = 0.01", "samples.clock.bucket_s: input should be greater than"),
+        ("bucket_s = 5e-324", "samples.clock.bucket_s: input should be greater than or equal to 0.1"),
+    ],
+)
+def test_the_fit_of_the_clock_has_a_largest_window(tmp_path: Path, clock: str, fault: str) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(f'[port]\nurl = "/dev/null"\n[samples.clock]\n{clock}\n')
+    with pytest.raises(ConfigError, match=re.escape(fault)):
+        load_config(path)
+    path.write_text('[port]\nurl = "/dev/null"\n[samples.clock]\nwindow_buckets = 300\nbucket_s = 0.1\n')
+    assert load_config(path).config.samples.clock.window_buckets == 300
+
+
+def test_every_whole_number_of_the_configuration_has_an_upper_limit() -> None:
+    for table, schema in Config.model_json_schema()["$defs"].items():
+        for key, option in schema.get("properties", {}).items():
+            for kind in (option, *option.get("anyOf", ())):
+                if kind.get("type") == "integer":
+                    assert {"maximum", "exclusiveMaximum"} & kind.keys(), (table, key)

@@ -119,7 +119,7 @@ def test_one_fault_is_one_line_and_several_are_a_list() -> None:
     [
         (b"rate_hz = ", "not valid TOML: "),
         (b"rate_hz = 1\nrate_hz = 2", "not valid TOML: "),
-        (b"\xff\xfe", "cannot be read: "),
+        (b"\xff\xfe", "is not UTF-8 text"),
     ],
 )
 def test_invalid_toml_is_reported(tmp_path: Path, content: bytes, fault: str) -> None:
@@ -141,5 +141,17 @@ def test_a_missing_file_names_its_neighbours(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_not_a_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read: "):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         tomlfile.load(tmp_path, Bench)
+
+
+def test_what_a_file_says_is_shown_short_and_printable() -> None:
+    long = faults({"rate_hz": "x" * 100_000, "\x1b[2J" + "y" * 100_000: 1, "z": 10**300})
+    assert len(long) == 3
+    assert all(len(fault) < 600 and fault.isprintable() for fault in long), long
+
+
+def test_of_very_many_faults_some_are_listed() -> None:
+    many = faults({"rate_hz": 1, **{f"k{k}": 1 for k in range(10_000)}})
+    assert len(many) == 51
+    assert many[-1] == "and 9950 more"

@@ -11,6 +11,7 @@ from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.force.calibration import OUTPUTS
+from tactiled.outside import need_regular
 from tactiled.recording.bag import is_bag, read_bag
 from tactiled.recording.steps import Replay
 from tactiled.recording.table import TimeUnit, read_table
@@ -104,6 +105,7 @@ def read_reference(path: Path, n_taxels: int) -> ReferenceTable:
     """
     rows: list[list[float]] = []
     try:
+        need_regular(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
             header = [name.strip() for name in next(reader, [])]

@@ -12,6 +12,7 @@ import click
 
 from tactiled import tomltext
 from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.outside import need_regular
 
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -48,8 +49,11 @@ def need_toml(*paths: Path | None) -> None:
 def need_readable(*paths: Path | None) -> None:
     """Refuse a data file that cannot be read."""
     for path in paths:
-        if path is not None and (fault := _fault_of(path)):
+        if path is None:
+            continue
+        if fault := _fault_of(path):
             raise DataError(f"{path}: cannot be read: {os.strerror(fault)}")
+        need_regular(path)
 
 
 def _fault_of(path: Path) -> int:

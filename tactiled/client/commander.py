@@ -6,7 +6,6 @@ often it arrives, so the loss of a reply never repeats a command.
 
 import asyncio
 import itertools
-import json
 import secrets
 import time
 from collections.abc import Sequence
@@ -21,8 +20,9 @@ import zmq.asyncio
 from tactiled.client import connect, nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
-from tactiled.errors import OperatorError
+from tactiled.errors import DataError, OperatorError
 from tactiled.events.endpoints import ZENOH_SCHEME, control_endpoint
+from tactiled.outside import json_of
 
 if TYPE_CHECKING:
     from tactiled.client.over_zenoh import Caller
@@ -239,7 +239,7 @@ def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:
         if not equals or not name:
             raise OperatorError(f"{word}: give FIELD=VALUE, as in speed_mm_s=5")
         try:
-            fields[name] = json.loads(text)
-        except ValueError:
+            fields[name] = json_of(text)
+        except DataError:
             fields[name] = text
     return {"values": fields} if do == "thresholds" else fields

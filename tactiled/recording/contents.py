@@ -22,7 +22,9 @@ from typing import Any, Literal, Self
 
 from tactiled import __version__, resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
+from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES, Event
+from tactiled.outside import json_of, shown
 from tactiled.pipeline import PipelineParams
 from tactiled.recording.cdr import HEAD, Schema, fields_of
 from tactiled.wire.layout import Layout, compile_layout
@@ -165,8 +167,10 @@ class Input:
     arguments: str = "{}"
 
     def values(self) -> dict[str, Any]:
-        """Arguments by name."""
-        loaded: dict[str, Any] = json.loads(self.arguments)
+        """Return the arguments by name; `DataError` where a recording of others has none."""
+        loaded = json_of(self.arguments)
+        if not isinstance(loaded, dict):
+            raise DataError(f"input {shown(self.name)}: its arguments are no JSON object")
         return loaded
 
 

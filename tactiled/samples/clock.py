@@ -43,9 +43,13 @@ STEEPEST_PPM = 50_000.0
 class ClockParams(Params):
     """Parameters of the fit of the board's clock to the host's."""
 
-    bucket_s: float = Field(default=1.0, gt=0, description="the earliest arrival of each bucket is kept")
+    # One fit for each bucket: 300 buckets of 0.1 s cost 15 ms of a core each second.
+    bucket_s: float = Field(
+        default=1.0, ge=0.1, le=60, description="the earliest arrival of each bucket is kept"
+    )
     # Crystals drift by about 1e-6 per kelvin: well below 0.1 ms over two minutes.
-    window_buckets: int = Field(default=120, ge=3, description="number of buckets in the fit")
+    # A fit takes 5 us for each bucket, on the event loop, which may wait 2 ms: 300 buckets are 1.5 ms.
+    window_buckets: int = Field(default=120, ge=3, le=300, description="number of buckets in the fit")
     # Crystals of 100 ppm each on board and host, the largest tolerance that is common.
     max_drift_ppm: float = Field(
         default=200.0, gt=0, description="largest expected difference of the clocks; beyond it, a warning"

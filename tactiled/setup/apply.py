@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tactiled.errors import DataError, OperatorError
-from tactiled.outside import name_of, read_text
+from tactiled.outside import json_of, name_of, read_text
 from tactiled.setup.plan import PlannedFile, SetupPlan
 
 Say = Callable[[str], None]
@@ -126,15 +126,14 @@ def _read_manifest(root: Path, name: str) -> dict[str, str]:
     if not manifest.exists():
         return {}
     try:
-        found = json.loads(_text_of(manifest) or "")
-        written = {str(path): str(digest) for path, digest in found.items()}
-    except (ValueError, AttributeError, RecursionError):
-        written = {"": ""}
-    if not all(_OURS.fullmatch(path) for path in written):
+        found = json_of(_text_of(manifest) or "")
+    except DataError:
+        found = None
+    if not isinstance(found, dict) or not all(_OURS.fullmatch(path) for path in found):
         raise OperatorError(
             f"{manifest}: is no list of what `tactiled setup` wrote for {name}; remove it and its files"
         )
-    return written
+    return {path: str(digest) for path, digest in found.items()}
 
 
 def _written_for_others(root: Path, name: str) -> set[str]:

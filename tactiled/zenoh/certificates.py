@@ -16,12 +16,13 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactiled.errors import ConfigError, OperatorError
+from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.outside import json_of, read_text
 
 PORT = 7447
 _DAYS = 825  # the longest that TLS libraries of all platforms accept
@@ -191,9 +192,9 @@ def _read(folder: Path) -> FleetMembers:
     if not file.exists():
         return FleetMembers()
     try:
-        document: Mapping[str, Any] = json.loads(file.read_text())
+        document: Any = json_of(read_text(file))
         return FleetMembers(**document)
-    except (ValueError, TypeError) as error:
+    except (DataError, TypeError) as error:
         raise ConfigError(str(file), [f"is no file of `tactiled keys fleet`: {error}"]) from None
 
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from tactiled.client.over_zenoh import states
 from tactiled.errors import OperatorError, UnavailableError
 from tactiled.events.endpoints import ZENOH_SCHEME
+from tactiled.outside import read_text
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
@@ -186,7 +187,7 @@ def write_targets(file: Path, rows: Sequence[FleetRow], ports: Sequence[int]) ->
     hosts = sorted({row.host for row in rows})
     entries = [{"targets": [f"{host}:{port}" for port in ports], "labels": {"host": host}} for host in hosts]
     text = json.dumps(entries, indent=2) + "\n"
-    if file.exists() and file.read_text() == text:
+    if file.exists() and read_text(file) == text:
         return False
     part = file.with_name(f".{file.name}.part")
     try:

@@ -4,6 +4,7 @@ zenoh's defaults listen on all interfaces without encryption and connect to whoe
 what is not said in the file is off; what is said must be loopback, or TLS with certificates of both sides.
 """
 
+import contextlib
 import ipaddress
 import json
 from contextlib import suppress
@@ -14,6 +15,7 @@ import zenoh
 
 from tactiled.client.over_zenoh import DEFAULT_ROUTER, words_of
 from tactiled.errors import ConfigError
+from tactiled.outside import read_text
 
 _ENCRYPTED = ("tls", "quic")
 _CHECKED = ("enable_mtls", "verify_name_on_connect")  # settings in a locator come before those of the file
@@ -38,6 +40,9 @@ def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: b
         The file cannot be read, or lists every place where plaintext would leave this host.
     """
     source = str(file or "zenoh")
+    if file is not None:
+        with contextlib.suppress(OSError):  # zenoh says which
+            read_text(file)  # zenoh itself reads a device without end
     try:
         config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
         if _value(config, "mode") is None:

@@ -15,6 +15,7 @@ from typing import Any
 import zmq
 
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
+from tactiled.outside import shown
 
 RUNTIME = "{runtime}"  # placeholder for the runtime directory in an endpoint
 _LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
@@ -32,7 +33,9 @@ def fault_of(endpoint: str) -> str:
         fault = "has characters that cannot be printed"
     elif transport == "tcp" and not host.strip("[]"):
         fault = "has no host or no port"
-    elif transport == "tcp" and not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+    elif transport == "tcp" and not (
+        port.isascii() and port.isdigit() and len(port) < 6 and 0 < int(port) < 65536
+    ):
         fault = "has no port from 1 to 65535"
     elif transport == "ipc" and address.startswith("@"):
         fault = "is an abstract socket, which any user of this host may connect to: give the path of a file"
@@ -43,7 +46,9 @@ def fault_of(endpoint: str) -> str:
     elif transport not in ("tcp", "ipc"):
         fault = "is neither tcp nor ipc"
     return (
-        f"{endpoint!r} {fault}; not an endpoint such as tcp://127.0.0.1:9872 or ipc://PATH" if fault else ""
+        f"{shown(endpoint)} {fault}; not an endpoint such as tcp://127.0.0.1:9872 or ipc://PATH"
+        if fault
+        else ""
     )
 
 

@@ -17,6 +17,7 @@ from scipy import special
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.stability import StableRange, stable_range
 from tactiled.errors import DataError
+from tactiled.outside import read_text
 
 _SHORTEST = 1e-6  # powers down to the fourth stay finite
 _LONGEST, _LARGEST_MPA = 100.0, 1e5  # rubber tears at a stretch of 10 and some 30 MPa
@@ -168,8 +169,8 @@ def fit_material_file(path: Path, level: float = 0.95) -> YeohFit:
 def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
     """Stretch and nominal stress (MPa) from such a file; `DataError` as above."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)
+    except OSError as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
     rows = csv.reader(text.splitlines())
     header = [name.strip() for name in next(rows, [])]
