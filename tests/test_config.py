@@ -98,7 +98,7 @@ endpoints = ["tcp://0.0.0.0:9872"]
         "port.url: missing",
         "port.uri: unknown key; did you mean url?",
         "samples.late_after_ms: unknown key; units belong to the name here: use late_after_s",
-        "samples.clock.bucket_s: input should be greater than 0 (got -1)",
+        "samples.clock.bucket_s: input should be greater than or equal to 0.1 (got -1)",
         "detect.wang2019.slip.treshold_volts: unknown key; did you mean threshold_volts?",
         "tcp://0.0.0.0:9872 can be reached from other hosts",
         "nonsense: unknown key",

@@ -16,7 +16,7 @@ def test_a_text_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="has more than 4 bytes"):
         read_text(path, 4)
     path.write_bytes(b"a\xff")
-    with pytest.raises(DataError, match="is not UTF-8 text .* at byte 1"):
+    with pytest.raises(DataError, match=r"is not UTF-8 text .* at byte 1"):
         read_text(path)
 
 
@@ -31,7 +31,7 @@ def test_only_regular_files_are_opened(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["", "[" * 100_000, '{"a":' * 100_000, "9" * 5000, "nul", '"\\u12"'])
 def test_json_that_no_program_reads_is_refused(text: str) -> None:
-    with pytest.raises(DataError, match="is no JSON|is nested too deeply"):
+    with pytest.raises(DataError, match=r"is no JSON|is nested too deeply"):
         json_of(text)
 
 

@@ -1,6 +1,7 @@
 """Checks of a configuration that need no board, for `check-config`."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from tactiled.config import Setup
@@ -13,6 +14,7 @@ from tactiled.doctor.resolving import check_array
 from tactiled.errors import ConfigError
 
 _RATE_HZ = 100.0  # of the published board, where the configuration leaves the rate to the board
+_VOLATILE = "/run"  # empty at each start of the host
 _STARTS = "the daemon starts without recording, and records as soon as this has been corrected"
 
 
@@ -27,27 +29,50 @@ def check_files(setup: Setup, source: str) -> list[str]:
     Raises
     ------
     ConfigError
-        The daemon does not start with such keys.
+        The daemon does not start with such keys or sockets.
     """
     publish, record = setup.config.publish, setup.config.record
-    faults, warnings = _check_keys(publish) if publish.keys is not None else ([], [])
+    of_keys = _check_keys(publish) if publish.keys is not None else ([], [])
+    of_sockets = _check_sockets((*publish.endpoints, *publish.control))
+    faults, warnings = (
+        [f"publish.keys: {words}" for words in keys] + [f"publish.endpoints: {words}" for words in sockets]
+        for keys, sockets in zip(of_keys, of_sockets, strict=True)
+    )
     if faults:
-        raise ConfigError(source, [f"publish.keys: {fault}" for fault in faults])
-    warnings = [f"publish.keys: {words}" for words in warnings]
-    sockets = [
-        endpoint for endpoint in (*publish.endpoints, *publish.control) if endpoint.startswith("ipc://")
-    ]
-    folders = {
-        Path(endpoint.removeprefix("ipc://")).parent for endpoint in sockets if RUNTIME not in endpoint
-    }
-    for folder in sorted(folder for folder in folders if not folder.is_dir()):
-        words = "no such folder: the daemon ends with status 1, and systemd starts it again"
-        warnings.append(f"publish.endpoints: {folder}: {words}; make it, or use ipc://{RUNTIME}/events.ipc")
+        raise ConfigError(source, faults)
     if record.directory is not None:
         for finding in check_disk(record):
             if finding.verdict == "fail":
                 warnings.append(f"record.directory: {finding.words}; {_STARTS}; {finding.remedy}")
     return warnings
+
+
+def _check_sockets(endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return faults of the places of ipc sockets, with which the daemon does not start, and warnings."""
+    faults: list[str] = []
+    warnings: list[str] = []
+    remedy = f"name another, or use ipc://{RUNTIME}/events.ipc"
+    for endpoint in endpoints:
+        if not endpoint.startswith("ipc://") or RUNTIME in endpoint:
+            continue
+        path = Path(endpoint.removeprefix("ipc://"))
+        folder = path.absolute().parent
+        try:
+            if path.exists() and not path.is_socket():
+                faults.append(f"{path}: something stands there that is no socket; {remedy}")
+            elif folder == Path("/"):
+                faults.append(f"{path}: only root may make a socket in the root folder; {remedy}")
+            elif folder.is_dir():
+                if not os.access(folder, os.W_OK | os.X_OK):
+                    warnings.append(f"{folder}: this user may not make a socket there")
+            elif folder.is_relative_to(_VOLATILE):  # the unit, or another one, may make it at its start
+                words = "no such folder: the daemon ends with status 1, and systemd starts it again"
+                warnings.append(f"{folder}: {words}; make it, or use ipc://{RUNTIME}/events.ipc")
+            else:
+                faults.append(f"{folder}: no such folder; make it, or use ipc://{RUNTIME}/events.ipc")
+        except OSError as error:
+            warnings.append(f"{folder}: not checked: {error.strerror}")
+    return list(dict.fromkeys(faults)), list(dict.fromkeys(warnings))
 
 
 def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:

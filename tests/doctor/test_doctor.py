@@ -324,8 +324,20 @@ def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Set
     )
     (full,) = check(None, "tcp://127.0.0.1:9872", directory=str(tmp_path), min_free_mb=1e12)
     assert "the daemon starts without recording" in full
-    (homeless,) = check(None, f"ipc://{tmp_path}/run/events.ipc")
-    assert homeless.startswith(f"publish.endpoints: {tmp_path}/run: no such folder")
+    (homeless,) = check(None, "ipc:///run/no-such/events.ipc")
+    assert homeless.startswith(
+        "publish.endpoints: /run/no-such: no such folder: the daemon ends with status 1"
+    )
+    (tmp_path / "file").touch()
+    for place, fault in {
+        f"{tmp_path}/run/events.ipc": f"{tmp_path}/run: no such folder; make it",
+        "/nonexistent/events.ipc": "/nonexistent: no such folder; make it",
+        "/nonexistent": "/nonexistent: only root may make a socket in the root folder",
+        f"{tmp_path}/file": f"{tmp_path}/file: something stands there that is no socket",
+        f"{tmp_path}/file/events.ipc": f"{tmp_path}/file: no such folder",
+    }.items():
+        with pytest.raises(ConfigError, match=rf"t\.toml:\s+publish\.endpoints: {fault}"):
+            check(None, f"ipc://{place}")
     assert check(None, "ipc://{runtime}/events.ipc") == []
     (folder / "daemon.toml").chmod(0o600)
     (folder / "clients/left.toml").unlink()

@@ -44,9 +44,7 @@ class TextureParams(GrooveParams):
         default=1.0, ge=0, le=60, description="time from detected slip to the first window"
     )
     # A scan has at most 4096 channels.
-    column: int = Field(
-        default=0, ge=0, le=4095, description="which column, counted along x within each pad"
-    )
+    column: int = Field(default=0, ge=0, le=4095, description="which column, counted along x within each pad")
     speed_mm_s: float = Field(default=0.0, ge=0, le=1000, description="sliding speed; 0: not known")
     speed_sd_mm_s: float = Field(default=0.0, ge=0, description="standard deviation of the speed")
     direction_deg: float | None = Field(
