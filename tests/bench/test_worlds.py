@@ -52,7 +52,9 @@ def test_shear_stays_within_its_limit_and_slides_are_at_it(worlds: list[World]) 
         assert world.utilisation.max() <= 1 + 1e-6
         assert not (world.gross & ~world.touching).any()
     sliding = np.concatenate([world.utilisation[world.gross] for world in worlds])
-    assert np.quantile(sliding, 0.05) > 0.97
+    # Rests of at most 40 ms within a slide count as sliding; ridges and bumps make them.
+    assert np.quantile(sliding, 0.01) > 0.93
+    assert np.median(sliding) > 0.97
 
 
 def test_readings_agree_with_the_truth_of_a_slide(worlds: list[World]) -> None:
