@@ -11,12 +11,14 @@ import click
 from tactiled.calibrate.files import read_log, read_reference
 from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
 from tactiled.errors import ConfigError, DataError
+from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.plots import PICTURES
 from tactiled.progress import ProgressBar
 from tactiled.recording.table import TimeUnit
 
-_TAKEN, _LONGEST = ("nominal", "none"), 64  # values of the field `calibration` of messages, and its length
+_TAKEN = sorted(ForceEvent.UNCALIBRATED)
+_LONGEST = 64  # characters of the field `calibration` of messages
 
 
 def calibrate_files(

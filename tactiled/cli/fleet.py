@@ -128,7 +128,11 @@ def _publish_to_ros2(
 
 @click.command()
 @click.argument("endpoint", default="zenoh://127.0.0.1:7447/*")
-@click.option("--once", is_flag=True, help="Print the list once; exit code 1 where there is no board.")
+@click.option("--once", is_flag=True, help="Print the list once; exit code 1 unless all boards are fresh.")
+@click.option(
+    "--expect", "expected", multiple=True, metavar="HOST[/BOARD]",
+    help="Robot that must be on the network; one that is not is a row of its own, missing.",
+)  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each time.")
 @click.option(
     "--every", "period_s", default=2.0, show_default=True, type=click.FloatRange(0.5), help="Seconds."
@@ -142,6 +146,7 @@ def _publish_to_ros2(
 def fleet(
     endpoint: str,
     once: bool,
+    expected: tuple[str, ...],
     as_json: bool,
     period_s: float,
     keys: Path | None,
@@ -153,13 +158,13 @@ def fleet(
     ENDPOINT is zenoh://ROUTER:7447/* for all hosts. Each host is asked for its newest messages; nothing is
     subscribed, so that a list of many robots costs the network little.
 
-    Example: tactiled fleet zenoh://router:7447/* --once
+    Example: tactiled fleet zenoh://router:7447/* --once --expect robot7
     """
     need_extra("zenoh", "zenoh", "the list")
     from tactiled.errors import UnavailableError
     from tactiled.zenoh.fleet import FleetList, draw_table, write_targets
 
-    boards = FleetList(endpoint, keys)
+    boards = FleetList(endpoint, keys, expected)
     with suppress(KeyboardInterrupt):
         while True:
             try:
@@ -178,5 +183,5 @@ def fleet(
             if targets is not None and write_targets(targets, rows, ports):
                 click.echo(f"{targets}: written", err=True)
             if once:
-                sys.exit(0 if rows else 1)
+                sys.exit(0 if rows and all(row.valid for row in rows) else 1)
             time.sleep(period_s)

@@ -33,8 +33,9 @@ _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
     help="Distribution of ROS 2 on the other side.",
 )  # fmt: skip
 @click.option(
-    "--localhost", is_flag=True, envvar="ROS_LOCALHOST_ONLY", help="Use the loopback interface alone."
-)
+    "--localhost/--network", default=True, show_default=True,
+    help="Use the loopback interface alone, or let every host of the network read: DDS is not encrypted.",
+)  # fmt: skip
 @click.option(
     "--allow-commands", is_flag=True,
     help="Offer the services tare, inhibit and mark; DDS does not tell who calls them.",
@@ -83,7 +84,8 @@ def ros2(
         if what["what"] == "board":
             click.echo(f"ros2: board {what['board']}: {len(list(what['topics']))} topics", err=True)  # type: ignore[call-overload]
         else:
-            click.echo(f"ros2: node {what['name']} in domain {what['domain']}", err=True)
+            reach = "this host alone (--network opens it)" if localhost else "every host of the network"
+            click.echo(f"ros2: node {what['name']} in domain {what['domain']}, for {reach}", err=True)
 
     gid_bytes = 24 if distro.lower() in _GIDS_OF_24_BYTES else 16
 

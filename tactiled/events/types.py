@@ -131,6 +131,8 @@ class ForceEvent(Event):
     """
 
     topic: ClassVar[str] = "force"
+    UNCALIBRATED: ClassVar[frozenset[str]] = frozenset(("nominal", "none"))
+    """Values of `calibration` with which no force is known in newtons; a nominal one is off by up to 2.7."""
     fx_n: float = 0.0
     fy_n: float = 0.0
     fz_n: float = 0.0

@@ -57,10 +57,10 @@ def standard_message(event: Event, board: str, unix_offset_s: float) -> Standard
     """Return the standard message of an event, or None where there is none.
 
     Force is that of the object on the skin, in newtons; torque is about the origin of the array, in newton
-    metres. Forces without a calibration have no message.
+    metres. Forces without a calibration, and nominal ones, have no message.
     """
     header = _header(event.time_s + unix_offset_s, frame_id(board))
-    if isinstance(event, ForceEvent) and event.calibration != "none":
+    if isinstance(event, ForceEvent) and event.calibration not in ForceEvent.UNCALIBRATED:
         moments_nm = (1e-3 * moment for moment in (event.tx_nmm, event.ty_nmm, event.tz_nmm))
         padding = bytes(-len(header) % 8)
         numbers = struct.pack("<6d", event.fx_n, event.fy_n, event.fz_n, *moments_nm)

@@ -84,6 +84,8 @@ class BoardTopics:
         self._wrench = node.writer(f"{self.name}/wrench", "geometry_msgs/msg/WrenchStamped", "sensor")
         self._cloud = node.writer(f"{self.name}/taxels", "sensor_msgs/msg/PointCloud2", "sensor")
         self._contact = "unknown"
+        self.calibration = "none"
+        """Calibration of the newest force; without a real one there are no `wrench` and `taxels`."""
         self._was_fresh = False
 
     def set_board(self, board: str, params: BridgeParams) -> None:
@@ -110,6 +112,7 @@ class BoardTopics:
         elif topic == "contact":
             self._contact = data["state"]
         elif topic == "force":
+            self.calibration = data["calibration"]
             _write(self._wrench, lambda: convert.wrench(data, self._frame))
             _write(self._cloud, lambda: convert.taxel_cloud(data, self._info, self._frame))
         _write(self._own[topic], lambda: convert.own_message(data, self._frame))
@@ -230,7 +233,9 @@ class Bridge:
     def diagnose(self) -> None:
         """Publish the diagnostics of all boards, and of endpoints without one."""
         rows: list[DiagnosticsRow] = [
-            self._row(f"tactiled {board}", board, topics.freshness, topics.refused)
+            self._row(
+                f"tactiled {board}", board, topics.freshness, topics.refused, calibration=topics.calibration
+            )
             for (_, board), topics in self._boards.items()
         ]
         now_s = time.monotonic()
@@ -250,10 +255,13 @@ class Bridge:
             self.diagnose()
             await asyncio.sleep(_DIAGNOSTICS_S)
 
-    def _row(self, name: str, board: str, freshness: BoardFreshness, refused: int = 0) -> DiagnosticsRow:
+    def _row(
+        self, name: str, board: str, freshness: BoardFreshness, refused: int = 0, calibration: str = "none"
+    ) -> DiagnosticsRow:
         level, text = freshness.level(time.monotonic())
         values = {key: value for key, value in freshness.status.items() if not isinstance(value, dict)}
         counts = {
+            "force_calibration": calibration,
             "messages_too_old": freshness.dropped,
             "messages_malformed": self._malformed,
             "messages_refused": refused,

@@ -4,6 +4,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tactiled.events.types import ForceEvent
 from tactiled.ros2.freshness import Level
 from tactiled.ros2.own_types import INSTANTS
 
@@ -31,11 +32,11 @@ def own_message(data: Mapping[str, Any], frame_id: str) -> Values:
 
 
 def wrench(force: Mapping[str, Any], frame_id: str) -> Values | None:
-    """Return ``geometry_msgs/WrenchStamped`` of a `force` message; None where it has no valid force.
+    """Return ``geometry_msgs/WrenchStamped`` of a `force` message; None where it has no calibrated force.
 
     Force of the object on the skin in newtons, torque about the origin of the array in newton metres.
     """
-    if not force["valid"] or force["calibration"] == "none":
+    if not _is_in_newtons(force):
         return None
     return {
         "header": header(force["timestamp"], frame_id),
@@ -46,6 +47,11 @@ def wrench(force: Mapping[str, Any], frame_id: str) -> Values | None:
     }
 
 
+def _is_in_newtons(force: Mapping[str, Any]) -> bool:
+    """Return True for forces from a calibration: standard types cannot say that a force is nominal."""
+    return bool(force["valid"]) and force["calibration"] not in ForceEvent.UNCALIBRATED
+
+
 def taxel_cloud(force: Mapping[str, Any], info: Mapping[str, Any], frame_id: str) -> Values | None:
     """Return ``sensor_msgs/PointCloud2`` of the forces of all taxels; None where there are none.
 
@@ -54,7 +60,7 @@ def taxel_cloud(force: Mapping[str, Any], info: Mapping[str, Any], frame_id: str
     """
     forces: list[Sequence[float]] = [force[f"taxel_f{axis}_n"] for axis in "xyz"]
     n_taxels = len(info.get("x_mm", ()))
-    if not force["valid"] or force["calibration"] == "none" or not n_taxels:
+    if not _is_in_newtons(force) or not n_taxels:
         return None
     if any(len(each) != n_taxels for each in forces):
         return None

@@ -6,7 +6,9 @@ request it belongs to. rmw_fastrtps writes those ids into RTPS instead, to which
 no access: services answer clients that run rmw_cyclonedds_cpp, topics reach every DDS.
 """
 
+import logging
 import secrets
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -22,12 +24,15 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from tactiled.errors import OperatorError
+from tactiled.limited_log import RateLimitedLog
 from tactiled.ros2 import names
 from tactiled.ros2.cdr import CdrEncoder, decode
 from tactiled.ros2.definitions import RosField, RosType, parse_types, service_types
 from tactiled.ros2.own_types import own_definitions
 from tactiled.ros2.standard_types import STANDARD, discovery_types
 from tactiled.ros2.typehash import rihs01
+
+logger = logging.getLogger(__name__)
 
 Delivery = Literal["sensor", "event", "latched", "repeated"]
 _DEPTH = {"sensor": 5, "event": 100, "latched": 1, "repeated": 1}  # sensor: that of ROS's sensor data profile
@@ -39,6 +44,7 @@ _LOOPBACK = (
     "</General><Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>19"
     '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
 )
+_OTHER_RMW = "its client needs RMW_IMPLEMENTATION=rmw_cyclonedds_cpp (docs/ros2.md)"
 _INFO_TOPIC = "ros_discovery_info"
 _INFO_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
@@ -112,6 +118,7 @@ class Node:
         self._structs: dict[str, Any] = {}
         self._services: dict[str, _Service] = {}
         self._hashes: dict[str, str] = {}
+        self._unanswered = RateLimitedLog(logger, "service request not answered")
         self._readers: list[Any] = []
         self._writers: list[Any] = []
         try:
@@ -119,7 +126,7 @@ class Node:
             self._participant = DomainParticipant(domain_id, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise OperatorError(f"DDS domain {domain_id} cannot be joined: {error}") from None
-        self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched", hashed=False)
+        self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched")
         self._announce()
 
     def writer(self, topic: str, kind: str, delivery: Delivery) -> TopicWriter:
@@ -152,15 +159,20 @@ class Node:
         self._announce()
 
     def requests(self) -> list[ServiceRequest]:
-        """Return the requests that have arrived; malformed ones are passed over."""
+        """Return the requests that have arrived; those that cannot be answered are logged."""
         found = []
+        now_s = time.monotonic()
+        self._unanswered.write_counts(now_s)
         for name, service in self._services.items():
             reader, kind = service.requests
             for sample in reader.take(16):
-                data = getattr(sample, "data", b"")
+                if not (data := getattr(sample, "data", b"")):  # a client that leaves
+                    continue
                 try:
                     values = decode(kind, self.types, data)
-                except ValueError:  # another type under this name, or no data
+                except ValueError:  # its id is not in the message, so that no reply would find it
+                    words = f"{name}: {len(data)} bytes without the head of rmw_cyclonedds; {_OTHER_RMW}"
+                    self._unanswered.add(words, now_s, kind=name)
                     continue
                 found.append(ServiceRequest(name, values, values["client"], values["number"]))
         return found

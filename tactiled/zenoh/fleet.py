@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from tactiled.client.over_zenoh import states
 from tactiled.errors import OperatorError, UnavailableError
@@ -19,6 +21,12 @@ _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _ANSWER_S = 1.0  # beyond a status of this age, the daemon itself is silent
 _UNKNOWN = "-"
+# Lines of the table: what a person reads at once. With more rows than the second, words are cut at the end of
+# the line instead of wrapped.
+_MOST_ROWS = 100
+_MOST_WRAPPED = 20
+_MOST_CHARACTERS = 200  # of one text of a host
+_MOST_STATES = 8  # states that a daemon of ours sends
 _UNNAMED = "-"  # stands in topics for a board that has not said its name yet
 
 
@@ -31,7 +39,7 @@ class FleetRow:
     host, board : str
     state : str
         As in its status; ``silent``: the host has a bridge but its daemon does not answer; ``gone``: it was
-        on the network before.
+        on the network before; ``missing``: it is expected and was never there.
     valid : bool
         Fresh scans arrive.
     age_s : float
@@ -75,9 +83,12 @@ class FleetList:
         ``zenoh://ROUTER:7447/*``
     keys : Path, optional
         Configuration of zenoh with our certificate.
+    expected : sequence of str
+        Hosts, or HOST/BOARD, that get a row even where they were never on the network.
     """
 
-    def __init__(self, endpoint: str, keys: Path | None = None) -> None:
+    def __init__(self, endpoint: str, keys: Path | None = None, expected: Sequence[str] = ()) -> None:
+        self._expected = tuple(name.partition("/")[::2] for name in expected)
         self._endpoint = endpoint
         self._keys = keys
         self._known: dict[tuple[str, str], FleetRow] = {}
@@ -93,7 +104,7 @@ class FleetList:
         return self.update(states(self._endpoint, self._keys, _TIMEOUT_S), time.time())
 
     def update(self, replies: Mapping[str, Mapping[str, Any] | None], unix_s: float) -> list[FleetRow]:
-        """Take the replies of hosts, received at `unix_s`; return all boards that were ever there."""
+        """Take the replies of hosts, received at `unix_s`; return all that are, were or should be there."""
         now = {
             (row.host, row.board): row
             for host, reply in replies.items()
@@ -105,6 +116,9 @@ class FleetList:
                 words = "no longer on the network"
                 now[key] = FleetRow(row.host, row.board, "gone", firmware=row.firmware, reason=words)
         self._known = {key: row for key, row in now.items() if key[1] or key[0] in replies}
+        for host, board in self._expected:
+            if not any(key[0] == host and board in ("", key[1]) for key in now):
+                now[host, board] = FleetRow(host, board, "missing", reason="expected, and not on the network")
         return [now[key] for key in sorted(now)]
 
 
@@ -138,20 +152,20 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
     in_contact = grip.get("state", "none") != "none" and abs(unix_s - grip.get("timestamp", 0.0)) < _ANSWER_S
     total = status["scans"] + status["scans_missing"]
     is_silent = abs(silent_s) > _ANSWER_S  # from the future: a clock was set
-    reason = str(status["reason"] or status["warning"])
+    reason = _cut(status["reason"] or status["warning"])
     if is_silent and not reason:
         reason = f"its status is {silent_s:.1f} s old: no statuses arrive, or the clocks of the hosts differ"
     valid = status["valid"] is True and silent_s < _SILENT_S + _TIMEOUT_S
     return FleetRow(
         host=host,
         board=board,
-        state="silent" if is_silent else str(status["state"]),
+        state="silent" if is_silent else _cut(status["state"]),
         valid=valid and not is_silent,
         age_s=max(0.0, silent_s + status["age_s"]) if status["age_s"] < 1e8 else -1.0,
         utilisation=float(grip["utilisation"]) if in_contact else -1.0,
         loss_ppm=1e6 * status["scans_missing"] / total if status["loss_known"] and total else -1.0,
-        firmware=str(info.get("firmware_version", "")),
-        recording=str(recording.get("state", "")),
+        firmware=_cut(info.get("firmware_version", "")),
+        recording=_cut(recording.get("state", "")),
         free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
         reason=reason,
     )
@@ -199,7 +213,11 @@ def write_targets(file: Path, rows: Sequence[FleetRow], ports: Sequence[int]) ->
 
 
 def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
-    """Print the list on stdout."""
+    """Print the list on stdout; of a long one, the first rows and the number of others by state.
+
+    What is not fresh comes first then.
+    """
+    shown = rows if len(rows) <= _MOST_ROWS else sorted(rows, key=lambda row: row.valid)[:_MOST_ROWS]
     table = Table(box=None, pad_edge=False)
     for name in ("host", "board", "state"):
         table.add_column(name, no_wrap=True)
@@ -209,15 +227,28 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
         table.add_column(
             name, justify="right" if name.startswith("disk") else "left", no_wrap=name != "words"
         )
-    for row in rows:
+    is_long = len(shown) > _MOST_WRAPPED
+    for row in shown:
         style = "" if row.valid else "dim" if row.state == "gone" else "bold"
-        table.add_row(*(_printable(cell) for cell in _cells(row)), style=style)
+        *cells, words = (_printable(cell) for cell in _cells(row))
+        last = Text.from_markup(words)
+        last.no_wrap, last.overflow = is_long, "ellipsis" if is_long else "fold"
+        table.add_row(*cells, last, style=style)
     console = Console()
     if clear:
         console.clear()
     console.print(table)
+    if len(shown) < len(rows):
+        others = Counter(row.state for row in rows) - Counter(row.state for row in shown)
+        words = ", ".join(f"{count} {_printable(state)}" for state, count in others.most_common(_MOST_STATES))
+        console.print(f"and {len(rows) - len(shown)} more: {words}")
     fresh = sum(row.valid for row in rows)
     console.print(f"{fresh} of {len(rows)} boards fresh")
+
+
+def _cut(value: object) -> str:
+    """Return a text of a host, at a length that no text of ours has."""
+    return str(value)[:_MOST_CHARACTERS]
 
 
 def _cells(row: FleetRow) -> list[str]:

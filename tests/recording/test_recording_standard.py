@@ -67,7 +67,8 @@ def test_diagnostics_have_the_level_and_the_words_of_the_status(
 
 def test_other_events_and_forces_without_a_calibration_have_none() -> None:
     assert standard_message(SLIP, "TS0001", UNIX_S) is None
-    assert standard_message(replace(FORCE, calibration="none"), "TS0001", UNIX_S) is None
+    for calibration in ("none", "nominal"):
+        assert standard_message(replace(FORCE, calibration=calibration), "TS0001", UNIX_S) is None
 
 
 def test_a_recording_opens_in_rosbags_with_its_own_schemas_and_reads_back_as_before(tmp_path: Path) -> None:

@@ -90,6 +90,52 @@ def test_readers_with_their_own_descriptions_match(node: Node) -> None:
     assert (found[0].header.stamp.nanosec, found[0].header.frame_id) == (2, "f")
 
 
+@pytest.mark.usefixtures("node")
+def test_the_discovery_of_nodes_has_its_type_hash() -> None:
+    """Without it every rmw_cyclonedds on the network warns; the hash is that of ROS 2 Iron and Jazzy."""
+    builtin: Any = importlib.import_module("cyclonedds.builtin")
+    userdata = importlib.import_module("cyclonedds.qos").Policy.Userdata
+    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+    reader = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
+    until_s = time.monotonic() + PATIENCE_S
+    found: list[bytes] = []
+    while not found and time.monotonic() < until_s:
+        published = [each for each in reader.take(16) if each.topic_name == "ros_discovery_info"]
+        found = [bytes(each.qos[userdata].data) for each in published]
+        time.sleep(0.02)
+    hash_ = b"RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+    assert found == [b"typehash=" + hash_ + b";"]
+
+
+def test_a_request_of_another_rmw_is_logged_by_name(node: Node, caplog: pytest.LogCaptureFixture) -> None:
+    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+    node.serve("/tactile/TS0001/tare", "std_srvs/srv/Trigger")
+    request = struct(
+        "std_srvs.srv", "Trigger_Request",
+        client=kinds.uint64, number=kinds.int64, structure_needs_at_least_one_member=kinds.uint8,
+    )  # fmt: skip
+    # rmw_fastrtps describes no types, and has the id of a request in RTPS instead of the message.
+    request.serialize = lambda *_, **__: b"\0\1\0\0\0"
+    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+    topic = importlib.import_module("cyclonedds.topic").Topic(
+        participant, "rq/tactile/TS0001/tareRequest", request
+    )
+    writer = importlib.import_module("cyclonedds.pub").DataWriter(participant, topic)
+    assert matches(writer, "matched_sub")
+    for _ in range(20):
+        writer.write(request(client=0, number=0, structure_needs_at_least_one_member=0))
+    until_s = time.monotonic() + PATIENCE_S
+    while not caplog.messages and time.monotonic() < until_s:
+        assert node.requests() == []
+        time.sleep(0.02)
+    for _ in range(10):
+        node.requests()
+        time.sleep(0.02)
+    (line,) = caplog.messages
+    assert line.startswith("service request not answered: /tactile/TS0001/tare: ")
+    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in line
+
+
 @pytest.mark.parametrize("disposes", [False, True])
 def test_a_client_of_a_service_that_leaves_ends_nothing(node: Node, disposes: bool) -> None:
     kinds: Any = importlib.import_module("cyclonedds.idl.types")

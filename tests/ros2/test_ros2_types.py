@@ -165,10 +165,18 @@ def test_a_wrench_is_in_newtons_and_newton_metres() -> None:
     assert values["header"] == {"stamp": {"sec": 101, "nanosec": 0}, "frame_id": FRAME}
 
 
-@pytest.mark.parametrize("fields", [{"valid": False, "calibration": "c"}, {"valid": True}])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"valid": False, "calibration": "c"},
+        {"valid": True, "calibration": "none"},
+        {"valid": True, "calibration": "nominal", "fz_n": 58.9},
+    ],
+)
 def test_a_force_that_cannot_be_trusted_is_no_wrench(fields: dict[str, Any]) -> None:
     assert convert.wrench(force_map(**fields), FRAME) is None
-    assert convert.taxel_cloud(force_map(**fields), {"x_mm": [], "y_mm": []}, FRAME) is None
+    taxels = {f"taxel_f{axis}_n": (1.0,) for axis in "xyz"}
+    assert convert.taxel_cloud(force_map(**fields, **taxels), {"x_mm": [0.0], "y_mm": [0.0]}, FRAME) is None
 
 
 def test_a_cloud_has_places_and_forces_of_the_taxels() -> None:

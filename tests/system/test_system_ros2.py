@@ -22,6 +22,7 @@ import pytest
 from patience import PATIENCE_S
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tactiled import resources
 from tactiled.client import Message, Subscription
 from tactiled.ros2 import own_types
 from tactiled.ros2.names import dds_type
@@ -135,6 +136,14 @@ def peer_program(folder: Path) -> Path:
     return program
 
 
+def calibrated(folder: Path) -> Path:
+    """The nominal calibration as if it were one of this board: of a nominal one there is no wrench."""
+    text = resources.shipped("config", "calibration", "wang2019-3x3.toml").read_text()
+    file = folder / "calibration.toml"
+    file.write_text(text.replace("nominal = true", "nominal = false").replace('"nominal"', '"measured"'))
+    return file
+
+
 class Robot:
     """Emulated board, daemon, bridge and peers."""
 
@@ -145,6 +154,7 @@ class Robot:
         (folder / "scene.toml").write_text(SCENE)
         (folder / "tactiled.toml").write_text(
             f'[port]\nurl = "{folder}/board"\n[publish]\nendpoints = ["{self.endpoint}"]\n'
+            f'[force]\ncalibration = "{calibrated(folder)}"\n'
         )
 
     def process(self, *command: str) -> Lines:
@@ -190,9 +200,7 @@ def seconds(stamp: Any) -> float:
 def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
     program = peer_program(robot.folder)
     daemon = robot.tactiled("run", "--config", str(robot.folder / "tactiled.toml"))
-    bridge = robot.tactiled(
-        "ros2", "--events", robot.endpoint, "--domain", str(DOMAIN), "--localhost", "--allow-commands"
-    )
+    bridge = robot.tactiled("ros2", "--events", robot.endpoint, "--domain", str(DOMAIN), "--allow-commands")
     bridge.until(lambda row: row["what"] == "node", "the node")
     peer = robot.peer(program, *TOPICS, services=True)
     peer.until(lambda row: row["what"] == "participant", "the bridge")

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from tactiled.cli.fleet import fleet
 from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of, write_targets
 
 NOW = 1000.0
@@ -69,6 +71,72 @@ def test_a_board_that_went_stays_in_the_list() -> None:
     assert [row.state for row in boards.update({"h": reply(status=STATUS)}, NOW)] == ["running"]
     assert [row.state for row in boards.update({}, NOW)] == ["gone"]
     assert [row.state for row in boards.update({"h": reply(status=STATUS)}, NOW)] == ["running"]
+
+
+def test_a_robot_that_is_expected_and_never_came_is_missing() -> None:
+    boards = FleetList("zenoh://127.0.0.1:7447/*", expected=("h", "lost", "h/B1", "h/B2"))
+    states = {
+        (row.host, row.board): (row.state, row.valid)
+        for row in boards.update({"h": reply(status=STATUS)}, NOW)
+    }
+    assert states == {
+        ("h", "B1"): ("running", True),
+        ("h", "B2"): ("missing", False),
+        ("lost", ""): ("missing", False),
+    }
+    came = boards.update({"h": reply(status=STATUS), "lost": reply(status=STATUS)}, NOW)
+    assert [(row.host, row.board, row.state) for row in came if row.state == "missing"] == [
+        ("h", "B2", "missing")
+    ]
+    went = boards.update({"h": reply(status=STATUS)}, NOW)  # not missing twice
+    assert [(row.host, row.state) for row in went if not row.valid] == [("h", "missing"), ("lost", "gone")]
+
+
+FRESH = FleetRow("a", "B1", "running", valid=True)
+SILENT = FleetRow("b", "", "silent", reason="its bridge is there, its daemon does not answer")
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"), [([], 1), ([FRESH], 0), ([FRESH, FRESH], 0), ([SILENT], 1), ([FRESH, SILENT], 1)]
+)
+def test_once_says_by_its_exit_code_that_all_are_fresh(
+    rows: list[FleetRow], code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(FleetList, "ask", lambda _: rows)
+    assert CliRunner().invoke(fleet, ["--once"]).exit_code == code
+    assert CliRunner().invoke(fleet, ["--once", "--json"]).exit_code == code
+
+
+def test_expected_robots_of_the_command_line_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactiled.zenoh.fleet.states", lambda *_: {})
+    done = CliRunner().invoke(fleet, ["--once", "--json", "--expect", "robot7", "--expect", "robot8/S1"])
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(row["host"], row["board"], row["state"]) for row in rows] == [
+        ("robot7", "", "missing"),
+        ("robot8", "S1", "missing"),
+    ]
+    assert done.exit_code == 1
+
+
+@pytest.mark.parametrize("n_silent", [20, 1000])
+def test_a_long_list_has_a_bounded_number_of_lines(n_silent: int, capsys: pytest.CaptureFixture[str]) -> None:
+    replies: dict[str, Any] = {f"fresh{n:04}": reply(status=STATUS) for n in range(50)}
+    replies |= {f"z{n:04}": None for n in range(n_silent)}
+    rows = FleetList("zenoh://127.0.0.1:7447/*").update(replies, NOW)
+    draw_table(rows, clear=False)
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[-1] == f"50 of {n_silent + 50} boards fresh"
+    if n_silent == 20:
+        assert len(shown) == 72
+    else:
+        assert len(shown) == 103
+        assert shown[-2] == "and 950 more: 900 silent, 50 running"
+        assert shown[1].startswith("z0000")
+
+
+def test_a_text_of_a_host_is_short() -> None:
+    [row] = rows_of("h", reply(status=STATUS | {"warning": "x" * 10**6, "state": "y" * 10**6}), NOW)
+    assert (len(row.reason), len(row.state)) == (200, 200)
 
 
 def test_the_table_shows_no_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
