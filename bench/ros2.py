@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.report import BenchOptions, BenchReport, table
+from tactiled import resources
 from tactiled.array import FloatArray
 from tactiled.client import ForceMessage, Subscription
 from tactiled.errors import OperatorError
@@ -89,13 +90,20 @@ def measure(folder: Path, window_s: float, *, subscribed: bool) -> BridgeLoad:
     """Run board, daemon and bridge once, with both subscribers in this process."""
     endpoint = f"ipc://{folder}/events.ipc"
     config = folder / "tactiled.toml"
-    config.write_text(f'[port]\nurl = "{folder}/board"\n[publish]\nendpoints = ["{endpoint}"]\n')
+    # The nominal calibration as if it were one of this board: of a nominal one there is no wrench.
+    nominal = resources.shipped("config", "calibration", "wang2019-3x3.toml").read_text()
+    calibration = folder / "calibration.toml"
+    calibration.write_text(
+        nominal.replace("nominal = true", "nominal = false").replace('"nominal"', '"measured"')
+    )
+    config.write_text(
+        f'[port]\nurl = "{folder}/board"\n[publish]\nendpoints = ["{endpoint}"]\n'
+        f'[board]\ncalibration = "{calibration}"\n'
+    )
     with ExitStack() as stack:
         stack.enter_context(_tactiled("emulate", "--scene", "rest", "--link", f"{folder}/board"))
         stack.enter_context(_tactiled("run", "--config", str(config)))
-        bridge = stack.enter_context(
-            _tactiled("ros2", "--events", endpoint, "--domain", str(_DOMAIN), "--localhost")
-        )
+        bridge = stack.enter_context(_tactiled("ros2", "--events", endpoint, "--domain", str(_DOMAIN)))
         received: dict[Stamp, float] = {}
         close = _subscribe(received) if subscribed else None
         try:

@@ -17,6 +17,7 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as idl_types
+from cyclonedds.internal import load_cyclonedds
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
@@ -45,6 +46,9 @@ _LOOPBACK = (
     '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
 )
 _OTHER_RMW = "its client needs RMW_IMPLEMENTATION=rmw_cyclonedds_cpp (docs/ros2.md)"
+# DDS_LC_FATAL and DDS_LC_ERROR: of each packet that is not as it should be, whoever sent it, Cyclone DDS
+# writes a warning with its bytes to stderr.
+_LOGGED = 0x1 | 0x2
 _INFO_TOPIC = "ros_discovery_info"
 _INFO_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
@@ -126,6 +130,7 @@ class Node:
             self._participant = DomainParticipant(domain_id, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise OperatorError(f"DDS domain {domain_id} cannot be joined: {error}") from None
+        load_cyclonedds().dds_set_log_mask(_LOGGED)
         self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched")
         self._announce()
 
@@ -152,7 +157,8 @@ class Node:
         own = f"serviceid={mark};typehash={self._service_hash(kind)};".encode()
         request, reply = self._with_head(f"{kind}_Request"), self._with_head(f"{kind}_Response")
         qos = self._policies("event", own)
-        reader = DataReader(self._participant, self._topic_of(names.dds_request(service), request), qos)
+        topic = Topic(self._participant, names.dds_request(service), _any_bytes(request))
+        reader = DataReader(self._participant, topic, qos)
         self._readers.append(reader)
         writer = self._writer(names.dds_reply(service), reply, "event", own, hashed=False)
         self._services[service] = _Service((reader, request), writer)
@@ -230,12 +236,7 @@ class Node:
     def _kind(self, name: str) -> Any:
         """Class of Cyclone DDS for a type: its description, around data that are encoded already."""
         if name not in self._kinds:
-            kind = self._struct(name)
-            kind.__init__ = _hold
-            kind.serialize = _held
-            kind.deserialize = classmethod(_holding)
-            kind.deserialize_key = kind.deserialize  # of a writer that leaves
-            self._kinds[name] = kind
+            self._kinds[name] = _encoded(self._struct(name))
         return self._kinds[name]
 
     def _struct(self, name: str) -> Any:
@@ -270,6 +271,25 @@ class Node:
 
     def _gid(self, entity: Any) -> dict[str, bytes]:
         return {"data": entity.guid.bytes.ljust(self._gid_bytes, b"\0")}
+
+
+def _any_bytes(name: str) -> Any:
+    """Class of Cyclone DDS for a type by its name alone, so that messages of any content arrive.
+
+    Cyclone DDS drops what does not fit a description, with a line on stderr each time.
+    """
+    fields = {"structure_needs_at_least_one_member": idl_types.uint8}
+    bare = name.rsplit("/", 1)[-1]
+    return _encoded(make_idl_struct(bare, names.dds_type(name).replace("::", "."), fields))
+
+
+def _encoded(kind: Any) -> Any:
+    """Make a class of Cyclone DDS hold data that are encoded already."""
+    kind.__init__ = _hold
+    kind.serialize = _held
+    kind.deserialize = classmethod(_holding)
+    kind.deserialize_key = kind.deserialize  # of a writer that leaves
+    return kind
 
 
 def _hold(self: Any, data: bytes) -> None:

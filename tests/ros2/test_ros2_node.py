@@ -5,8 +5,11 @@ The descriptions are those of rmw_cyclonedds (dyntype.cpp): plain field names.
 
 import importlib
 import os
+import re
+import socket
 import time
 from collections.abc import Iterator
+from struct import pack
 from typing import Any
 
 import pytest
@@ -14,7 +17,7 @@ from nodes import TYPES
 from patience import PATIENCE_S
 
 from tactiled.ros2.cdr import CdrEncoder
-from tactiled.ros2.participant import Node, TopicWriter
+from tactiled.ros2.participant import Node, ServiceRequest, TopicWriter
 
 # Of this process: others on this network may test, too. From 102 on, its ports may be taken by connections.
 DOMAIN = 1 + os.getpid() % 101
@@ -107,59 +110,80 @@ def test_the_discovery_of_nodes_has_its_type_hash() -> None:
     assert found == [b"typehash=" + hash_ + b";"]
 
 
-def test_a_request_of_another_rmw_is_logged_by_name(node: Node, caplog: pytest.LogCaptureFixture) -> None:
-    kinds: Any = importlib.import_module("cyclonedds.idl.types")
-    node.serve("/tactile/TS0001/tare", "std_srvs/srv/Trigger")
-    request = struct(
-        "std_srvs.srv", "Trigger_Request",
-        client=kinds.uint64, number=kinds.int64, structure_needs_at_least_one_member=kinds.uint8,
-    )  # fmt: skip
-    # rmw_fastrtps describes no types, and has the id of a request in RTPS instead of the message.
-    request.serialize = lambda *_, **__: b"\0\1\0\0\0"
-    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-    topic = importlib.import_module("cyclonedds.topic").Topic(
-        participant, "rq/tactile/TS0001/tareRequest", request
-    )
-    writer = importlib.import_module("cyclonedds.pub").DataWriter(participant, topic)
-    assert matches(writer, "matched_sub")
-    for _ in range(20):
-        writer.write(request(client=0, number=0, structure_needs_at_least_one_member=0))
+TARE = "/tactile/TS0001/tare"
+GOOD = pack("<QqB", 7, 1, 0)  # client 7, request 1, and the one byte of the type
+
+
+class Requests:
+    """Writer of requests to the service `TARE`, which sends any bytes, as other makes of DDS do."""
+
+    def __init__(self, *policies: Any) -> None:
+        kinds: Any = importlib.import_module("cyclonedds.idl.types")
+        qos: Any = importlib.import_module("cyclonedds.qos")
+        self._kind = struct(
+            "std_srvs.srv", "Trigger_Request", structure_needs_at_least_one_member=kinds.uint8
+        )
+        self._participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+        topic = importlib.import_module("cyclonedds.topic").Topic(
+            self._participant, f"rq{TARE}Request", self._kind
+        )
+        self.writer = importlib.import_module("cyclonedds.pub").DataWriter(
+            self._participant, topic, qos.Qos(*policies)
+        )
+        assert matches(self.writer, "matched_sub")
+
+    def send(self, data: bytes) -> None:
+        self._kind.serialize = lambda *_, **__: b"\0\1\0\0" + data
+        self.writer.write(self._kind(structure_needs_at_least_one_member=0))
+
+
+@pytest.mark.parametrize("data", [b"\0", b"\0" * 15, pack("<I5s", 5, b"hold\0")])
+def test_a_request_of_another_rmw_is_logged_by_name(
+    node: Node, data: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    """rmw_fastrtps has the id of a request in RTPS instead of the message: no reply would find its client."""
+    node.serve(TARE, "std_srvs/srv/Trigger")
+    requests = Requests()
+    for _ in range(50):
+        requests.send(data)
+    requests.send(GOOD)
     until_s = time.monotonic() + PATIENCE_S
-    while not caplog.messages and time.monotonic() < until_s:
-        assert node.requests() == []
+    found: list[ServiceRequest] = []
+    while not found and time.monotonic() < until_s:
+        found = node.requests()
         time.sleep(0.02)
-    for _ in range(10):
-        node.requests()
-        time.sleep(0.02)
+    assert [(each.service, each.client, each.number) for each in found] == [(TARE, 7, 1)]
     (line,) = caplog.messages
-    assert line.startswith("service request not answered: /tactile/TS0001/tare: ")
+    assert re.match(f"service request not answered: {TARE}: [0-9]+ bytes without the head", line)
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in line
 
 
+def test_packets_that_are_no_dds_write_nothing(node: Node, capfd: pytest.CaptureFixture[str]) -> None:
+    assert node.domain_id == DOMAIN
+    first = 7400 + 250 * DOMAIN + 10  # RTPS 2.5, 9.6.2: ports of the first participants
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for number in range(100):
+            packet = b"RTPS\x02\x01\x01\x10" + os.urandom(12) + b"\x15\x05\x04\x00abcd"
+            sock.sendto(packet, ("127.0.0.1", first + number % 8))
+    time.sleep(0.3)  # while they are read
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("disposes", [False, True])
-def test_a_client_of_a_service_that_leaves_ends_nothing(node: Node, disposes: bool) -> None:
-    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+def test_a_client_of_a_service_that_leaves_ends_nothing(
+    node: Node, disposes: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     qos: Any = importlib.import_module("cyclonedds.qos")
-    node.serve("/tactile/TS0001/tare", "std_srvs/srv/Trigger")
-    request = struct(
-        "std_srvs.srv", "Trigger_Request",
-        client=kinds.uint64, number=kinds.int64, structure_needs_at_least_one_member=kinds.uint8,
-    )  # fmt: skip
-    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-    topic = importlib.import_module("cyclonedds.topic").Topic(
-        participant, "rq/tactile/TS0001/tareRequest", request
-    )
-    writer = importlib.import_module("cyclonedds.pub").DataWriter(
-        participant, topic, qos.Qos(qos.Policy.WriterDataLifecycle(autodispose=disposes))
-    )
-    assert matches(writer, "matched_sub")
-    writer.write(request(client=7, number=1, structure_needs_at_least_one_member=0))
+    node.serve(TARE, "std_srvs/srv/Trigger")
+    requests = Requests(qos.Policy.WriterDataLifecycle(autodispose=disposes))
+    requests.send(GOOD)
     until_s = time.monotonic() + PATIENCE_S
     while not (found := node.requests()) and time.monotonic() < until_s:
         time.sleep(0.02)
     assert [(each.client, each.number) for each in found] == [(7, 1)]
-    del writer
+    del requests
     until_s = time.monotonic() + 0.3
     while time.monotonic() < until_s:
         assert node.requests() == []
         time.sleep(0.02)
+    assert not caplog.messages  # there is no request that anybody waits for

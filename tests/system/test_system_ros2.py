@@ -154,7 +154,7 @@ class Robot:
         (folder / "scene.toml").write_text(SCENE)
         (folder / "tactiled.toml").write_text(
             f'[port]\nurl = "{folder}/board"\n[publish]\nendpoints = ["{self.endpoint}"]\n'
-            f'[force]\ncalibration = "{calibrated(folder)}"\n'
+            f'[board]\ncalibration = "{calibrated(folder)}"\n'
         )
 
     def process(self, *command: str) -> Lines:
