@@ -53,10 +53,11 @@ def test_what_is_no_small_file_is_refused(file: Path, tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def web(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[[Path], str]:
-    def run(token_file: Path) -> str:
-        """Return what `tactiled web` says when it refuses a token file."""
-        asked = ["web", "--events", "ipc:///x/e.ipc", "--allow-commands", "--token-file", str(token_file)]
+def web(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[[Path | None], str]:
+    def run(token_file: Path | None) -> str:
+        """Return what `tactiled web` says when it refuses a token."""
+        asked = ["web", "--events", "ipc:///x/e.ipc", "--allow-commands"]
+        asked += [] if token_file is None else ["--token-file", str(token_file)]
         monkeypatch.setattr(sys, "argv", ["tactiled", *asked])
         with pytest.raises(SystemExit) as ended:
             main()
@@ -75,12 +76,21 @@ def web(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_the_page_refuses_a_bad_token_file(
-    file: Path, mode: int, text: str, words: str, web: Callable[[Path], str]
+    file: Path, mode: int, text: str, words: str, web: Callable[[Path | None], str]
 ) -> None:
     file.write_text(text)
     file.chmod(mode)
     assert words in web(file)
 
 
-def test_the_page_says_that_its_token_file_is_not_there(tmp_path: Path, web: Callable[[Path], str]) -> None:
+def test_the_page_says_that_its_token_file_is_not_there(
+    tmp_path: Path, web: Callable[[Path | None], str]
+) -> None:
     assert "cannot be read: No such file" in web(tmp_path / "none")
+
+
+def test_a_short_token_of_the_environment_is_refused(
+    monkeypatch: pytest.MonkeyPatch, web: Callable[[Path | None], str]
+) -> None:
+    monkeypatch.setenv("TACTILED_WEB_TOKEN", "short")
+    assert "$TACTILED_WEB_TOKEN: a token has at least 16 ASCII characters" in web(None)

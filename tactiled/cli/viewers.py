@@ -149,11 +149,13 @@ def view(files: tuple[Path, ...], in_rerun: bool, save: Path | None) -> None:  #
 def _token(file: Path | None) -> str:
     """Token of the commands: from a file, the environment, or drawn."""
     if file is None:
-        return os.environ.get(_TOKEN_ENV) or secrets.token_urlsafe(24)
-    try:
-        token = read_secret(file, "token").strip()
-    except OSError as error:
-        raise DataError(f"--token-file {file}: cannot be read: {error.strerror}") from None
+        source, token = f"${_TOKEN_ENV}", os.environ.get(_TOKEN_ENV) or secrets.token_urlsafe(24)
+    else:
+        source = f"--token-file {file}"
+        try:
+            token = read_secret(file, "token").strip()
+        except OSError as error:
+            raise DataError(f"{source}: cannot be read: {error.strerror}") from None
     if not token.isascii() or len(token) < _SHORTEST_TOKEN:
-        raise DataError(f"--token-file {file}: a token has at least {_SHORTEST_TOKEN} ASCII characters")
+        raise DataError(f"{source}: a token has at least {_SHORTEST_TOKEN} ASCII characters")
     return token

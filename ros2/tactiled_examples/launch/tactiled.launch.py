@@ -13,7 +13,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("events", default_value="tcp://127.0.0.1:9872"),
             DeclareLaunchArgument("parent", default_value="base_link"),
             DeclareLaunchArgument("frame", default_value="tactile_TS0001"),
-            # As `tactiled ros2` without --network: on the loopback interface alone. Humble: ROS_LOCALHOST_ONLY=1.
+            # As `tactiled ros2` without --network: loopback alone. Humble: ROS_LOCALHOST_ONLY=1.
             SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
             ExecuteProcess(
                 cmd=["tactiled", "ros2", "--events", LaunchConfiguration("events")], output="screen"
