@@ -19,6 +19,8 @@ from tactiled.outside import shown
 
 RUNTIME = "{runtime}"  # placeholder for the runtime directory in an endpoint
 _LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
+# Of the kernel, for each connection: what comes is short, and without a limit it grows to some megabytes.
+_RECEIVE_BUFFER_BYTES = 16 * 1024
 _BACKLOG = 64  # connections that wait to be accepted, within a turn of the event loop
 _SIOCGIFADDR = 0x8915  # netdevice(7): the IPv4 address of an interface
 _SOCKET_UMASK = 0o117  # ipc sockets get mode 0660: for the user and group of the daemon
@@ -118,6 +120,9 @@ def listen(endpoint: str, environ: Mapping[str, str] = os.environ) -> list[socke
 def _listener(family: int, address: Any) -> socket.socket:
     sock = socket.socket(family, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     try:
+        sock.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES
+        )  # accepted ones inherit it
         if family != socket.AF_UNIX:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:

@@ -1,17 +1,17 @@
-"""All ZeroMQ sockets of the daemon: for events, for requests, and for the authentication of other hosts.
+"""All endpoints of the daemon: for events, for requests, and for the authentication of other hosts.
 
-A request costs at most some 0.3 ms, and the server takes at most `REQUESTS_PER_S`. A client that floods it
-fills only its own queue, because ROUTER takes from its clients in turn. Nothing here is on the path from
-board to subscriber, and the queues below bound the memory that a stalled client can occupy.
+Plain endpoints are served by `Subscribers` and `Requesters`, in which everything of a peer is bounded. Those
+with keys are sockets of libzmq, which does not bound the subscriptions of a peer, nor the frames of a message
+before the last one has arrived: a client with a key can exhaust the memory (protocols/control.md).
 
-libzmq does not bound the subscriptions of a peer, nor the frames of a message before the last one has
-arrived. A process of this host, or one with a key, can exhaust the memory in this way; ``MemoryMax=`` in the
-unit and a restart limit the damage (protocols/control.md has the numbers).
+A request costs at most some 0.3 ms, and their rate is limited. Nothing here is on the path from board to
+subscriber.
 """
 
 import asyncio
+import contextlib
 import os
-import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ import zmq.asyncio
 from tactiled.daemon.zmq.control import Control, Do, Settings
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
+from tactiled.daemon.zmq.requesters import Requesters
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS
@@ -34,9 +35,6 @@ _HIGH_WATER = 16
 # Frames of a request: identity, number of a correlating REQ, empty frame of a REQ, payload; one more is an
 # error.
 _MOST_FRAMES = 5
-# Name that libzmq gives to an ipc peer: uid, gid and process id from the kernel (SO_PEERCRED).
-# The name of a TCP peer is its IP address, which never has this form.
-_LOCAL_PEER = re.compile(r"localhost:([0-9]{1,10}):[0-9]{1,10}:[0-9]{1,10}")
 
 
 class Network:
@@ -65,58 +63,74 @@ class Network:
         n_boards: int = 1,
         environ: Mapping[str, str] = os.environ,
     ) -> None:
-        self._context: zmq.Context[Any] = zmq.Context()
+        self._context: zmq.Context[Any] | None = None
         self._authenticator: CurveAuthenticator | None = None
-        self._server: ControlServer | None = None
+        self._guarded: GuardedRequests | None = None
+        self._plain: Requesters | None = None
         try:
             if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
+                self._context = zmq.Context()
                 self._authenticator = CurveAuthenticator(self._context, KeyFolder(Path(params.keys or "")))
             self.publisher = Publisher(params, environ, self._context, self._authenticator, n_boards)
             self.control = Control(self.publisher, do, settings, boards)
-            self._server = ControlServer(params, self.control, self._context, self._authenticator, environ)
+            plain = [endpoint for endpoint in params.control if not is_guarded(params, endpoint)]
+            # With a plain endpoint on the network anyone there may command, so a limit at loopback would
+            # protect nothing.
+            commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))
+            self._plain = Requesters(self.control, commands_over_tcp=commands_over_tcp)
+            for endpoint in plain:
+                self._plain.listen(endpoint, environ)
+            if self._context is not None and self._authenticator is not None:
+                guarded = [endpoint for endpoint in params.control if endpoint not in plain]
+                self._guarded = GuardedRequests(
+                    guarded, self.control, self._context, self._authenticator, environ
+                )
         except BaseException:
             self.close()
             raise
 
     async def run(self) -> None:
         """Serve until cancelled."""
+        assert self._plain is not None  # the constructor has made it
+        logs = [
+            self.control.bad, self.control.commanded, self._plain.refused, self.publisher.subscribers.refused
+        ]  # fmt: skip
         async with asyncio.TaskGroup() as group:
+            group.create_task(self._plain.run())
+            group.create_task(self.publisher.subscribers.run())
+            if self._guarded is not None:
+                group.create_task(self._guarded.run())
             if self._authenticator is not None:
                 group.create_task(self._authenticator.run())
-            if self._server is not None:
-                group.create_task(self._server.run())
-            group.create_task(self.publisher.subscribers.run())
-            loop = asyncio.get_running_loop()
+                logs += [self._authenticator.denied, self._authenticator.accepted]
             while True:  # also without endpoints
-                self.control.bad.write_counts(loop.time())
-                self.publisher.subscribers.refused.write_counts(loop.time())
-                self.control.commanded.write_counts(loop.time())
-                if self._authenticator is not None:
-                    self._authenticator.denied.write_counts(loop.time())
-                    self._authenticator.accepted.write_counts(loop.time())
+                for log in logs:
+                    log.write_counts(time.monotonic())
                 await asyncio.sleep(_TELL_S)
 
     def close(self) -> None:
         """Send queued events, then close all sockets."""
-        if self._server is not None:
-            self._server.close()
+        if self._plain is not None:
+            self._plain.close()
+        if self._guarded is not None:
+            self._guarded.close()
         if hasattr(self, "publisher"):
             self.publisher.close()
         if self._authenticator is not None:
             self._authenticator.close()
-        self._context.term()
+        if self._context is not None:
+            self._context.term()
 
 
-class ControlServer:
-    """ROUTER sockets that pass requests to a `Control`.
+class GuardedRequests:
+    """ROUTER socket of libzmq that passes requests of clients with keys to a `Control`.
 
     Parameters
     ----------
-    params : PublishParams
+    endpoints : sequence of str
     control : Control
     context : zmq.Context
-    authenticator : CurveAuthenticator, optional
-        Required for guarded endpoints.
+    authenticator : CurveAuthenticator
 
     Raises
     ------
@@ -126,48 +140,28 @@ class ControlServer:
 
     def __init__(
         self,
-        params: PublishParams,
+        endpoints: Sequence[str],
         control: Control,
         context: zmq.Context[Any],
-        authenticator: CurveAuthenticator | None = None,
+        authenticator: CurveAuthenticator,
         environ: Mapping[str, str] = os.environ,
     ) -> None:
-        self.unsent = 0
-        """Number of replies that were not sent, because the client had left or did not read."""
         self._control = control
-        # With a plain endpoint on the network anyone there may command, so a limit at loopback would protect
-        # nothing.
-        self._commands_over_tcp = params.allow_commands_over_tcp or any(
-            is_wide(endpoint) and not is_guarded(params, endpoint) for endpoint in params.control
-        )
-        self._sockets: dict[bool, zmq.asyncio.Socket] = {}
+        self._socket = _make(context, authenticator)
         try:
-            for endpoint in params.control:
-                guarded = is_guarded(params, endpoint)
-                if guarded not in self._sockets:
-                    self._sockets[guarded] = _make(context, authenticator if guarded else None)
-                bind(self._sockets[guarded], endpoint, environ)
+            for endpoint in endpoints:
+                bind(self._socket, endpoint, environ)
         except BaseException:
             self.close()
             raise
 
     async def run(self) -> None:
         """Serve until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            for sock in self._sockets.values():
-                group.create_task(self._serve(sock))
-
-    def close(self) -> None:
-        """Close the sockets, without sending queued replies."""
-        for sock in self._sockets.values():
-            sock.close(0)
-
-    async def _serve(self, sock: zmq.asyncio.Socket) -> None:
         loop = asyncio.get_running_loop()
-        plain: zmq.Socket[bytes] = zmq.Socket.shadow(sock.underlying)
+        plain: zmq.Socket[bytes] = zmq.Socket.shadow(self._socket.underlying)
         ready_s = loop.time()
         while True:
-            await sock.poll()
+            await self._socket.poll()
             frames = await _receive(plain)
             if frames:
                 try:
@@ -178,6 +172,10 @@ class ControlServer:
             ready_s = max(ready_s, loop.time() - _BURST / REQUESTS_PER_S) + 1 / REQUESTS_PER_S
             await asyncio.sleep(max(0.0, ready_s - loop.time()))
 
+    def close(self) -> None:
+        """Close the socket, without sending queued replies."""
+        self._socket.close(0)
+
     def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
         *envelope, payload = (frame.bytes for frame in frames)
         if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or (len(frames) > 2 and envelope[-1]):
@@ -185,29 +183,19 @@ class ControlServer:
             return
 
         def respond(reply: bytes) -> None:
-            try:
+            with contextlib.suppress(zmq.ZMQError):  # the client has left, or does not read its replies
                 sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
-            except zmq.ZMQError:  # the client has left, or does not read its replies
-                self.unsent += 1
 
         self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
 
     def _requester(self, routing_id: bytes, frame: zmq.Frame) -> Requester:
         key, peer = _property(frame, "User-Id"), _property(frame, "Peer-Address")
-        uid = uid_of(peer)
         return Requester(
             connection=f"{routing_id.hex()} {peer}",
             key=key,
-            uid=uid,
-            address=peer.removeprefix("::ffff:") if uid < 0 else "",  # an IPv4 address in IPv6 notation
-            may_command=bool(key) or uid >= 0 or self._commands_over_tcp,
+            address=peer.removeprefix("::ffff:"),  # an IPv4 address in IPv6 notation
+            may_command=bool(key),
         )
-
-
-def uid_of(peer: str) -> int:
-    """Return the user id of an ipc peer from its name in libzmq; -1 for another peer."""
-    local = _LOCAL_PEER.fullmatch(peer)
-    return -1 if local is None else int(local[1])
 
 
 async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
@@ -236,7 +224,7 @@ def _property(frame: zmq.Frame, name: str) -> str:
         return ""
 
 
-def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator | None) -> zmq.asyncio.Socket:
+def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator) -> zmq.asyncio.Socket:
     sock = zmq.asyncio.Socket(context, zmq.ROUTER)
     sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
     sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
@@ -247,6 +235,5 @@ def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator | None) -
         sock.setsockopt(getattr(zmq, name), value)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.IPV6, 1)
-    if authenticator is not None:
-        authenticator.guard(sock)
+    authenticator.guard(sock)
     return sock

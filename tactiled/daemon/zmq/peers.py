@@ -2,12 +2,12 @@
 
 A server never waits for a peer, and what one peer sends or leaves unread costs the others nothing:
 
-- Bytes are read from one peer at a time, in turn, `READ_BYTES` at most, and `READS_PER_S` times a second in
-  all. A flood fills the kernel's buffer of its own connection and no more.
+- The peers of a server take turns, some hundred a second in all. In one turn at most `READ_BYTES` are read,
+  and at most one request is answered. A flood fills the kernel's buffer of its own connection and no more.
 - An endpoint has at most `MOST_PEERS` peers. A new one takes the place of the oldest that asked for nothing;
   where there is none, it is refused.
 - A peer that is not ready after `HANDSHAKE_S`, or sends what the protocol does not have, is closed.
-- What waits to be sent to a peer is at most `QUEUE_BYTES`; older messages are dropped for newer ones.
+- What waits to be sent to a peer is bounded; older messages are dropped for newer ones.
 """
 
 import asyncio
@@ -20,6 +20,7 @@ import struct
 import time
 from collections import Counter, deque
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from tactiled.daemon.zmq import zmtp
@@ -32,10 +33,8 @@ logger = logging.getLogger(__name__)
 
 MOST_PEERS = 64  # of an endpoint; a robot has some ten: controller, recorder, page, viewers, bridges
 HANDSHAKE_S = 5.0  # a handshake takes milliseconds, or as long as the peer's host is stopped
-QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in contact; the store has the rest
-READS_PER_S = 500.0  # a read costs 0.05 ms, and 0.5 ms where a peer fills it with the shortest frames
-READ_BYTES = 1024
-_BURST = 50  # reads at once before the limit holds: a dozen subscribers that start together
+READ_BYTES = 512
+_BURST = 50  # turns at once before their rate is limited: a dozen peers that start together
 # Messages that are handed to the kernel at once. The rest of a piece that the kernel took in part is kept
 # beside the queue, because a message that was begun must be finished.
 _PIECE_BYTES = 64 * 1024
@@ -53,6 +52,25 @@ _TCP_OPTIONS = {
 _UCRED = struct.Struct("3i")  # process, user and group of a peer over ipc, unix(7)
 
 
+@dataclass(frozen=True)
+class Bounds:
+    """Limits of a server.
+
+    Attributes
+    ----------
+    frame_bytes : int
+        Of a frame from a peer.
+    queue_bytes : int
+        Of what waits to be sent to a peer.
+    turns_per_s : float
+        Of all peers together: a read, a request, or a new connection.
+    """
+
+    frame_bytes: int
+    queue_bytes: int
+    turns_per_s: float
+
+
 class Outgoing(NamedTuple):
     """Encoded message that waits to be sent, and what it is counted under if it is dropped."""
 
@@ -67,14 +85,16 @@ class Peer:
     ----------
     sock : socket.socket
         Not blocking.
+    bounds : Bounds
     dropped : Counter
         Counts the messages that were dropped for newer ones, by name.
     """
 
-    def __init__(self, sock: socket.socket, dropped: Counter[str]) -> None:
+    def __init__(self, sock: socket.socket, bounds: Bounds, dropped: Counter[str]) -> None:
         self.sock = sock
         self.uid = -1
-        """User of a peer over ipc, from the kernel; -1 over TCP."""
+        self.pid = -1
+        """User and process of a peer over ipc, from the kernel; -1 over TCP."""
         self.address = ""
         """Address of a peer over TCP."""
         if sock.family == socket.AF_UNIX:
@@ -83,12 +103,17 @@ class Peer:
             )
         else:
             self.address = str(sock.getpeername()[0])
-        self.decoder = Decoder()
+        self.identity = b""
+        """What the peer calls itself; empty where it does not."""
+        self.decoder = Decoder(bounds.frame_bytes)
+        self.values: deque[Value] = deque()
+        """Values that wait for the next turn of this peer."""
         self.is_ready = False
         self.is_idle = True
         """True until the peer has asked for anything."""
         self.is_blocked = False
         """True while the kernel takes no more; then it says when it does."""
+        self._queue_bytes = bounds.queue_bytes
         self._dropped = dropped
         self._queue: deque[Outgoing] = deque()
         self._n_queued = 0
@@ -97,16 +122,11 @@ class Peer:
     def __str__(self) -> str:
         return self.address or f"uid {self.uid}"
 
-    @property
-    def n_waiting(self) -> int:
-        """Bytes that wait to be sent."""
-        return self._n_queued + len(self._begun)
-
     def add(self, message: Outgoing) -> None:
         """Queue a message; the oldest ones make room for it."""
         self._queue.append(message)
         self._n_queued += len(message.wire)
-        while self._n_queued > QUEUE_BYTES:
+        while self._n_queued > self._queue_bytes:
             oldest = self._queue.popleft()
             self._n_queued -= len(oldest.wire)
             self._dropped[oldest.name] += 1
@@ -148,14 +168,16 @@ class PeerServer:
         Ours, for example ``PUB``.
     peer_types : collection of str
         Those that may connect; others are refused with the reason.
+    bounds : Bounds
     """
 
-    def __init__(self, socket_type: str, peer_types: Collection[str]) -> None:
+    def __init__(self, socket_type: str, peer_types: Collection[str], bounds: Bounds) -> None:
         self.dropped: Counter[str] = Counter()
         """Number of messages that were dropped for peers that do not keep up, by name."""
         self.refused = RateLimitedLog(logger, "connection refused")
         self._ready = Outgoing("", zmtp.ready(socket_type))
         self._peer_types = frozenset(peer_types)
+        self._bounds = bounds
         # The peers of an endpoint, the oldest first, by each of its listeners.
         self._listeners: dict[socket.socket, dict[Peer, None]] = {}
         self._readable: asyncio.Queue[socket.socket | Peer] = asyncio.Queue()
@@ -176,10 +198,11 @@ class PeerServer:
         while True:
             source = await self._readable.get()
             if isinstance(source, Peer):
-                self._read(source)
+                self._turn(source)
             else:
                 self._accept(source)
-            ready_s = max(ready_s, loop.time() - _BURST / READS_PER_S) + 1 / READS_PER_S
+            turn_s = 1 / self._bounds.turns_per_s
+            ready_s = max(ready_s, loop.time() - _BURST * turn_s) + turn_s
             await asyncio.sleep(max(0.0, ready_s - loop.time()))
 
     def close(self, linger_s: float = 0.0) -> None:
@@ -204,8 +227,8 @@ class PeerServer:
             stop_listening(listener)
         self._listeners.clear()
 
-    def _take(self, peer: Peer, value: Value) -> None:
-        """Handle what a peer says when it is ready."""
+    def _take(self, peer: Peer, value: Value) -> bool:
+        """Handle what a peer says when it is ready; returns True when this was all for one turn."""
         raise NotImplementedError
 
     def _gone(self, peer: Peer) -> None:
@@ -242,7 +265,7 @@ class PeerServer:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
                 for option, value in _TCP_OPTIONS.items():
                     sock.setsockopt(socket.IPPROTO_TCP, option, value)
-            peer = Peer(sock, self.dropped)
+            peer = Peer(sock, self._bounds, self.dropped)
         except OSError:  # it has left already
             sock.close()
             return
@@ -259,26 +282,35 @@ class PeerServer:
         self._watch(peer)
         self._send(peer, Outgoing("", zmtp.GREETING))
 
-    def _read(self, peer: Peer) -> None:
-        if peer.sock.fileno() < 0:
+    def _turn(self, peer: Peer) -> None:
+        """Handle what is left of the last read, or read."""
+        if not peer.values and not self._read(peer):
             return
+        is_over = False
+        while peer.values and not is_over and peer.sock.fileno() >= 0:
+            is_over = self._handle(peer, peer.values.popleft())
+        if peer.values:
+            self._readable.put_nowait(peer)  # behind the other peers
+        else:
+            self._watch(peer)
+
+    def _read(self, peer: Peer) -> bool:
+        """Read some bytes; returns False where the peer has left."""
+        if peer.sock.fileno() < 0:
+            return False
         try:
             data = peer.sock.recv(READ_BYTES)
         except BlockingIOError:
-            self._watch(peer)
-            return
+            return True
         except OSError:
             data = b""
         if not data:
             self._close_peer(peer)
-            return
-        for value in peer.decoder.receive(data):
-            self._handle(peer, value)
-            if peer.sock.fileno() < 0:
-                return
-        self._watch(peer)
+            return False
+        peer.values.extend(peer.decoder.receive(data))
+        return True
 
-    def _handle(self, peer: Peer, value: Value) -> None:
+    def _handle(self, peer: Peer, value: Value) -> bool:
         if isinstance(value, Greeted):
             self._send(peer, self._ready)
         elif isinstance(value, Ping):
@@ -287,9 +319,9 @@ class PeerServer:
             self._refuse(str(peer), value.reason)
             self._close_peer(peer)
         elif not isinstance(value, Ready):
-            self._take(peer, value)
+            return self._take(peer, value)
         elif value.socket_type in self._peer_types:
-            peer.is_ready = True
+            peer.is_ready, peer.identity = True, value.identity
         else:
             wanted = " or ".join(sorted(self._peer_types))
             reason = f"a socket {shown(value.socket_type)} where {wanted} may connect"
@@ -297,6 +329,7 @@ class PeerServer:
             peer.add(Outgoing("", zmtp.error(reason)))
             self._flush(peer)
             self._close_peer(peer)
+        return False
 
     def _check_ready(self, peer: Peer) -> None:
         if not peer.is_ready and peer.sock.fileno() >= 0:
@@ -349,6 +382,7 @@ class PeerServer:
             return
         self._unwatch(peer.sock)
         peer.sock.close()
+        peer.values.clear()
         for peers in self._listeners.values():
             peers.pop(peer, None)
         self._gone(peer)

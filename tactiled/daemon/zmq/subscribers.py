@@ -4,9 +4,12 @@ import time
 from collections import Counter
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.peers import Outgoing, Peer, PeerServer
+from tactiled.daemon.zmq.peers import Bounds, Outgoing, Peer, PeerServer
 from tactiled.daemon.zmq.zmtp import Cancel, Part, Subscribe, Value
 
+QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in contact; the store has the rest
+# A turn costs 0.05 ms, and 0.6 ms where a peer fills its read with the shortest messages.
+BOUNDS = Bounds(zmtp.LONGEST_BYTES, QUEUE_BYTES, turns_per_s=200.0)
 MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; prefixes need fewer
 _MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
 
@@ -18,7 +21,7 @@ class Subscribers(PeerServer):
     """
 
     def __init__(self) -> None:
-        super().__init__("PUB", ("SUB", "XSUB"))
+        super().__init__("PUB", ("SUB", "XSUB"), BOUNDS)
         self._wanted: dict[Peer, Counter[bytes]] = {}
         self._audience: dict[bytes, tuple[Peer, ...]] = {}
 
@@ -42,23 +45,24 @@ class Subscribers(PeerServer):
             for peer in audience:
                 self._send(peer, message)
 
-    def _take(self, peer: Peer, value: Value) -> None:
+    def _take(self, peer: Peer, value: Value) -> bool:
         asked = zmtp.subscription(value) if isinstance(value, Part) else value
         wanted = self._wanted.setdefault(peer, Counter())
         if isinstance(asked, Subscribe):
             if asked.prefix not in wanted and len(wanted) >= MOST_SUBSCRIPTIONS:
                 reason = f"{peer}: {MOST_SUBSCRIPTIONS} subscriptions are the most, further ones are ignored"
                 self.refused.add(reason, time.monotonic())
-                return
+                return False
             wanted[asked.prefix] += 1
         elif isinstance(asked, Cancel) and asked.prefix in wanted:
             wanted[asked.prefix] -= 1
             if not wanted[asked.prefix]:
                 del wanted[asked.prefix]
         else:
-            return
+            return False
         peer.is_idle = not wanted
         self._audience.clear()
+        return False
 
     def _gone(self, peer: Peer) -> None:
         if self._wanted.pop(peer, None):

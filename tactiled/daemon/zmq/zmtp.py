@@ -32,9 +32,10 @@ class Greeted:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The peer is ready; `socket_type` is what it says that it is, for example ``SUB``."""
+    """The peer is ready; it says what it is, for example ``SUB``, and may have chosen an identity."""
 
     socket_type: str
+    identity: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,15 +224,16 @@ def _greeting_fault(head: bytes | bytearray) -> str:
 
 
 def _ready_of(data: bytes) -> Ready | Refused:
-    """Read the properties of a READY command; those but the type of the socket are not needed."""
-    socket_type = ""
+    """Read those properties of a READY command that are needed."""
+    known = {b"socket-type": b"", b"identity": b""}
     while data:
         name_end = 1 + data[0]
         size = int.from_bytes(data[name_end : name_end + 4])
         end = name_end + 4 + size
         if end > len(data):
             return Refused("a READY whose properties are cut off")
-        if data[1:name_end].lower() == b"socket-type":
-            socket_type = data[name_end + 4 : end].decode(errors="replace")
+        name = data[1:name_end].lower()
+        if name in known:
+            known[name] = data[name_end + 4 : end]
         data = data[end:]
-    return Ready(socket_type)
+    return Ready(known[b"socket-type"].decode(errors="replace"), known[b"identity"])

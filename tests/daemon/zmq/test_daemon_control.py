@@ -7,6 +7,7 @@ import os
 import socket
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -24,7 +25,7 @@ from patience import PATIENCE_S
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
-from tactiled.daemon.zmq import network as network_module
+from tactiled.daemon.zmq import requesters, zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams
@@ -474,7 +475,7 @@ def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, .
 
 def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
-    monkeypatch.setattr(network_module, "REQUESTS_PER_S", 5000.0)
+    monkeypatch.setattr(requesters, "BOUNDS", replace(requesters.BOUNDS, turns_per_s=5000.0))
     server = Server(tmp_path)
     server.send(3000)
 
@@ -529,6 +530,42 @@ def test_raw_bytes_on_the_port_are_ignored(tmp_path: Path) -> None:
             await asyncio.sleep(0.1)
             async with AsyncCommander(server.endpoint) as daemon:
                 assert (await daemon.send("state")).ok
+
+    serve(server, story)
+
+
+def test_a_request_without_a_last_part_is_not_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        reader, writer = await asyncio.open_unix_connection(str(tmp_path / "control.ipc"))
+        writer.write(zmtp.GREETING + zmtp.ready("DEALER"))
+        for _ in range(2000):
+            writer.write(b"\1\x0a" + bytes(10))
+        writer.write(b"\0\0" + zmtp.message(request("state")))
+        await reader.readexactly(len(zmtp.GREETING + zmtp.ready("ROUTER")))
+        head = await reader.readexactly(9)  # of the only reply, to the second request
+        size = int.from_bytes(head[1:]) if head[0] & 2 else head[1]
+        reply = head[9 if head[0] & 2 else 2 :]
+        assert msgpack.unpackb(reply + await reader.readexactly(size - len(reply)))["ok"]
+        assert "2001 frames: send one" in caplog.text
+        writer.close()
+        await writer.wait_closed()
+
+    serve(server, story)
+
+
+@pytest.mark.parametrize("kind", [zmq.SUB, zmq.PUB, zmq.PULL])
+def test_only_sockets_that_can_ask_may_connect(
+    tmp_path: Path, kind: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    server = Server(tmp_path)
+
+    async def story() -> None:
+        with zmq.Context() as context, context.socket(kind) as sock:
+            sock.linger = 0
+            sock.connect(server.control)
+            await until(lambda: "where DEALER or REQ or ROUTER may connect" in caplog.text)
 
     serve(server, story)
 

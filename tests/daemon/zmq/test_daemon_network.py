@@ -12,7 +12,7 @@ from patience import PATIENCE_S
 from ports import free_pair
 
 from tactiled.client import AsyncCommander
-from tactiled.daemon.zmq.network import Network, uid_of
+from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 
@@ -111,24 +111,3 @@ def test_an_endpoint_on_a_private_network_accepts_commands() -> None:
         assert server.requesters[0].address == "127.0.0.1"
 
     server.run(story)
-
-
-@pytest.mark.parametrize(
-    ("peer", "uid"),
-    [
-        ("localhost:1000:100:4711", 1000),
-        ("localhost:0:0:1", 0),
-        ("127.0.0.1", -1),
-        ("::1", -1),
-        ("", -1),
-        ("localhost", -1),
-        ("localhost:1000:100", -1),
-        ("localhost:-1:0:1", -1),
-        ("localhost:1000:100:4711:", -1),
-        ("localhost:1000:100:4711\n", -1),
-        ("a.localhost:1000:100:4711", -1),
-        ("localhost:\u0661:0:1", -1),
-    ],
-)
-def test_the_user_id_is_parsed_strictly(peer: str, uid: int) -> None:
-    assert uid_of(peer) == uid
