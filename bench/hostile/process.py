@@ -9,6 +9,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 _KIB = 1024
+# `wait4` counts the memory of the parent, too, which the child shares until it becomes another program.
+_PROGRAM = """
+import atexit, sys
+peak = sys.argv.pop(1)
+def note():
+    with open("/proc/self/status") as status, open(peak, "w") as to:
+        to.write(next(line.split()[1] for line in status if line.startswith("VmHWM")))
+atexit.register(note)
+from tactiled.cli.entry import main
+main()
+"""
 
 
 @dataclass(frozen=True)
@@ -41,23 +52,25 @@ class Done:
 def tactiled(*arguments: str, environment: Mapping[str, str] | None = None) -> Done:
     """Run ``tactiled ARGUMENTS`` to its end."""
     began_s = time.monotonic()
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "tactiled", *arguments],
+    with (
+        tempfile.NamedTemporaryFile("r") as peak,
+        tempfile.TemporaryFile() as out,
+        tempfile.TemporaryFile() as err,
+    ):
+        process = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, peak.name, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
             env={**os.environ, **(environment or {})},
+            check=False,
         )
-        # For the memory of this process alone; `getrusage` knows only the largest of all.
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
         out.seek(0)
         err.seek(0)
         return Done(
             process.returncode,
             out.read(1_000_000).decode(errors="replace"),
             err.read(1_000_000).decode(errors="replace"),
-            usage.ru_maxrss * _KIB / 1e6,
+            int(peak.read() or 0) * _KIB / 1e6,
             time.monotonic() - began_s,
         )

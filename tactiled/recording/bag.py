@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.errors import DataError, OperatorError
+from tactiled.recording.others_mcap import check_mcap
 from tactiled.recording.reader import is_recording
 
 if TYPE_CHECKING:
@@ -66,6 +67,11 @@ def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tup
     OperatorError
         rosbags is not installed.
     """
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise DataError(f"{path}: a folder without metadata.yaml, so no rosbag2; name a file")
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        if file.suffix == ".mcap":
+            check_mcap(file)
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

@@ -23,6 +23,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, 
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
+from tactiled.outside import shown
 from tactiled.recording.extent import Damage, Extent
 
 _HEAD = struct.Struct("<BQ")
@@ -35,6 +36,13 @@ _DATA_END_BYTES = 4
 # predecessor has a damaged length.
 _ANCHOR = struct.pack("<I", 4) + b"zstd"
 _ANCHOR_AT = _HEAD.size + 8 + 8 + 8 + 4
+# A tactiled chunk is closed at 256 KiB and holds at most one message more; recovered ones are no larger, and
+# other tools that rewrite a recording close theirs at 4 MiB. What claims more is passed over as damage,
+# before anything is decompressed or allocated.
+MOST_CHUNK_BYTES = 1 << 23
+_MOST_RECORD_BYTES = MOST_CHUNK_BYTES + (1 << 16)  # with the head of a chunk, and data that do not compress
+# Index of half a million chunks, six days at one each second; without its index a file can be read, too.
+_MOST_SUMMARY_BYTES = 1 << 26
 _FAULTS = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
 
 
@@ -153,7 +161,7 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
         return None
     opcode, length = _HEAD.unpack(head)
     end = at + _HEAD.size + length
-    if end > size:
+    if end > size or length > _MOST_RECORD_BYTES:
         return None
     if opcode == Opcode.DATA_END:
         return (end, None) if length == _DATA_END_BYTES else None
@@ -180,6 +188,7 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
 
 def _records_of(chunk: Chunk) -> list[McapRecord]:
     """Read the records of a chunk; those of mcap's own reader, in a third of its time."""
+    _check_size(chunk)
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     data = stream.read(size)
     records: list[McapRecord] = []
@@ -201,40 +210,56 @@ def _records_of(chunk: Chunk) -> list[McapRecord]:
     return records
 
 
+def _check_size(chunk: Chunk) -> None:
+    """Refuse a chunk that claims to be larger than ours are, or that holds more than it claims."""
+    n_bytes = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        held = zstandard.get_frame_parameters(chunk.data).content_size
+        if held not in (zstandard.CONTENTSIZE_UNKNOWN, n_bytes):  # the size that zstandard would allocate
+            raise McapError(f"a chunk of {n_bytes} bytes holds {held}")
+    elif chunk.compression:  # lz4 says no size; tactiled writes none
+        raise McapError(f"a chunk with the compression {shown(chunk.compression)}")
+    if n_bytes > MOST_CHUNK_BYTES:
+        raise McapError(f"a chunk of {n_bytes} bytes, more than {MOST_CHUNK_BYTES}")
+
+
 def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
     """Offset at which to resume after a damaged record; None where nothing whole follows.
 
     After a power cut, old disk blocks behind the end may hold chunks of other files: chunks that end before
     `newest_ns` are therefore skipped.
     """
-    chunk_at = _next_chunk(stream, at, size, newest_ns)
     end = len(MCAP0_MAGIC)
     if at:
         stream.seek(at)
         head = stream.read(_HEAD.size)
         end = at + _HEAD.size + int(_HEAD.unpack(head)[1]) if len(head) == _HEAD.size else size
     # A damaged length may lead beyond chunks that are whole.
-    if end < (size if chunk_at is None else chunk_at) and _record_at(stream, end, size) is not None:
-        return end
+    is_whole = end < size and _record_at(stream, end, size) is not None
+    chunk_at = _next_chunk(stream, at, end if is_whole else size, newest_ns)
     if chunk_at is not None:
         return chunk_at
+    if is_whole:
+        return end
     summary = _summary(stream, size)
     return summary.start if summary is not None and summary.start > at else None
 
 
-def _next_chunk(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
-    """Offset of the next whole chunk after `at`."""
+def _next_chunk(stream: BinaryIO, at: int, before: int, newest_ns: int) -> int | None:
+    """Offset of the next whole chunk that begins after `at` and before an offset."""
+    size = stream.seek(0, 2)
     if not size:
         return None
     with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
-        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT)
+        last = before + _ANCHOR_AT + len(_ANCHOR) - 1
+        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT, last)
         while found >= 0:
             start = found - _ANCHOR_AT
             (end_ns,) = struct.unpack_from("<Q", view, start + _HEAD.size + 8)
             is_later = view[start] == Opcode.CHUNK and end_ns >= newest_ns
             if is_later and _record_at(stream, start, size) is not None:
                 return start
-            found = view.find(_ANCHOR, found + 1)
+            found = view.find(_ANCHOR, found + 1, last)
     return None
 
 
@@ -256,7 +281,7 @@ def _summary(stream: BinaryIO, size: int) -> _Summary | None:
     stream.seek(footer_at)
     footer = stream.read(_FOOTER.size)
     opcode, _, start, _, checksum = _FOOTER.unpack(footer)
-    if opcode != Opcode.FOOTER or not 0 < start <= footer_at:
+    if opcode != Opcode.FOOTER or not 0 < start <= footer_at or footer_at - start > _MOST_SUMMARY_BYTES:
         return None
     stream.seek(start)
     text = stream.read(footer_at - start)

@@ -50,6 +50,8 @@ class ReplayComparison:
     def words(self) -> str:
         """Describe the outcome for the user."""
         words = f"{self.compared} events {'reproduced bit for bit' if self.is_good else 'compared and equal'}"
+        if not (self.compared or self.difference):
+            words = "no events: nothing could be compared"
         if self.difference:
             words += f"; first difference {self.difference}"
         if not self.fresh:

@@ -13,6 +13,8 @@ from tactiled.events.codec import to_map
 from tactiled.recording.contents import RecordedEvent
 from tactiled.recording.reader import Reached, in_order, read_items
 
+# Messages as text, all in memory: three hours of 36 channels at 100 Hz. Compressed files may hold far more.
+_MOST_TEXT_BYTES = 1 << 30
 _THIN_S = 0.1  # interval of scans, grip and force messages in a thinned stretch
 
 
@@ -31,7 +33,7 @@ class ReplayFile:
     Raises
     ------
     DataError
-        A file is no recording, or has no events.
+        A file is no recording, has no events, or has more than fit into memory.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class ReplayFile:
         recorded_array = parts[0][1].source.array
         self._rows: list[tuple[float, str, str]] = []  # instant, topic, message as JSON
         self._geometry = ""
+        self._n_bytes = 0
         seqs: dict[tuple[str, str], int] = {}
         for number, (path, _) in enumerate(parts):
             done = number / len(parts)
@@ -59,7 +62,14 @@ class ReplayFile:
         topic, board = item.event.topic, item.board
         seqs[board, topic] = seq = seqs.get((board, topic), -1) + 1
         data = to_map(item.event, seq=seq, board=board, unix_offset_s=item.unix_offset_s)
-        self._rows.append((float(data["timestamp"]), topic, _text(topic, data)))
+        text = _text(topic, data)
+        self._n_bytes += len(text)
+        if self._n_bytes > _MOST_TEXT_BYTES:
+            raise DataError(
+                f"{self._name}: more than {_MOST_TEXT_BYTES / 1e9:.1f} GB of messages; name fewer parts, or "
+                "use `tactiled replay`"
+            )
+        self._rows.append((float(data["timestamp"]), topic, text))
         if topic == "info" and not self._geometry:
             known = {array.name: array for array in reversed(arrays)}
             geometry = geometry_of(data, known.get(str(data.get("array_id"))))

@@ -214,6 +214,10 @@ def test_other_encodings_and_damage_are_refused(tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes(path.read_bytes()[:-40])
     (tmp_path / "noise.db3").write_bytes(bytes(range(256)))
     (tmp_path / "folder").mkdir()
-    for name in ("cut.mcap", "noise.db3", "folder"):
-        with pytest.raises(DataError, match=f"{name}: rosbags cannot read it"):
+    for name, words in (
+        ("cut.mcap", "is cut or damaged at byte"),
+        ("noise.db3", "rosbags cannot read it"),
+        ("folder", "a folder without metadata.yaml"),
+    ):
+        with pytest.raises(DataError, match=f"{name}: {words}"):
             read_bag(tmp_path / name, "/raw")

@@ -1,0 +1,150 @@
+"""Files that claim gigabytes are refused, or read in part, before anything is allocated."""
+
+import struct
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import lz4.frame
+import pytest
+from bombs import chunk, recording_with, zeros_zstd
+from mcap.opcode import Opcode
+from recordings import noise_read
+
+from tactiled.errors import DataError
+from tactiled.offline import detect_file
+from tactiled.recording import chunks
+from tactiled.recording.bag import read_bag
+from tactiled.recording.contents import Read
+from tactiled.recording.extent import Extent
+from tactiled.recording.others_mcap import MOST_CHUNK_BYTES, check_mcap
+from tactiled.recording.reader import read_items
+from tactiled.recording.recover import recover
+from tactiled.recording.replay import replay
+from tactiled.web.replay import ReplayFile
+
+CLAIMED = 200_000_000
+MOST_BYTES = 40_000_000
+MAGIC = b"\x89MCAP0\r\n"
+
+
+@pytest.fixture
+def memory() -> Iterator[Callable[[], int]]:
+    """Peak of allocated bytes since the beginning of the test."""
+    tracemalloc.start()
+    yield lambda: tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+
+@pytest.fixture(scope="module")
+def bomb() -> bytes:
+    return zeros_zstd(CLAIMED)
+
+
+@pytest.mark.parametrize("declared", [CLAIMED, 1000, 2**63])
+def test_a_chunk_that_claims_more_than_ours_hold_is_damage(
+    tmp_path: Path, bomb: bytes, declared: int, memory: Callable[[], int]
+) -> None:
+    path = recording_with(tmp_path / "a.mcap", chunk(bomb, declared))
+    extent = Extent()
+    found = [item for item in read_items(path, extent) if isinstance(item, Read)]
+    assert found == [noise_read(k) for k in range(3)]
+    assert "are damaged" in extent.words()
+    assert not replay([path], lambda _: None).is_good
+    assert recover(path, tmp_path / "b.mcap").messages == 3
+    with pytest.raises(DataError, match="has no events"):
+        ReplayFile([path])
+    with pytest.raises(DataError, match="no scans"):
+        detect_file(path)
+    assert memory() < MOST_BYTES
+
+
+def test_a_frame_that_does_not_say_its_size_ends_where_the_chunk_claims(tmp_path: Path) -> None:
+    path = recording_with(tmp_path / "a.mcap", chunk(zeros_zstd(CLAIMED, says_size=False), 1000))
+    assert [item for item in read_items(path) if isinstance(item, Read)] == [noise_read(k) for k in range(3)]
+
+
+def test_a_record_that_claims_more_than_ours_is_not_read(tmp_path: Path, memory: Callable[[], int]) -> None:
+    path = recording_with(tmp_path / "a.mcap", struct.pack("<BQ", Opcode.CHUNK, CLAIMED) + bytes(CLAIMED))
+    written = memory()
+    tracemalloc.reset_peak()
+    before, _ = tracemalloc.get_traced_memory()
+    assert [item for item in read_items(path) if isinstance(item, Read)] == [noise_read(k) for k in range(3)]
+    assert written > MOST_BYTES > memory() - before
+
+
+def test_the_chunks_of_our_writer_are_below_the_limit(tmp_path: Path) -> None:
+    path = recording_with(tmp_path / "a.mcap", b"", n_reads=20_000)  # 1 MB between two syncs
+    extent = Extent()
+    assert len(list(read_items(path, extent))) == 20_000
+    assert extent.is_whole
+    assert chunks.MOST_CHUNK_BYTES >= 8 * (1 << 18)
+
+
+def of_others(path: Path, *records: bytes) -> Path:
+    path.write_bytes(MAGIC + b"".join(records) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("compression", "declared"),
+    [(b"zstd", CLAIMED), (b"zstd", 1000), (b"lz4", CLAIMED), (b"lz4", 1000), (b"", CLAIMED)],
+)
+def test_an_mcap_of_others_with_a_chunk_beyond_the_limit_is_refused(
+    tmp_path: Path, bomb: bytes, compression: bytes, declared: int
+) -> None:
+    data = bomb
+    if compression == b"lz4":
+        data = lz4.frame.compress(bytes(CLAIMED), store_size=False)
+    path = of_others(tmp_path / "a.mcap", chunk(data, declared, compression))
+    with pytest.raises(DataError, match=rf"has a chunk of \d+ bytes at byte 8; at most {MOST_CHUNK_BYTES}"):
+        read_bag(path, "/pad")
+    with pytest.raises(DataError, match="has a chunk of"):
+        detect_file(path)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "is empty"),
+        (b"PK garbage", "is no MCAP file"),
+        (MAGIC, "is cut or damaged at byte 8"),
+        (MAGIC + struct.pack("<BQ", Opcode.CHUNK, 1000) + bytes(100), "is cut or damaged at byte 8"),
+        (MAGIC + struct.pack("<BQ", Opcode.CHUNK, 10) + bytes(100), "cannot be read"),
+        (MAGIC + chunk(b"", 0, b"a name too long for any compression"), "cannot be read"),
+    ],
+)
+def test_a_broken_mcap_is_called_broken(tmp_path: Path, data: bytes, words: str) -> None:
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=words):
+        detect_file(path)
+
+
+def test_a_whole_mcap_of_others_passes(tmp_path: Path) -> None:
+    check_mcap(of_others(tmp_path / "a.mcap", chunk(zeros_zstd(1000), 1000)))
+    small = lz4.frame.compress(bytes(1_000_000), store_size=False)
+    check_mcap(of_others(tmp_path / "b.mcap", chunk(small, 1_000_000, b"lz4")))
+
+
+def test_a_folder_that_is_no_bag_is_called_that(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"without metadata\.yaml, so no rosbag2"):
+        detect_file(tmp_path)
+
+
+def test_a_page_holds_no_more_messages_than_fit_into_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from recordings import record, simulated_reads
+
+    record(tmp_path / "a.mcap", simulated_reads(0.5))
+    ReplayFile([tmp_path / "a.mcap"])
+    monkeypatch.setattr("tactiled.web.replay._MOST_TEXT_BYTES", 1000)
+    with pytest.raises(DataError, match="name fewer parts"):
+        ReplayFile([tmp_path / "a.mcap"])
+
+
+def test_the_replay_of_a_recording_without_events_says_so(tmp_path: Path) -> None:
+    verdict = replay([recording_with(tmp_path / "a.mcap", b"", n_reads=0)], lambda _: None)
+    assert not verdict.is_good
+    assert verdict.words() == "no events: nothing could be compared"
