@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactiled.cli.fleet import fleet
+from tactiled.errors import OperatorError
 from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of, write_targets
 
 NOW = 1000.0
@@ -156,3 +157,90 @@ def test_prometheus_gets_each_host_once_and_keeps_those_that_went(tmp_path: Path
     ]
     assert not write_targets(file, rows, (9874, 9884))
     assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]
+
+
+@pytest.mark.parametrize(
+    ("age_s", "is_silent"), [(0.0, False), (0.95, False), (1.05, True), (-0.95, False), (-1.05, True)]
+)
+def test_a_status_older_than_a_second_by_either_clock_is_silence(age_s: float, *, is_silent: bool) -> None:
+    [row] = rows_of("h", reply(status=STATUS | {"timestamp": NOW - age_s}), NOW)
+    assert (row.state == "silent") is is_silent
+    assert row.valid is not is_silent
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"age_s": 1e9}, {"age_s": -1.0}),  # before any scan
+        ({"age_s": 0.0, "timestamp": NOW + 0.5}, {"age_s": 0.0}),  # no negative age
+        ({"loss_known": False}, {"loss_ppm": -1.0}),
+        ({"scans": 0, "scans_missing": 0}, {"loss_ppm": -1.0}),
+        ({"scans": 3, "scans_missing": 1}, {"loss_ppm": 250_000.0}),
+        ({"reason": "unplugged"}, {"reason": "unplugged"}),
+        ({"valid": 1}, {"valid": False}),
+        ({"valid": False, "state": "stalled"}, {"valid": False, "state": "stalled"}),
+    ],
+)
+def test_numbers_that_are_not_known_are_shown_as_unknown(fields: Any, expected: dict[str, Any]) -> None:
+    [row] = rows_of("h", reply(status=STATUS | fields), NOW)
+    assert {name: getattr(row, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("state", "age_s", "shown"),
+    [("none", 0.0, -1.0), ("partial", 0.9, 0.7), ("partial", 1.1, -1.0), ("partial", -1.1, -1.0)],
+)
+def test_utilisation_is_that_of_a_contact_of_now(state: str, age_s: float, shown: float) -> None:
+    grip = {"state": state, "utilisation": 0.7, "timestamp": NOW - age_s}
+    [row] = rows_of("h", reply(status=STATUS, grip=grip), NOW)
+    assert row.utilisation == shown
+
+
+def test_disk_space_is_that_of_a_recording(capsys: pytest.CaptureFixture[str]) -> None:
+    for state, cell in [("off", "-"), ("recording", "12.3"), ("no-room", "12.3 !")]:
+        [row] = rows_of("h", reply(status=STATUS, recording={"state": state, "free_mb": 12_345.0}), NOW)
+        assert row.free_mb == (-1.0 if state == "off" else 12_345.0)
+        draw_table([row], clear=False)
+        assert cell in capsys.readouterr().out
+
+
+def test_the_table_has_milliseconds_and_ppm(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        FleetRow("h", "B1", "running", True, 0.0123, 0.5, 2.25, "f9"),
+        FleetRow("h", "B2", "gone", age_s=0.0, utilisation=0.0, loss_ppm=0.0),
+        FleetRow("h", "B3", "silent"),
+    ]
+    draw_table(rows, clear=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[1:4]] == [
+        ["h", "B1", "running", "12", "0.50", "2.2", "f9", "-"],
+        ["h", "B2", "gone", "0", "0.00", "0.0", "-", "-"],
+        ["h", "B3", "silent", "-", "-", "-", "-", "-"],
+    ]
+    assert lines[4] == "1 of 3 boards fresh"
+
+
+def test_hosts_and_boards_that_went_are_gone_until_they_return() -> None:
+    boards = FleetList("zenoh://127.0.0.1:7447/*")
+    two = {"messages": {f"tactile/{board}/status": STATUS for board in ("B1", "B2")}}
+
+    def seen(replies: dict[str, Any]) -> list[tuple[str, str, str]]:
+        return [(row.host, row.board, row.state) for row in boards.update(replies, NOW)]
+
+    running = [("a", "B1", "running"), ("a", "B2", "running")]
+    assert seen({"b": None, "a": two}) == [*running, ("b", "", "silent")]
+    assert seen({"a": two}) == [*running, ("b", "", "gone")]
+    assert seen({"a": two, "b": reply(status=STATUS)}) == [*running, ("b", "B1", "running")]
+    assert seen({"a": reply(status=STATUS), "b": None}) == [
+        ("a", "B1", "running"), ("a", "B2", "gone"), ("b", "", "silent"), ("b", "B1", "gone")
+    ]  # fmt: skip
+
+
+def test_paths_that_are_none_of_a_board_make_no_row() -> None:
+    messages = {"tactile/B1": STATUS, "a/b/c/d": STATUS, "tactile/B2/status": 3, "tactile/B3/status": STATUS}
+    assert [row.board for row in rows_of("h", {"messages": messages}, NOW)] == ["B3"]
+
+
+def test_targets_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OperatorError, match="cannot be written"):
+        write_targets(tmp_path / "none" / "targets.json", [], ())
