@@ -15,7 +15,7 @@ from pydantic import Field
 
 from tactiled.errors import DataError
 from tactiled.recording.contents import Header
-from tactiled.recording.writer import RecordingWriter
+from tactiled.recording.writer import RecordingWriter, disk_words
 from tactiled.tomlfile import Params
 
 _MB = 1e6
@@ -148,7 +148,7 @@ class Rotation:
         try:
             append(self._writer)
         except OSError as error:
-            reason = f"{self._writer.active}: {error.strerror}; recover its data with `tactiled recover`"
+            reason = f"{self._writer.active}: {disk_words(error)}; recover its data with `tactiled recover`"
             self._fail(reason, now_s)
             return False
         return True
@@ -186,7 +186,7 @@ class Rotation:
         try:
             self._free_mb = free_mb(self._path.parent)
         except DataError as error:
-            self._fail(str(error), now_s)
+            self._fail(f"{error}; it was there when the part was begun: is its disk gone?", now_s)
             return
         size_mb = self._writer.size_bytes / _MB
         if self._free_mb < self._params.min_free_mb:

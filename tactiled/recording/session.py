@@ -73,6 +73,8 @@ class RecordingSession:
     def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:
         self.dropped = 0
         """Number of reads that could not be written."""
+        self.dropped_because = ""
+        """Reason for the last of them, which may be over when it is reported."""
         self.progress = OFF
         self._params = params
         self._header = header
@@ -134,6 +136,8 @@ class RecordingSession:
             more_reads, more_bytes = entry.weight
             self._missing = (reads + more_reads, n_bytes + more_bytes)
             self.dropped += more_reads
+            if self._rotation is not None:
+                self.dropped_because = self._rotation.progress.reason
         if entry.cause is not None and entry.hello is not self._hello:
             self._know(entry.hello)
 

@@ -8,6 +8,7 @@ thread waits for the disk, and `close`, for a limited time.
 import contextlib
 import json
 import logging
+import math
 import queue
 import threading
 import time
@@ -36,6 +37,8 @@ _CLOSE_S = 3.0  # less than the 5 s after which systemd kills the daemon
 _WAKE_S = 0.1  # period at which the idle thread checks for a sync that is due, or for the end
 _REPORT_S = 1.0  # period of the recording event
 _COMPLAIN_S = 10.0  # between two lines of the log about drops
+# A disk that starts to spin, or a memory card that reorganises itself, answers within some 10 s.
+_SILENT_S = 15.0
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,8 @@ class Recorder:
             place = path or params.directory
             self._instead = replace(OFF, state="failed", reason=f"{place}: the disk does not answer")
         self._unplaced = (0, 0)  # reads and bytes dropped by a full queue, and not yet marked in the file
-        self._queue_dropped = self._complained = 0
+        self._queue_dropped = self._complained = self._complained_unwritten = 0
+        self._asked_s = math.inf  # since when the thread waits for the disk
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
         self._fault = ""  # last fault that was logged
         self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
@@ -103,7 +107,10 @@ class Recorder:
         """State of the recording."""
         if self._instead is not None or self._session is None:
             return self._instead or OFF
-        return self._session.progress
+        progress = self._session.progress
+        if progress.state == "recording" and time.monotonic() - self._asked_s > _SILENT_S:
+            return replace(progress, state="failed", reason=f"{progress.file}: the disk does not answer")
+        return progress
 
     def check(self) -> None:
         """Raise `DataError` when nothing is recorded, for a program whose only purpose is recording."""
@@ -161,7 +168,7 @@ class Recorder:
         if dropped > self._complained and now_s >= self._complain_s:
             self._complain_s = now_s + _COMPLAIN_S
             new, self._complained = dropped - self._complained, dropped
-            cause = fault or "the disk is too slow"
+            cause = self._cause_of_drops(fault)
             logger.warning("recording: %d more reads are in no file, %d in all: %s", new, dropped, cause)
         if fault and fault != self._fault:
             logger.error("not recording, tried again: %s", fault)
@@ -180,6 +187,13 @@ class Recorder:
             reads_dropped=dropped,
             reads_waiting=self._queue.qsize(),
         )
+
+    def _cause_of_drops(self, fault: str) -> str:
+        """Reason for the reads that were dropped since it was last asked for; `fault` is that of now."""
+        unwritten = 0 if self._session is None else self._session.dropped
+        before, self._complained_unwritten = self._complained_unwritten, unwritten
+        because = "" if self._session is None or unwritten == before else self._session.dropped_because
+        return because or fault or "the disk is too slow"
 
     def close(self) -> None:
         """Finish the file; gives up after `_CLOSE_S` on a disk that does not respond."""
@@ -232,13 +246,16 @@ class Recorder:
             while not (self._ending.is_set() and self._queue.empty()):
                 with contextlib.suppress(queue.Empty):
                     item = self._queue.get(timeout=_WAKE_S)
+                    self._asked_s = time.monotonic()
                     if isinstance(item, RecordEntry):
                         session.take(item, time.monotonic())
                     elif item.on:
                         session.begin(item.hello, time.monotonic())
                     else:
                         session.end(time.monotonic())
+                self._asked_s = min(self._asked_s, time.monotonic())
                 session.tick(time.monotonic())
+                self._asked_s = math.inf
                 if leftovers is not None:
                     leftovers.look(session.progress)
             session.end(time.monotonic())

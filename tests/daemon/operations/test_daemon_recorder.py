@@ -1,5 +1,6 @@
 """Recorder of the service: handing over never waits for the disk, and losses are reported."""
 
+import errno
 import itertools
 import logging
 import os
@@ -159,6 +160,72 @@ def test_a_full_disk_only_increases_the_drop_count(tmp_path: Path) -> None:
     recorder.received(read(100), (), None)
     until(lambda: recorder.reads_dropped >= 1)
     recorder.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOSPC, "the disk is full: No space left on device"),
+        (errno.EIO, "the disk is gone or fails: Input/output error"),
+        (errno.EROFS, "the disk takes no writes"),
+        (errno.ESTALE, "the disk of another host is gone"),
+    ],
+)
+def test_a_disk_that_is_full_or_gone_is_named_as_such_when_it_takes_a_part_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int, words: str
+) -> None:
+    """Each new part is taken and fails soon after: the log comes while it is being recorded."""
+    monkeypatch.setattr(rotation, "RETRY_S", 0.05)
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+
+        def broken(_: int) -> None:
+            raise OSError(number, os.strerror(number))
+
+        with monkeypatch.context() as disk:
+            disk.setattr(os, "fsync", broken)
+            for k in range(100):
+                recorder.received(read(k), (), None)
+            until(lambda: recorder.progress.state == "failed")
+            for k in range(100, 110):
+                recorder.received(read(k), (), None)
+            until(lambda: recorder.reads_dropped >= 10)
+        until(lambda: recorder.progress.state == "recording")
+        report(recorder)
+    (line,) = [record.getMessage() for record in caplog.records if "in no file" in record.getMessage()]
+    assert words in line
+    assert "too slow" not in line
+
+
+def test_a_disk_that_does_not_answer_is_named_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        disk = StuckDisk(monkeypatch)
+        recorder.received(read(0), (), None)
+        assert disk.entered.wait(PATIENCE_S)
+        assert report(recorder).state == "recording"
+        monkeypatch.setattr(recorder_module, "_SILENT_S", 0.0)
+        for k in range(100):
+            recorder.received(read(k), (), None)
+        event = report(recorder)
+        assert (event.state, event.reason) == ("failed", f"{tmp_path / 'a.mcap'}: the disk does not answer")
+        monkeypatch.undo()
+        disk.free.set()
+        until(lambda: report(recorder).state == "recording")
+    (line,) = [record.getMessage() for record in caplog.records if "in no file" in record.getMessage()]
+    assert "the disk does not answer" in line
+
+
+def test_a_folder_that_goes_away_is_named_as_such(tmp_path: Path) -> None:
+    place = tmp_path / "usb"
+    place.mkdir()
+    with Recorder(PARAMS, HEADER, place / "a.mcap") as recorder:
+        shutil.rmtree(place)
+        for k in range(10):
+            recorder.received(read(k), (), None)
+        until(lambda: recorder.progress.state == "failed")
+        assert "is its disk gone?" in report(recorder).reason
 
 
 def test_an_unwritable_path_is_reported_at_the_start() -> None:
