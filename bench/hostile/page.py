@@ -16,6 +16,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from bench.hostile.attack import Attack, Outcome
+from bench.hostile.process import tactiled
 
 _TOKEN = "0123456789abcdef0123456789abcdef"
 _DESCRIPTORS = 1024  # the soft limit of a process on Linux
@@ -188,21 +189,10 @@ def _token(folder: Path, scale: float) -> Outcome:  # noqa: ARG001
     token = folder / "token"
     token.write_text(_TOKEN)
     token.chmod(0o644)
-    words = [
-        sys.executable,
-        "-m",
-        "tactiled",
-        "web",
-        "--port",
-        "0",
-        "--allow-commands",
-        "--token-file",
-        str(token),
-    ]
-    words += ["--events", f"ipc://{folder}/events.ipc"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=_SECONDS, check=False)
-    held = done.returncode == 2 and "chmod 600" in done.stderr and "Traceback" not in done.stderr
-    return Outcome(f"exit code {done.returncode}: {done.stderr.strip()[-60:]}", held)
+    events = f"ipc://{folder}/events.ipc"
+    done = tactiled("web", "--port", "0", "--events", events, "--allow-commands", "--token-file", str(token))
+    held = done.code == 2 and "chmod 600" in done.err and done.is_tidy
+    return Outcome(f"exit code {done.code}: {done.err.strip().rpartition(': ')[2][:9]}", held)
 
 
 ATTACKS: tuple[Attack, ...] = (

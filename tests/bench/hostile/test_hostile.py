@@ -1,9 +1,12 @@
 """The short form of every attack of ``./run bench hostile``."""
 
 import pytest
+from zenoh_threads import zenoh_threads
 
 from bench.hostile.attack import Attack
 from bench.hostile.bench import all_attacks, do
+
+__all__ = ["zenoh_threads"]  # a fixture for every test here
 
 SHORT = [attack for attack in all_attacks() if attack.short is not None]
 
