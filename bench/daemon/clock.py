@@ -32,12 +32,13 @@ _DURATION_S = 60.0
 
 @dataclass(frozen=True)
 class LineConditions:
-    """A line, and the crystal and rate of the board behind it."""
+    """A line, the crystal and rate of the board behind it, and the mean delay of a busy host's wake-ups."""
 
     name: str
     drift_ppm: float
     faults: FaultParams
     rate_hz: float = 100.0
+    wake_s: float = 0.0
 
 
 _STALLS = FaultParams(bunch_s=0.016, stall_per_s=0.1)
@@ -51,6 +52,10 @@ _LINES = (
     LineConditions("10 ms bunches, 5 ppm", 5.0, FaultParams(bunch_s=0.010)),
     LineConditions("1 ms bunches, 5 ppm", 5.0, FaultParams(bunch_s=0.001)),
     LineConditions("no bunches, 100 ppm, 0.5 s stalls", 100.0, FaultParams(stall_per_s=0.1)),
+    LineConditions(
+        "16 ms bunches, 50 ppm, host wakes 5 ms late", 50.0, FaultParams(bunch_s=0.016), wake_s=0.005
+    ),
+    LineConditions("the same, clock 1 % fast", -10_000.0, FaultParams(bunch_s=0.016), wake_s=0.005),
 )
 
 
@@ -109,7 +114,8 @@ def timing(
     layout = load_layout("board-v1")
     # The board starts on a hand-over of the adapter, so only what follows sets the phase of scans against
     # bunches: steps of the multiplexer that differ by up to 36 x 140 us cover any lattice.
-    step_s = float(np.random.default_rng(seed).uniform(60e-6, 200e-6))
+    rng = np.random.default_rng(seed)
+    step_s = float(rng.uniform(60e-6, 200e-6))
     scans: list[ScanTruth] = []
     board = EmulatedBoardParams(
         drift_ppm=line.drift_ppm,
@@ -126,8 +132,9 @@ def timing(
     decoder, encoder, assembler = Decoder(layout), Encoder(layout), Assembler(layout)
     pinging = Pinging(pings)
     blocks: list[ScanBlock] = []
-    token, end_s = 1, _ORIGIN_S + duration_s
-    while (now_s := min(port.next_deadline_s(), pinging.due_s)) <= end_s:
+    token, now_s, end_s = 1, _ORIGIN_S, _ORIGIN_S + duration_s
+    while (due_s := max(min(port.next_deadline_s(), pinging.due_s), now_s)) <= end_s:
+        now_s = due_s + float(rng.exponential(line.wake_s))
         for arrival in port.advance(now_s):
             if not port.board.running:
                 port.receive(encoder.encode(Command("start", 0)), now_s)

@@ -279,6 +279,8 @@ class Assembler:
 
         A board that was switched off and on may have counters that fit those before, as if its scans had
         waited on the line: they count as late. The next answer decides, as it cannot be older than its ping.
+        A board is another run only where its scans and the answer are late alike: counters that go on are no
+        restart, however the host stalled.
         """
         self.other("acknowledge")
         if answer.command != "ping" or answer.result != "ok":
@@ -291,7 +293,9 @@ class Assembler:
             return
         # Ping and answer occupy the line; ticks give the beginning of a tick, not the time within it.
         earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
-        if not self._is_confirmed and self._fit.is_behind(board_s, earliest_s):
+        late_after_s = self._params.late_after_s
+        is_late = self._counter.waited_s > late_after_s
+        if not self._is_confirmed and is_late and self._fit.is_behind(board_s, earliest_s - late_after_s):
             self._count(restarts=1)
             self._new_run("restart")
             return
@@ -337,6 +341,7 @@ class Assembler:
         age_s = now_s - time_s
         # An instant in the future is wrong, and the scan is as unfit to act on as a late one.
         fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
+        counter.waited_s = max(age_s, 0.0)
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
         self._rows.append(_Row(scan, time_s, sd_s, self._live and not fresh))

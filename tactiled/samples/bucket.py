@@ -74,11 +74,11 @@ class Bucket:
         """Number of arrivals kept, at most `SLOTS`."""
         return len(self._kept)
 
-    def is_answered(self, handover_s: float | None, wait_before_s: float) -> bool:
-        """Return True where an answer to a ping gives a tighter lower bound than the reads."""
-        return self._answer is not None and self._answer > max(
-            self._handovers(handover_s, wait_before_s), default=(-math.inf, 0.0)
-        )
+    def is_answered(self, wait_before_s: float) -> bool:
+        """Return True where an answer to a ping bounds the delay as closely as the wait between two reads."""
+        if self._answer is None:
+            return False
+        return self._earliest[0] - self._answer[0] <= self.usual_wait_s(min(wait_before_s, UNKNOWN_WAIT_S))
 
     @property
     def newest_s(self) -> float:
@@ -143,10 +143,11 @@ class Bucket:
         wait_before_s : float
             Usual wait in the bucket before.
         is_pinged : bool
-            Answers to pings have shown bunching that the reads do not show, so that none is ruled out.
+            The board answers pings fast: they alone bound the delay from below. A read that a busy host does
+            late makes its hand-over look later than it was, and the bound too high.
         """
         least_s, board_s = self._earliest
-        lows = [] if handover_s == 0 else self._handovers(handover_s, wait_before_s)
+        lows = [] if handover_s == 0 or is_pinged else self._handovers(handover_s, wait_before_s)
         tightest = max(lows) if lows else (-math.inf, board_s)
         answer = self._answer
         if answer is not None and tightest < answer and handover_s != 0:

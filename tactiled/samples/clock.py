@@ -8,10 +8,11 @@ never before. Two crystals make the true relation a straight line, and no arriva
 second, the line is bounded to a band:
 
 - From above by the earliest arrival.
-- From below by the answers to pings, because the board read its clock after the host began to send.
-- From below, for boards that answer no pings, by the hand-over before: a frame that an adapter delivers now
-  was not complete then, 16 ms or 1 ms ago. Where reads end with frames and most delays are close to the
-  smallest, frames are not bunched, and the line is assumed close below the earliest arrival.
+- From below by the answers to pings, because the board read its clock after the host began to send. Nothing
+  else is a lower bound on a busy host.
+- From below, for boards that answer no pings or slowly, by the hand-over before: a frame that an adapter
+  delivers now was not complete then, 16 ms or 1 ms ago. Where reads end with frames and most delays are close
+  to the smallest, frames are not bunched, and the line is assumed close below the earliest arrival.
 
 `envelope.lines_through` computes the set of lines through all bands. A stall delays single arrivals, which
 does not change the bound; several arrivals far below the line mean that the board's clock stepped.
@@ -100,7 +101,7 @@ class ClockFit:
         self._lines: Lines | None = None
         self._drop = 0.0  # lowering of the line by arrivals since the last fit
         self._n_early = 0
-        self._is_pinged = False  # an answer to a ping has given a tighter bound than the reads
+        self._is_pinged = False  # pings are answered fast: reads bound no delay from below any more
         self._late_since_s: float | None = None
         self._wait_s = math.inf  # usual wait between hand-overs, as of the last bucket
 
@@ -197,11 +198,10 @@ class ClockFit:
         if low > height + gate_s or high < height - gate_s:
             return  # ticks of another clock than that of the scans
         self._bucket.answer(x, low, high)
-        if not self._is_pinged and self._bucket.is_answered(self.handover_s, self._wait_s):
+        if not self._is_pinged and self._bucket.is_answered(self._wait_s):
             self._is_pinged = True
             for k, band in enumerate(self._bands):
-                if band.is_assumed:
-                    self._bands[k] = band._replace(low=-math.inf)
+                self._bands[k] = band._replace(low=-math.inf)
 
     def time_of(self, board_s: float) -> tuple[float, float]:
         """Host instant of a board instant, and its standard deviation.

@@ -56,6 +56,8 @@ class ScanCounter:
         self._sequence_known = False
         self._ticks: int | None = None
         self._arrival_s = 0.0
+        self.waited_s = 0.0
+        """Time that the last scan had waited before it was handled: what follows may be so much newer."""
         self.board_s = 0.0
         """Board time of the last scan in seconds, unwrapped, zero at the first scan of the run."""
 
@@ -64,11 +66,16 @@ class ScanCounter:
         self._sequence_known = False
 
     def runs_on(self, ticks: int, now_s: float) -> bool:
-        """Return True when ticks read at `now_s` can belong to the run of the last scan."""
+        """Return True when ticks read at `now_s` can belong to the run of the last scan.
+
+        Behind the backlog of a stall, ticks may be ahead of the host by what the last scan had waited.
+        """
         if self._ticks is None or self._sequence is None:
             return True
         host_s = now_s - self._arrival_s
-        return abs(self._elapsed(ticks, host_s) - host_s) <= self.SLACK_S + self.SLACK_PART * host_s
+        ahead_s = self._elapsed(ticks, host_s + self.waited_s) - host_s
+        slack_s = self.SLACK_S + self.SLACK_PART * (host_s + self.waited_s)
+        return -slack_s <= ahead_s <= self.waited_s + slack_s
 
     @property
     def tick_s(self) -> float:
@@ -79,7 +86,7 @@ class ScanCounter:
         """Return the board time of ticks that were read between scans; None where they fit no known run."""
         if self._ticks is None or not self.runs_on(ticks, now_s):
             return None
-        return self.board_s + self._elapsed(ticks, now_s - self._arrival_s)
+        return self.board_s + self._elapsed(ticks, now_s - self._arrival_s + self.waited_s)
 
     def _elapsed(self, ticks: int, host_s: float) -> float:
         """Board seconds since the last scan: the value of the wrapped ticks that is nearest to host time."""

@@ -245,6 +245,18 @@ def test_with_pings_sigma_is_small_and_correct_for_any_adapter(
     assert np.sqrt(np.mean(sd_s**2)) < 0.3e-3
 
 
+@pytest.mark.parametrize("drift_ppm", [50.0, -10_000.0])
+def test_a_busy_host_does_not_make_sigma_smaller_than_the_error(drift_ppm: float) -> None:
+    """It reads 5 ms late on average, so that hand-overs look later than they were; pings bound both sides."""
+    line = LineConditions("test", drift_ppm, FaultParams(bunch_s=0.016), wake_s=0.005)
+    for seed in range(2):
+        error_s, sd_s = timing(line, seed, 40.0, pings=True)
+        errors = np.abs(error_s / sd_s)[1000:]
+        assert np.sqrt(np.mean(errors**2)) < 1.5
+        assert np.mean(errors > 5.0) == 0.0
+        assert np.median(sd_s[1000:]) < 0.3e-3
+
+
 def test_slow_answers_give_wide_but_correct_bounds() -> None:
     """100 ms from ping to tick: the line is as well known as without pings."""
     line = LineConditions("test", 5.0, FaultParams(bunch_s=0.016))

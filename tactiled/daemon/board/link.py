@@ -4,6 +4,7 @@ Every byte enters by `BoardLink.received`. The service, `tactiled doctor` and th
 real port and clock or with simulated ones.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -23,6 +24,9 @@ from tactiled.wire.layout import Layout
 # handled by the session instead, which asks the board every 0.2 s.
 SILENT_S = 3.0
 _SILENT_LONGEST_S = 60.0
+# `watch` is called ten times a second: after so long a pause this process slept, and not the port. What the
+# board sent meanwhile waits to be read, and would be lost with the port.
+_SLEPT_S = 2.0
 
 
 RecordRead = Callable[[bytes, Sequence[Output], float], None]
@@ -58,6 +62,7 @@ class BoardLink:
         self._load = HostLoad(turns or LoopTurns())
         self._line = line
         self._patience_s = SILENT_S
+        self._watched_s, self._awake_s = math.inf, -math.inf
 
     def opened(
         self, now_s: float, framing_errors: int | None = None, *, is_pty: bool = False
@@ -167,12 +172,15 @@ class BoardLink:
 
     def watch(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
         """Update the line diagnosis and act on passed deadlines; call it about ten times a second."""
+        if now_s > self._watched_s + _SLEPT_S:
+            self._awake_s = now_s
+        self._watched_s = now_s
         self._count(now_s, framing_errors)
         return self.session.tick(now_s)
 
     def dead_because(self, now_s: float) -> str:
         """Return the reason for closing and reopening a silent port, or an empty string."""
-        silent_s = now_s - self._line.byte_s
+        silent_s = now_s - max(self._line.byte_s, self._awake_s)
         if self.session.state == "no-device" or silent_s < self._patience_s:
             return ""
         self._patience_s = min(2 * self._patience_s, _SILENT_LONGEST_S)

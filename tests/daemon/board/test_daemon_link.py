@@ -241,6 +241,30 @@ def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
     assert (status.restarts, status.scans, status.scans_missing) == (0, 100, 350)
 
 
+@pytest.mark.parametrize("away_s", [0.483, 100.0])
+def test_a_stalled_host_is_no_restart_of_a_board_whose_counters_go_on(away_s: float) -> None:
+    """The queue of the port holds the first 0.4 s; then come a hello, an answer to a ping, and new scans."""
+    sim, link, events = SimBoard(), bare_link(), list[Event]()
+    encode, away_ticks = Encoder(LAYOUT).encode, round(away_s * 1e6)
+    link.opened(100.0)
+    link.received(encode(replace(sim.hello(), ticks=0)), 100.0, events.append)
+    for k in range(500):
+        link.received(stream(sim, 1, 10_000 * k), 100.015 + 0.01 * k, events.append)
+    link.watch(105.0)
+    link.watch(105.0 + away_s)
+    assert not link.dead_because(105.0 + away_s)  # this process slept, not the port
+    link.received(stream(sim, 40, 5_000_000), 105.0 + away_s, events.append)
+    link.sending(Command("ping", 1), 105.001 + away_s)
+    behind = encode(replace(sim.hello(), ticks=5_002_000 + away_ticks))
+    answer = encode(Acknowledge(1, "ping", "ok", ticks=5_004_000 + away_ticks))
+    link.received(behind + answer, 105.005 + away_s, events.append)
+    n_lost = round(100 * away_s) - 40 + 1
+    stream(sim, n_lost, 0)
+    link.received(stream(sim, 1, 5_010_000 + away_ticks), 105.025 + away_s, events.append)
+    status = link.status(105.03 + away_s, started_s=100.0, connects=1)
+    assert (status.restarts, status.scans, status.scans_missing) == (0, 541, n_lost)
+
+
 def test_another_board_on_the_port_is_not_a_restart_of_the_first() -> None:
     """The second has the boot count and the rate of the first, and another ADC: its volts are its own."""
     link, events = bare_link(), list[Event]()
