@@ -187,3 +187,54 @@ def test_a_client_of_a_service_that_leaves_ends_nothing(
         assert node.requests() == []
         time.sleep(0.02)
     assert not caplog.messages  # there is no request that anybody waits for
+
+
+def test_writers_keep_and_repeat_what_their_delivery_says(node: Node) -> None:
+    builtin: Any = importlib.import_module("cyclonedds.builtin")
+    policies: Any = importlib.import_module("cyclonedds.qos").Policy
+    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+    reader = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
+    deliveries: tuple[Any, ...] = ("sensor", "event", "latched", "repeated")
+    writers = [node.writer(f"/{name}", "builtin_interfaces/msg/Time", name) for name in deliveries]
+    found: dict[str, Any] = {}
+    until_s = time.monotonic() + PATIENCE_S
+    while not {f"rt/{name}" for name in deliveries} <= found.keys() and time.monotonic() < until_s:
+        found |= {each.topic_name: each.qos for each in reader.take(64)}
+        time.sleep(0.02)
+    reliable = policies.Reliability.Reliable(max_blocking_time=0)
+    kept = {"sensor": policies.Durability.Volatile, "event": policies.Durability.Volatile}
+    for name, writer in zip(deliveries, writers, strict=True):
+        qos = found[f"rt/{name}"]
+        wanted = policies.Reliability.BestEffort if name == "sensor" else reliable
+        assert type(qos[policies.Reliability]) is type(wanted)
+        assert qos[policies.Durability] == kept.get(name, policies.Durability.TransientLocal)
+        forever = importlib.import_module("cyclonedds.util").duration(infinite=True)
+        assert qos[policies.Lifespan].lifespan == (3_000_000_000 if name == "repeated" else forever)
+        assert writer.is_wanted is (name in ("latched", "repeated"))  # nobody listens yet
+
+
+def test_a_reply_has_the_id_of_its_request(node: Node) -> None:
+    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+    node.serve(TARE, "std_srvs/srv/Trigger")
+    requests = Requests()
+    kind = struct(
+        "std_srvs.srv", "Trigger_Response",
+        client=kinds.uint64, number=kinds.int64, success=bool, message=str,
+    )  # fmt: skip
+    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
+    topic = importlib.import_module("cyclonedds.topic").Topic(participant, f"rr{TARE}Reply", kind)
+    policies: Any = importlib.import_module("cyclonedds.qos")
+    reader = importlib.import_module("cyclonedds.sub").DataReader(
+        participant, topic, policies.Qos(policies.Policy.Reliability.Reliable(max_blocking_time=0))
+    )
+    assert matches(reader, "matched_pub")
+    requests.send(GOOD)
+    until_s = time.monotonic() + PATIENCE_S
+    replies: list[Any] = []
+    while not replies and time.monotonic() < until_s:
+        for request in node.requests():
+            node.reply(request, success=True, message="done")
+        replies = reader.take(1)
+        time.sleep(0.02)
+    (reply,) = replies
+    assert (reply.client, reply.number, reply.success, reply.message) == (7, 1, True, "done")

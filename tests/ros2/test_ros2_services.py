@@ -224,3 +224,42 @@ def test_a_board_without_a_status_publishes_nothing() -> None:
         assert (own <= sent) is bool(repeat), sent
         assert ("/tactile/A/wrench" in sent) is bool(repeat)
         bridge.take(LEFT, status("A"))
+
+
+def test_a_contact_ends_on_ros_when_its_daemon_falls_silent() -> None:
+    node = ServingNode()
+    bridge = Bridge(node, BridgeParams((LEFT,)), lambda _: None)  # type: ignore[arg-type]
+    bridge.take(LEFT, status("A"))
+
+    def contacts() -> list[tuple[str, bool]]:
+        return [(one["state"], one["valid"]) for topic, one in node.written if topic == "/tactile/A/contact"]
+
+    assert contacts() == [(STATUS.contact, True)]
+    run(bridge, lambda: len(contacts()) > 1)  # nothing more comes
+    assert contacts()[1] == ("unknown", False)
+
+
+def test_a_board_whose_name_is_taken_is_reported_while_it_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    node = ServingNode()
+    bridge = bridge_of(node)
+    bridge.take(RIGHT, status("A"))
+
+    def refused() -> list[str]:
+        bridge.diagnose()
+        return [entry["name"] for entry in node.written[-1][1]["status"] if "belongs" in entry["message"]]
+
+    assert refused() == [f"tactiled A ({RIGHT})"]
+    later_s = time.monotonic() + 1.1
+    monkeypatch.setattr(time, "monotonic", lambda: later_s)
+    assert refused() == []
+
+
+def test_diagnostics_come_from_the_start_and_every_second() -> None:
+    node = ServingNode()
+    bridge = bridge_of(node)
+    began_s = time.monotonic()
+    run(bridge, lambda: [topic for topic, _ in node.written].count("/diagnostics") == 2)
+    assert time.monotonic() - began_s >= 0.99
+    (_, first), (_, second) = [one for one in node.written if one[0] == "/diagnostics"]
+    assert {entry["name"] for entry in first["status"]} == {"tactiled A", "tactiled B"}
+    assert {entry["hardware_id"] for entry in second["status"]} == {"A", "B"}

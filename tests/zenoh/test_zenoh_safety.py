@@ -93,3 +93,47 @@ def test_without_a_file_nothing_is_searched_and_nothing_listens() -> None:
 def test_a_file_that_is_none_ends_in_its_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"missing\.json5"):
         bridge_config(tmp_path / "missing.json5", (), is_insecure=False)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"mode": "client", "listen": {"endpoints": ["tcp/0.0.0.0:7447"]}},  # a client listens nowhere
+        {"mode": "client", "connect": {"endpoints": ["tcp/127.0.0.1:7447", "tls/10.0.0.1:7447"]}},
+        {"mode": "client", "connect": {"endpoints": {"router": ["tcp/10.0.0.1:7447"], "client": []}}},
+    ],
+)
+def test_what_a_client_does_not_use_is_no_fault(document: dict[str, Any]) -> None:
+    assert faults({**document, "scouting": _QUIET}) == []
+
+
+def test_every_place_of_plaintext_is_named() -> None:
+    found = faults(
+        {
+            "mode": "router",
+            "listen": {"endpoints": ["tcp/127.0.0.1:1", "tcp/0.0.0.0:1", "tls/0.0.0.0:2"]},
+            "connect": {"endpoints": ["udp/10.0.0.1:3", "tls/10.0.0.1:4"]},
+            "transport": {"link": {"tls": {"verify_name_on_connect": False}}},
+            "scouting": {"multicast": {"enabled": True}},
+        }
+    )
+    assert [(fault.split(": ")[0], fault.split(": ")[1].split(" ")[0]) for fault in found] == [
+        ("listen/endpoints", "tcp/0.0.0.0:1"),
+        ("listen/endpoints", "tls/0.0.0.0:2"),
+        ("connect/endpoints", "udp/10.0.0.1:3"),
+        ("connect/endpoints", "tls/10.0.0.1:4"),
+        ("scouting/multicast/enabled", "any"),
+    ]
+    assert "verify_name_on_connect must not be false" in found[3]
+
+
+def test_routers_that_are_named_replace_those_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(json.dumps({"mode": "peer", "listen": {"endpoints": ["tcp/127.0.0.1:0"]}}))
+    config = bridge_config(file, ("tcp/[::1]:7447",), is_insecure=False)
+    assert json.loads(config.get_json("mode")) == "peer"
+    assert json.loads(config.get_json("connect/endpoints")) == ["tcp/[::1]:7447"]
+    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+    assert json.loads(config.get_json("transport/shared_memory/enabled")) is False
+    kept = bridge_config(file, (), is_insecure=False)
+    assert json.loads(kept.get_json("connect/endpoints")) != ["tcp/127.0.0.1:7447"]
