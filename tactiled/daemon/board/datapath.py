@@ -3,8 +3,8 @@
 The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
 lock in it, so the age of an event is that of its bytes plus the time of computing.
 
-After a scan was handed to ZeroMQ, the processor is offered to other threads once. Where no processor is idle,
-Linux would let ZeroMQ's thread and the subscriber begin when this thread waits, which is after the detectors.
+A scan leaves before the detectors run, and the processor is then offered to other threads once. Where no
+processor is idle, Linux would let the subscriber begin when this thread waits, which is after the detectors.
 """
 
 import asyncio
@@ -87,7 +87,7 @@ class DataPath:
         try:
             self.act(
                 self._link.received(
-                    data, now_s, self._outlets.publish, self._outlets.received, os.sched_yield
+                    data, now_s, self._outlets.publish, self._outlets.received, self._announced
                 )
             )
             end_s = time.monotonic()
@@ -125,6 +125,10 @@ class DataPath:
             self.close()
             if deadline_s < math.inf:
                 self._timer = asyncio.get_running_loop().call_at(deadline_s, self._deadline)
+
+    def _announced(self) -> None:
+        self._outlets.flush()
+        os.sched_yield()
 
     async def drain(self) -> None:
         """Stop the board, handle the scans that are still in transit, and report the port as lost."""

@@ -55,6 +55,10 @@ class Outlets:
         self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
         self.metrics.count(event, self._publisher.dropped[self._session.board_serial])
 
+    def flush(self) -> None:
+        """Send what was published in this turn of the event loop, ahead of its end."""
+        self._publisher.subscribers.flush()
+
     def publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""
         self.publish(event)

@@ -207,6 +207,13 @@ class PeerServer:
             ready_s = max(ready_s, loop.time() - _BURST * turn_s) + turn_s
             await asyncio.sleep(max(0.0, ready_s - loop.time()))
 
+    def flush(self) -> None:
+        """Send what was queued in this turn of the event loop; it is done at the end of the turn anyway."""
+        unsent, self._unsent = self._unsent, {}
+        for peer in unsent:
+            if not peer.is_blocked:
+                self._flush(peer)
+
     def close(self, linger_s: float = 0.0) -> None:
         """Send what waits, within `linger_s`; then close all connections."""
         for peer in self._peers():
@@ -240,7 +247,7 @@ class PeerServer:
         """Queue a message, which is sent at the end of this turn of the event loop with those that follow."""
         peer.add(message)
         if not self._unsent and self._loop is not None:
-            self._loop.call_soon(self._flush_all)
+            self._loop.call_soon(self.flush)
         self._unsent[peer] = None
 
     def _peers(self) -> list[Peer]:
@@ -340,12 +347,6 @@ class PeerServer:
 
     def _refuse(self, who: str, reason: str) -> None:
         self.refused.add(f"{who}: {reason}", time.monotonic())
-
-    def _flush_all(self) -> None:
-        unsent, self._unsent = self._unsent, {}
-        for peer in unsent:
-            if not peer.is_blocked:
-                self._flush(peer)
 
     def _flush(self, peer: Peer) -> None:
         """Send what can be sent now, and the rest when the kernel takes more."""

@@ -148,6 +148,19 @@ def test_a_suspended_subscriber_delays_nobody_and_wakes_to_the_newest_messages(i
     play(ipc, story)
 
 
+def test_a_flushed_message_leaves_while_the_event_loop_is_busy(ipc: str) -> None:
+    async def story(running: Running) -> None:
+        sub = running.subscriber()
+        await running.until_heard(sub)
+        running.send(scan(7))
+        running.publisher.subscribers.flush()
+        blocking: zmq.Socket[bytes] = zmq.Socket.shadow(sub.underlying)
+        assert blocking.poll(round(1000 * PATIENCE_S))  # nothing else runs in this process
+        assert msgpack.unpackb(blocking.recv_multipart()[1])["index"] == 7
+
+    play(ipc, story)
+
+
 def test_queued_events_leave_before_the_socket_closes(ipc: str) -> None:
     async def story(running: Running) -> None:
         sub = running.subscriber()
