@@ -53,9 +53,10 @@ NAMES = "compiled.h", "compiled.c", "compiled_readings.c", "compiled_contact.c",
 SOURCES, LIBRARY = tuple(f"tactiled/{name}" for name in NAMES), "tactiled/_compiled.so"
 # No fused multiply-add, which rounds otherwise than numpy; no errno, so that sqrt is one instruction; nobody
 # reads the flags of floating-point exceptions, so that a choice between two values needs no branch.
+# No array of variable length: on the stack of a thread, large arrays of sensors would crash the process.
 FLAGS = (
     *("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
-    *("-fvisibility=hidden", "-shared", "-fPIC"),
+    *("-fvisibility=hidden", "-shared", "-fPIC", "-Wvla", "-Werror=vla"),
 )
 
 

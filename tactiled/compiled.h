@@ -40,6 +40,10 @@ static inline real dot(ptrdiff_t n, const real *a, const real *b)
     return sum;
 }
 
+/* Octets of n reals, or of n numbers of the same size. Nothing here has an array of variable length: a thread may have a
+ * stack of 128 kB, and an array 4096 taxels. What a function needs is in the block that its object was made in. */
+static inline size_t octets(ptrdiff_t n) { return (size_t)n * sizeof(real); }
+
 /* Number of reals that so many octets take, and the next n reals of a block; NULL where there is no block yet. */
 static inline ptrdiff_t reals(size_t octets) { return (ptrdiff_t)((octets + sizeof(real) - 1) / sizeof(real)); }
 static inline void *place(real *block, ptrdiff_t *at, ptrdiff_t n)
@@ -84,11 +88,15 @@ enum { KINDS = 5 }; /* of nuisances: gains of shear along x and y, softening, of
 enum { COVS = KINDS * (KINDS + 1) / 2 }; /* entries of the lower half of their covariance, and the place of one */
 #define COV(a, b) ((a) > (b) ? (a) * ((a) + 1) / 2 + (b) : (b) * ((b) + 1) / 2 + (a))
 
+/* Reals of scratch that `wander_odds` and `share_likelihoods` need. */
+#define WANDER_WORK(m, n) (2 * (n) * (2 * PATTERNS + 2 + (m)) + (PATTERNS + 2) * (m))
+#define SHARES_WORK(m, n) (3 * (n) + (KINDS + 3) * (m) * (n))
+
 void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met, real *penalty,
-          real ratio, real before, real level, real step_s);
+          real ratio, real before, real level, real step_s, real *work);
 int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
               const real *weights, const real *met, const real *sticking, const real *area, real size, real growth,
-              real rate_sd, int is_fresh, int was_gross, real *out);
+              real rate_sd, int is_fresh, int was_gross, real *out, real *work);
 void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
                  const real *x, const real *y, real *measured, real *predicted, real *work, const real *shear,
                  const real *expected, real whole, const real *load, const real *stiffness, real *odds,
@@ -96,7 +104,7 @@ void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const s
 void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
                        const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
                        const real *borne, const real *load, real *out, real size, real noise_sd, real unexplained,
-                       real temper);
+                       real temper, real *work);
 void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, const real *friction, const real *x,
                    const real *y, const real *rings, const real *limits, real *force, real *sums, real *work,
                    ptrdiff_t n_steps, const real *load, const real *stiffness, const real *target);

@@ -19,7 +19,7 @@ static void append(struct window *window, real value)
         window->begin++;
     if (window->end == window->room) {
         window->end -= window->begin;
-        memmove(window->values, window->values + window->begin, sizeof(real[window->end]));
+        memmove(window->values, window->values + window->begin, octets(window->end));
         window->begin = 0;
     }
     window->values[window->end++] = value;
@@ -114,9 +114,9 @@ static real density(real value, const real *normal)
     return exp(-0.5 * (z * z)) / normal[1];
 }
 
-/* Log odds of a growth (n) from half of the level; NaN while the ratio does not stay. */
+/* Log odds of a growth (n) from half of the level; NaN while the ratio does not stay. `total` (n + 1) is scratch. */
 static real odds_of_growth(const struct growth_numbers *with, ptrdiff_t n, const real *rise, real level, real size_sd,
-                           real step_s)
+                           real step_s, real *total)
 {
     const real half = step_s * crossing(n, rise, with->half * level);
     const real slows = step_s * crossing(n, rise, with->slows * level);
@@ -127,7 +127,7 @@ static real odds_of_growth(const struct growth_numbers *with, ptrdiff_t n, const
     const real averaged = at_least(ceil(noise * noise), 1);
     if (stayed_s < at_least(at_least(averaged, 2) * step_s, took_s))
         return NAN;
-    real largest = -INFINITY, largest_mean = -INFINITY, mean = 0, total[n + 1];
+    real largest = -INFINITY, largest_mean = -INFINITY, mean = 0;
     total[0] = 0;
     for (ptrdiff_t k = 0; k < n; k++) {
         largest = at_least(rise[k], largest);
@@ -151,7 +151,8 @@ static real odds_of_growth(const struct growth_numbers *with, ptrdiff_t n, const
 }
 
 /* Log odds of sliding that are new: `GrowthEvidence.log_odds`. */
-static real growth_odds(const struct growth_numbers *with, struct growth *growth, real size_sd, real step_s)
+static real growth_odds(const struct growth_numbers *with, struct growth *growth, real size_sd, real step_s,
+                        real *work)
 {
     const ptrdiff_t n = count(&growth->sizes);
     if (n == 0)
@@ -163,7 +164,7 @@ static real growth_odds(const struct growth_numbers *with, struct growth *growth
         below--;
     if (below < 0 || level < at_least(size_sd / with->noisy, with->least))
         return 0;
-    const real found = odds_of_growth(with, n - below, sizes + below, level, size_sd, step_s);
+    const real found = odds_of_growth(with, n - below, sizes + below, level, size_sd, step_s, work);
     if (isnan(found))
         return 0;
     if (growth->n - n + below >= growth->taken_at) {
@@ -186,11 +187,11 @@ struct places {
     ptrdiff_t n;
 };
 
-/* Set the spread of the nuisances, from how uneven the loads are: `ShareEvidence._begin`. */
+/* Set the spread of the nuisances, from how uneven the loads are: `ShareEvidence._begin`. `logs` (taxels) is scratch. */
 static void begin_shares(const struct places_numbers *with, struct places *shares, ptrdiff_t hypotheses,
-                         ptrdiff_t taxels, const real *part_of_load)
+                         ptrdiff_t taxels, const real *part_of_load, real *logs)
 {
-    real logs[taxels], mean = 0, square = 0, spread = with->unlike;
+    real mean = 0, square = 0, spread = with->unlike;
     ptrdiff_t n = 0;
     for (ptrdiff_t t = 0; t < taxels; t++)
         if (part_of_load[t] > with->loaded)
@@ -267,6 +268,7 @@ struct contact {
     real *force, *sums, *measured, *predicted, *expected, *work;
     real *odds, *sticking, *area; /* by hypothesis */
     real *part;                   /* of the load, by taxel */
+    real *smooth, *smooth_shear, *load, *stiffness, *over_mean, *sizes, *likely; /* of one look */
 };
 
 /* Totals (3) of shears (2, taxels): sums along x and y, and moment. */
@@ -306,7 +308,7 @@ API void tactiled_model_follow(struct contact *c, real whole, real noise_sd, rea
     const real borne = at_least(trend->size - c->with->surely * offset_sd, 0), before = c->borne;
     c->borne = at_most(borne / c->with->bear.fallen, at_least(borne, before));
     bear(c->hypotheses, c->with->bear.numbers, c->log_friction, c->weights, c->met, c->penalty, borne, before,
-         c->borne, step_s);
+         c->borne, step_s, c->work);
     take_size(&c->with->growth, &c->growth, length(ratio), step_s);
     c->scan_s = step_s;
     c->noise_sd = noise_sd;
@@ -339,12 +341,11 @@ static void take_sliding(struct contact *c, real log_odds)
         c->weights[j] /= sum;
 }
 
-/* Let friction change, with rates (2, n - 1): `FrictionPosterior._diffuse`. */
-static void diffuse(ptrdiff_t n, real *weights, const real *rates, real part)
+/* Let friction change, with rates (2, n - 1): `FrictionPosterior._diffuse`. `flow` (n) is scratch. */
+static void diffuse(ptrdiff_t n, real *weights, const real *rates, real part, real *flow)
 {
     const real steps = at_least(rint(part / 0.25), 1);
     for (real step = 0; step < steps; step++) {
-        real flow[n];
         for (ptrdiff_t j = 0; j < n - 1; j++)
             flow[j] = part / steps * (rates[n - 1 + j] * weights[j + 1] - rates[j] * weights[j]);
         for (ptrdiff_t j = 0; j < n - 1; j++)
@@ -365,29 +366,29 @@ static void take_shares(struct contact *c, const real *shear, const real *predic
     const ptrdiff_t n = c->taxels, m = c->hypotheses;
     struct places *shares = &c->shares;
     const real size = length(ratio);
-    real found[m];
     shares->largest = at_least(size, shares->largest);
     if (size < with->least_ratio || size < with->noises * noise_sd / sqrt((real)n) ||
         size < with->grown * shares->largest)
         return;
     if (shares->uneven == 0)
-        begin_shares(with, shares, m, n, part_of_load);
+        begin_shares(with, shares, m, n, part_of_load, c->work);
     const real misfit = with->misfit * shares->uneven * size, unexplained = misfit * misfit;
     const real temper = look_weight(with, shares, ratio, size, noise_sd, unexplained);
     if (temper == 0)
         return;
     share_likelihoods(m, n, &with->shares, c->friction, shares->nuisance, shares->cov, shear, predicted, borne,
-                      part_of_load, found, size, noise_sd, unexplained, temper);
-    weigh(m, c->weights, found);
+                      part_of_load, c->likely, size, noise_sd, unexplained, temper, c->work);
+    weigh(m, c->weights, c->likely);
 }
 
-/* Lengths (hypotheses) of the totals of the forces of the taxels, and the shares of the area that slip. */
+/* Lengths (hypotheses) of the totals of the forces of the taxels, and the shares of the area that slip. `work`
+ * (4, hypotheses) is scratch. */
 static WIDE void total_forces(ptrdiff_t taxels, ptrdiff_t hypotheses, const real *restrict x, const real *restrict y,
                               const real *restrict part, const real *restrict sums, real *restrict size,
-                              real *restrict area)
+                              real *restrict area, real *restrict work)
 {
     const ptrdiff_t n = taxels, m = hypotheses, all = n * m;
-    real total_x[m], total_y[m], turned_x[m], turned_y[m];
+    real *total_x = work, *total_y = work + m, *turned_x = work + 2 * m, *turned_y = work + 3 * m;
     for (ptrdiff_t j = 0; j < m; j++)
         total_x[j] = total_y[j] = turned_x[j] = turned_y[j] = area[j] = 0;
     for (ptrdiff_t t = 0; t < n; t++)
@@ -412,8 +413,9 @@ API void tactiled_model_look(struct contact *c, ptrdiff_t n_taps, const real *ta
 {
     const struct contact_numbers *with = c->with;
     const ptrdiff_t n = c->taxels, m = c->hypotheses, all = n * m;
-    real smooth[3 * n], shear[2 * n], load[n], stiffness[n], over_mean[3 * n], total[3], ratio[3], borne[m];
-    memset(smooth, 0, sizeof smooth);
+    real *smooth = c->smooth, *shear = c->smooth_shear, *load = c->load, *stiffness = c->stiffness;
+    real *over_mean = c->over_mean, *borne = c->sizes, total[3], ratio[3];
+    memset(smooth, 0, octets(3 * n));
     for (ptrdiff_t k = n_taps - 1; k >= 0; k--)
         for (ptrdiff_t i = 0; i < 3 * n; i++)
             smooth[i] += taps[k] * c->newest[i - 3 * n * k];
@@ -444,19 +446,19 @@ API void tactiled_model_look(struct contact *c, ptrdiff_t n_taps, const real *ta
     }
     for (int k = 0; k < 3; k++)
         ratio[k] = total[k] / whole;
-    total_forces(n, m, c->x, c->y, c->part, c->sums, borne, c->area);
+    total_forces(n, m, c->x, c->y, c->part, c->sums, borne, c->area, c->work);
     for (ptrdiff_t j = 0; j < m; j++)
         borne[j] /= whole;
     take_shares(c, over_mean + n, c->expected, borne, over_mean, ratio, noise_sd / mean);
 
-    memset(c->odds, 0, sizeof(real[m]));
+    memset(c->odds, 0, octets(m));
     c->n_looks++;
     wander_odds(m, n, c->half, &with->wander, c->x, c->y, c->measured, c->predicted, c->work, shear, c->sums, whole,
                 c->part, stiffness, c->odds, noise_sd / whole, c->n_looks >= 2 * c->half && 2 * n > PATTERNS);
-    const real grew = growth_odds(&with->growth, &c->growth, c->noise_sd, c->scan_s);
+    const real grew = growth_odds(&with->growth, &c->growth, c->noise_sd, c->scan_s, c->work);
     if (grew != 0)
         take_sliding(c, grew);
-    diffuse(m, c->weights, c->walk_rates, with->diffusion * step_s);
+    diffuse(m, c->weights, c->walk_rates, with->diffusion * step_s, c->work);
     for (ptrdiff_t j = 0; j < m; j++)
         c->sticking[j] = exp(-c->odds[j]);
 }
@@ -467,7 +469,7 @@ API void tactiled_model_grip(struct contact *c)
     const struct trend *trend = &c->trend;
     c->seen.is_gross = posterior(c->hypotheses, &c->with->grip, c->friction, c->log_friction, c->weights, c->met,
                                  c->sticking, c->area, trend->size, trend->growth, trend->rate_sd,
-                                 (int)trend->is_fresh, c->seen.is_gross > 0, c->seen.posterior);
+                                 (int)trend->is_fresh, c->seen.is_gross > 0, c->seen.posterior, c->work);
     c->seen.is_unloading = trend->growth < -2 * trend->rate_sd;
     c->seen.log_odds = dot(c->hypotheses, c->weights, c->odds);
 }
@@ -530,11 +532,23 @@ API ptrdiff_t tactiled_model(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n
     begun.measured = place(block, &at, 4 * half * n);
     begun.predicted = place(block, &at, 4 * half * all);
     begun.expected = place(block, &at, 2 * all);
-    begun.work = place(block, &at, 2 * n * (PATTERNS + 2 + m) + 12 * m);
+    /* Whoever needs scratch begins at its front, so that it has the room of the largest. */
+    ptrdiff_t room = begun.growth.sizes.room + 1;
+    const ptrdiff_t others[] = {WANDER_WORK(m, n), SHARES_WORK(m, n), 12 * m, n};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        room = others[i] > room ? others[i] : room;
+    begun.work = place(block, &at, room);
     begun.odds = place(block, &at, m);
     begun.sticking = place(block, &at, m);
     begun.area = place(block, &at, m);
     begun.part = place(block, &at, n);
+    begun.smooth = place(block, &at, 3 * n);
+    begun.smooth_shear = place(block, &at, 2 * n);
+    begun.load = place(block, &at, n);
+    begun.stiffness = place(block, &at, n);
+    begun.over_mean = place(block, &at, 3 * n);
+    begun.sizes = place(block, &at, m);
+    begun.likely = place(block, &at, m);
     if (block) {
         for (ptrdiff_t i = 0; i < 3 * n_places; i++)
             begun.shares.places[i] = INFINITY;

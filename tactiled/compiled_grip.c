@@ -13,15 +13,15 @@
 /* ---- friction and forecast (tactiled.detect.grip.friction, .forecast, .model) ---------------------------------- */
 
 /* Take the ratio that the contact bears, and the largest one since it fell, before and now: `FrictionPosterior.bear`.
- * weights, met and penalty (n) are kept.
+ * weights, met and penalty (n) are kept; `work` (n) is scratch.
  * `numbers`: least ratio, log of the ratio at the limit, logs over which it is met, log of the kinetic part, mean
  * duration of sliding, spread of the excess. */
 void bear(ptrdiff_t n, const real *numbers, const real *log_friction, real *weights, real *met, real *penalty,
-          real ratio, real before, real level, real step_s)
+          real ratio, real before, real level, real step_s, real *work)
 {
     const real log_ratio = log(at_least(ratio, numbers[0])), kept = exp(-step_s / numbers[4]);
     const real log_before = log(at_least(before, numbers[0])), log_level = log(at_least(level, numbers[0]));
-    real most = -INFINITY, sum = 0, found[n];
+    real most = -INFINITY, sum = 0, *found = work;
     int refutes = 0;
     for (ptrdiff_t j = 0; j < n; j++) {
         real above = log_ratio - log_friction[j], excess = at_least(above, 0) / numbers[5];
@@ -54,13 +54,13 @@ static real log_quantile(ptrdiff_t n, const real *weights, real part, real lowes
     return lowest + cell * ((real)j + (wanted - below) / at_least(weights[j], 1e-300));
 }
 
-/* Posterior after a scan: `ContactModel.grip`. weights, met, sticking and area (n). out (12): utilisation,
+/* Posterior after a scan: `ContactModel.grip`. weights, met, sticking and area (n); `work` (2, n) is scratch. out (12): utilisation,
  * friction, p_gross (three each), slipping share, p_sliding, p_incipient. Returns whether all slides. */
 int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction, const real *log_friction,
               const real *weights, const real *met, const real *sticking, const real *area, real size, real growth,
-              real rate_sd, int is_fresh, int was_gross, real *out)
+              real rate_sd, int is_fresh, int was_gross, real *out, real *work)
 {
-    real sticks[n], holds[n], slow[THREE], sliding = 0, stuck = 0, slides = 0, slipping = 0, incipient = 0;
+    real *sticks = work, *holds = work + n, slow[THREE], sliding = 0, stuck = 0, slides = 0, slipping = 0, incipient = 0;
     const real log_ratio = log(at_least(size, with->least_logged)), scale = at_least(size, with->least_ratio);
     for (ptrdiff_t j = 0; j < n; j++) {
         holds[j] = weights[j] * (1 - met[j]);
@@ -110,11 +110,11 @@ int posterior(ptrdiff_t n, const struct grip_numbers *with, const real *friction
 
 /* ---- changes of the shares (tactiled.detect.grip.wander) ------------------------------------------------------ */
 
-/* Part of values (n) in an orthonormal basis (k, n). */
+/* Part of values (n) in an orthonormal basis (k, n) of at most `PATTERNS` vectors. */
 static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const real *restrict values,
                     real *restrict out)
 {
-    real along[k + 1];
+    real along[PATTERNS];
     for (ptrdiff_t b = 0; b < k; b++)
         along[b] = dot(n, basis + b * n, values);
     for (ptrdiff_t i = 0; i < n; i++) {
@@ -128,7 +128,7 @@ static void project(ptrdiff_t n, ptrdiff_t k, const real *restrict basis, const 
 /* Log odds (hypotheses) of sliding from the changes of the shares: `ShareWander.log_odds`.
  *
  * measured (2 half, 2 taxels) and predicted (2 half, 2 taxels, hypotheses) of the looks so far are kept; `work`
- * (10 + hypotheses, 2 taxels) is scratch. shear (2, taxels), expected (2, taxels, hypotheses) and the `whole`
+ * (`WANDER_WORK`) is scratch. shear (2, taxels), expected (2, taxels, hypotheses) and the `whole`
  * load are those of this look; load and stiffness (taxels) are over it. `odds` stay as they are unless the looks
  * `can_tell`. */
 void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const struct wander_numbers *with,
@@ -138,8 +138,10 @@ void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const s
 {
     const ptrdiff_t n = 2 * taxels, all = n * hypotheses, looks = 2 * half;
     real *basis = work, *change = work + PATTERNS * n, *part = change + n, *rest = part + n;
-    memmove(measured, measured + n, sizeof(real[(looks - 1) * n]));
-    memmove(predicted, predicted + all, sizeof(real[(looks - 1) * all]));
+    real *pattern = rest + all, *along = pattern + PATTERNS * n, *square = along + PATTERNS * hypotheses;
+    real *in_basis = square + hypotheses;
+    memmove(measured, measured + n, octets((looks - 1) * n));
+    memmove(predicted, predicted + all, octets((looks - 1) * all));
     for (ptrdiff_t i = 0; i < n; i++)
         measured[(looks - 1) * n + i] = shear[i] / whole;
     real *newest = predicted + (looks - 1) * all;
@@ -148,27 +150,31 @@ void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const s
     if (!can_tell)
         return;
 
-    real pattern[PATTERNS][n];
-    memset(pattern, 0, sizeof pattern);
+    memset(pattern, 0, octets(PATTERNS * n));
     for (ptrdiff_t t = 0; t < taxels; t++) {
+        real *x_of[PATTERNS], *y_of[PATTERNS];
+        for (int p = 0; p < PATTERNS; p++) {
+            x_of[p] = pattern + p * n + t;
+            y_of[p] = x_of[p] + taxels;
+        }
         real before_x = 0, before_y = 0;
         for (ptrdiff_t i = 0; i < half; i++) {
             before_x += measured[i * n + t];
             before_y += measured[i * n + taxels + t];
         }
-        pattern[0][t] = pattern[2][taxels + t] = load[t];
-        pattern[1][t] = pattern[3][taxels + t] = stiffness[t];
-        pattern[4][t] = -y[t] * stiffness[t];
-        pattern[4][taxels + t] = x[t] * stiffness[t];
-        pattern[5][t] = -y[t] * load[t];
-        pattern[5][taxels + t] = x[t] * load[t];
-        pattern[6][t] = pattern[7][taxels + t] = before_x / (real)half;
-        pattern[6][taxels + t] = before_y / (real)half;
-        pattern[7][t] = -(before_y / (real)half);
+        *x_of[0] = *y_of[2] = load[t];
+        *x_of[1] = *y_of[3] = stiffness[t];
+        *x_of[4] = -y[t] * stiffness[t];
+        *y_of[4] = x[t] * stiffness[t];
+        *x_of[5] = -y[t] * load[t];
+        *y_of[5] = x[t] * load[t];
+        *x_of[6] = *y_of[7] = before_x / (real)half;
+        *y_of[6] = before_y / (real)half;
+        *x_of[7] = -(before_y / (real)half);
     }
     ptrdiff_t rank = 0;
     for (int p = 0; p < PATTERNS; p++) {
-        real *row = pattern[p], size = at_least(sqrt(dot(n, row, row)), with->least_norm);
+        real *row = pattern + p * n, size = at_least(sqrt(dot(n, row, row)), with->least_norm);
         for (ptrdiff_t i = 0; i < n; i++)
             row[i] /= size;
         for (int twice = 0; twice < 2; twice++) {
@@ -185,8 +191,8 @@ void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const s
     }
 
     const real weight = 1 / (real)half;
-    memset(change, 0, sizeof(real[n]));
-    memset(rest, 0, sizeof(real[all]));
+    memset(change, 0, octets(n));
+    memset(rest, 0, octets(all));
     for (ptrdiff_t k = 0; k < looks; k++) {
         real haar = k < half ? -weight : weight;
         for (ptrdiff_t i = 0; i < n; i++)
@@ -200,19 +206,17 @@ void wander_odds(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t half, const s
     project(n, rank, basis, change, part);
     real explained = with->leak * with->leak * (dot(n, part, part) / (real)n);
     real variance = 2 * (noise_sd * noise_sd) / (real)half + explained + with->least_variance;
-    real along[rank + 1][hypotheses], square[hypotheses];
-    memset(along, 0, sizeof along);
-    memset(square, 0, sizeof square);
+    memset(along, 0, octets(rank * hypotheses));
+    memset(square, 0, octets(hypotheses));
     for (ptrdiff_t b = 0; b < rank; b++)
         for (ptrdiff_t i = 0; i < n; i++)
             for (ptrdiff_t j = 0; j < hypotheses; j++)
-                along[b][j] += basis[b * n + i] * rest[i * hypotheses + j];
+                along[b * hypotheses + j] += basis[b * n + i] * rest[i * hypotheses + j];
     for (ptrdiff_t i = 0; i < n; i++) {
-        real in_basis[hypotheses];
-        memset(in_basis, 0, sizeof in_basis);
+        memset(in_basis, 0, octets(hypotheses));
         for (ptrdiff_t b = 0; b < rank; b++)
             for (ptrdiff_t j = 0; j < hypotheses; j++)
-                in_basis[j] += along[b][j] * basis[b * n + i];
+                in_basis[j] += along[b * hypotheses + j] * basis[b * n + i];
         for (ptrdiff_t j = 0; j < hypotheses; j++) {
             real left = rest[i * hypotheses + j] - in_basis[j];
             square[j] += left * left;
@@ -299,15 +303,15 @@ static WIDE void learn(ptrdiff_t taxels, const struct shares_numbers *with, real
  *
  * nuisance (hypotheses, 5, taxels) and the lower half of their covariance (hypotheses, 15, taxels) are kept, so that
  * what is read together lies together. shear (2, taxels), predicted (2, hypotheses, taxels), borne (hypotheses), load
- * (taxels). */
+ * (taxels). `work` (`SHARES_WORK`) is scratch. */
 void share_likelihoods(ptrdiff_t hypotheses, ptrdiff_t taxels, const struct shares_numbers *with,
                        const real *friction, real *nuisance, real *cov, const real *shear, const real *predicted,
                        const real *borne, const real *load, real *out, real size, real noise_sd, real unexplained,
-                       real temper)
+                       real temper, real *work)
 {
     const ptrdiff_t all = hypotheses * taxels;
-    real force[taxels], used[taxels], root[taxels], least = INFINITY;
-    real residual[all], known[all], variance[all], spread[KINDS * all];
+    real *force = work, *used = force + taxels, *root = used + taxels, least = INFINITY;
+    real *residual = root + taxels, *known = residual + all, *variance = known + all, *spread = variance + all;
     for (ptrdiff_t j = 0; j < hypotheses; j++) {
         const ptrdiff_t at = j * taxels;
         const real *x = predicted + at, *y = x + all;
@@ -438,9 +442,9 @@ void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, co
     real farthest = 0;
     for (ptrdiff_t t = 0; t < taxels; t++)
         farthest = at_least(load[t] / at_least(stiffness[t], tiny), farthest);
-    memset(work, 0, sizeof(real[9 * n]));
+    memset(work, 0, octets(9 * n));
     for (ptrdiff_t step = 0;; step++) {
-        memset(sums, 0, sizeof(real[3 * all]));
+        memset(sums, 0, octets(3 * all));
         for (ptrdiff_t t = 0; t < taxels; t++) {
             displace(n, friction, load[t], x[t], y[t], shift_x, shift_y, turn, bound, step_x, step_y);
             for (ptrdiff_t r = 0; r < n_rings; r++)
@@ -450,7 +454,7 @@ void advance_rings(ptrdiff_t hypotheses, ptrdiff_t taxels, ptrdiff_t n_rings, co
         }
         if (step == n_steps)
             return;
-        memset(work, 0, sizeof(real[9 * n]));
+        memset(work, 0, octets(9 * n));
         for (ptrdiff_t t = 0; t < taxels; t++)
             add_taxel(n, stiffness[t], floor, tiny, x[t], y[t], sum_x + t * n, sum_y + t * n, sticking + t * n,
                       shift_x, shift_y, turn, k);

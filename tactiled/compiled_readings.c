@@ -155,6 +155,9 @@ struct readings {
     int64_t *run, *n_turns;
     flag *turns, *noisy, *stayed;
     int64_t *n_good, *n_bad; /* readings of each channel without a break */
+    /* of one scan */
+    real *readings, *pressed, *remainder, *details, *bent, *change, *usual;
+    flag *ok, *stuck, *jumped, *jumps, *is_taken, *is_loaded, *was_relieved;
 };
 
 /* Find the channels whose readings jump, or did so one scan before: `JumpGate.take`, or its `skip` where jumps cannot
@@ -164,8 +167,9 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
     const struct readings_numbers *with = r->with;
     const ptrdiff_t channels = r->channels, taxels = r->taxels;
     const real *load = r->history + (r->n_history - 1) * 3 * taxels; /* of the scan before */
-    real change[channels], usual[taxels], largest = 0, heaviest = load[0], sum = 0;
-    int is_loaded[taxels], any = 0;
+    real *change = r->change, *usual = r->usual, largest = 0, heaviest = load[0], sum = 0;
+    flag *is_loaded = r->is_loaded, *jumps = r->jumps;
+    int any = 0;
     ptrdiff_t n_loaded = 0, n_struck = 0;
     for (ptrdiff_t c = 0; c < channels; c++) {
         change[c] = fabs(readings[c] - r->accepted[c]);
@@ -177,7 +181,7 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
     }
     const real least = with->jump.least * sum / (real)taxels;
     if (!is_pressed || (!r->is_out && largest <= least)) {
-        memcpy(r->accepted, readings, sizeof(real[channels]));
+        memcpy(r->accepted, readings, octets(channels));
         r->is_out = 0;
         return;
     }
@@ -194,8 +198,7 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
             usual[at] = usual[at - 1];
         usual[at] = moved;
     }
-    flag jumps[channels];
-    memset(jumps, 0, sizeof jumps);
+    memset(jumps, 0, (size_t)channels);
     if ((real)n_loaded >= with->jump.fewest) {
         real median = (usual[(n_loaded - 1) / 2] + usual[n_loaded / 2]) / 2;
         real from = at_least(with->jump.times * median, least);
@@ -208,7 +211,7 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
             n_struck += is_struck && is_loaded[t];
         }
         if ((real)n_struck > with->jump.most * (real)n_loaded)
-            memset(jumps, 0, sizeof jumps);
+            memset(jumps, 0, (size_t)channels);
     }
     for (ptrdiff_t c = 0; c < channels; c++) {
         jumped[c] = jumps[c] || (r->is_out && r->out[c]);
@@ -216,7 +219,7 @@ static void find_jumps(struct readings *r, const real *readings, int is_pressed,
         if (!jumps[c])
             r->accepted[c] = readings[c];
     }
-    memcpy(r->out, jumps, sizeof jumps);
+    memcpy(r->out, jumps, (size_t)channels);
     r->is_out = any;
 }
 
@@ -228,16 +231,16 @@ static const real *next_steps(struct readings *r, flag *ok, flag *stuck)
     const ptrdiff_t channels = r->channels;
     if (r->row == r->n_rows) {
         r->row = r->border;
-        memmove(r->rows, r->rows + (r->n_rows - r->border) * channels, sizeof(real[r->border * channels]));
+        memmove(r->rows, r->rows + (r->n_rows - r->border) * channels, octets(r->border * channels));
     }
     real *steps = r->rows + r->row++ * channels;
     tactiled_hold(channels, with->limit, 1 / with->volts_per_step, r->held, 1, r->volts, r->valid, steps, ok);
     if (!r->is_begun)
         for (ptrdiff_t i = 1; i <= r->border; i++)
-            memcpy(steps - i * channels, steps, sizeof(real[channels]));
+            memcpy(steps - i * channels, steps, octets(channels));
     if (!r->is_stuck_begun) {
         r->is_stuck_begun = 1;
-        memcpy(r->stuck_last, steps, sizeof(real[channels]));
+        memcpy(r->stuck_last, steps, octets(channels));
         for (ptrdiff_t i = 0; i < channels * r->sides; i++)
             r->began[i] = steps[array->others[i]] * array->sign[array->others[i]];
     }
@@ -290,11 +293,11 @@ static void respond(struct readings *r, const real *pressed, const real *remaind
 {
     const struct readings_arrays *array = r->array;
     const ptrdiff_t taxels = r->taxels, row = 3 * taxels, last = r->n_history - 1;
-    real *response = r->history + last * row, bent[row], load = 0, square = 0;
-    flag was_relieved[2 * taxels];
-    memmove(r->history, r->history + row, sizeof(real[last * row]));
-    memmove(r->remainders, r->remainders + 1, sizeof(real[last]));
-    memcpy(was_relieved, r->relieved, sizeof was_relieved);
+    real *response = r->history + last * row, *bent = r->bent, load = 0, square = 0;
+    flag *was_relieved = r->was_relieved;
+    memmove(r->history, r->history + row, octets(last * row));
+    memmove(r->remainders, r->remainders + 1, octets(last));
+    memcpy(was_relieved, r->relieved, 2 * (size_t)taxels);
     loads(taxels, r->n_own, array->own, array->weights, pressed, response);
     if (in_contact && r->n_side_own)
         relieve(taxels, r->n_side_own, array->side_own, array->side_weights, array->even, r->with->relief, r->load,
@@ -314,9 +317,9 @@ static void respond(struct readings *r, const real *pressed, const real *remaind
         square += bent[i] * bent[i];
     r->remainders[last] = square / (real)(2 * taxels);
     if (!r->is_begun) {
-        memset(r->remainders, 0, sizeof(real[r->n_history]));
+        memset(r->remainders, 0, octets(r->n_history));
         for (ptrdiff_t i = 0; i < last; i++)
-            memcpy(r->history + i * row, response, sizeof(real[row]));
+            memcpy(r->history + i * row, response, octets(row));
     }
 }
 
@@ -326,12 +329,12 @@ API void tactiled_readings_take(struct readings *r, int in_contact, int is_press
     const struct readings_numbers *with = r->with;
     const struct readings_arrays *array = r->array;
     const ptrdiff_t channels = r->channels;
-    real readings[channels], pressed[channels], remainder[channels], details[r->levels * channels];
-    flag ok[channels], stuck[channels], jumped[channels], out[channels];
+    real *readings = r->readings, *pressed = r->pressed, *remainder = r->remainder, *details = r->details;
+    flag *ok = r->ok, *stuck = r->stuck, *jumped = r->jumped, *out = r->is_taken;
     const real *steps = next_steps(r, ok, stuck);
     tactiled_bank(channels, r->levels, array->lengths, array->taps, 1, steps, details);
-    memset(jumped, 0, sizeof jumped);
-    memset(out, 0, sizeof out);
+    memset(jumped, 0, (size_t)channels);
+    memset(out, 0, (size_t)channels);
     for (ptrdiff_t c = 0; c < channels; c++) {
         r->n_good[c] = ok[c] ? r->n_good[c] + 1 : 0;
         readings[c] = steps[c] * with->volts_per_step;
@@ -386,14 +389,14 @@ API void tactiled_readings_release(struct readings *r)
         r->proportion[i] = 2;
         r->proportion_weight[i] = r->with->first_weight;
     }
-    memset(r->load, 0, sizeof(real[r->taxels]));
+    memset(r->load, 0, octets(r->taxels));
 }
 
 /* Let no window reach back before a gap. */
 API void tactiled_readings_interrupt(struct readings *r)
 {
     r->is_begun = 0;
-    memset(r->n_good, 0, sizeof(int64_t[r->channels]));
+    memset(r->n_good, 0, octets(r->channels));
 }
 
 /* Begin in a block of zeros; return the number of reals that it takes, with no block only that number.
@@ -437,6 +440,20 @@ API ptrdiff_t tactiled_readings(const int64_t *sizes, const struct readings_numb
     begun.turns = place(block, &at, reals((size_t)(channels * (ptrdiff_t)with->stuck_history)));
     begun.noisy = place(block, &at, reals((size_t)channels));
     begun.stayed = place(block, &at, reals((size_t)channels));
+    begun.readings = place(block, &at, channels);
+    begun.pressed = place(block, &at, channels);
+    begun.remainder = place(block, &at, channels);
+    begun.details = place(block, &at, levels * channels);
+    begun.bent = place(block, &at, 3 * taxels);
+    begun.change = place(block, &at, channels);
+    begun.usual = place(block, &at, taxels);
+    begun.ok = place(block, &at, reals((size_t)channels));
+    begun.stuck = place(block, &at, reals((size_t)channels));
+    begun.jumped = place(block, &at, reals((size_t)channels));
+    begun.jumps = place(block, &at, reals((size_t)channels));
+    begun.is_taken = place(block, &at, reals((size_t)channels));
+    begun.is_loaded = place(block, &at, reals((size_t)taxels));
+    begun.was_relieved = place(block, &at, reals(2 * (size_t)taxels));
     if (block) {
         for (ptrdiff_t c = 0; c < channels; c++) {
             begun.floor_last[c] = NAN;

@@ -311,6 +311,17 @@ def test_the_hook_builds_a_library_that_loads_and_one_of_another_source_is_refus
         assert compiled.load(library, sources).words == "compiled"
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_an_array_of_variable_length_does_not_compile(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the stack of a thread, an array of many taxels would end the process."""
+    build = hook()
+    source = tree / build.SOURCES[-1]
+    grown = "\nreal grown(ptrdiff_t n) { real all[n]; all[n - 1] = 1; return all[n - 1]; }\n"
+    source.write_text(source.read_text() + grown)
+    assert not build.compile_library(tree)
+    assert "variable length array" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("compiler", ["no-such-compiler", "false"])
 def test_without_a_compiler_the_hook_leaves_no_library(
     tree: Path, compiler: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

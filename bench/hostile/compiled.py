@@ -1,5 +1,73 @@
 """Arrays of any size through the compiled path, on a small stack."""
 
-from bench.hostile.attack import Attack
+import subprocess
+import sys
+from pathlib import Path
 
-ATTACKS: tuple[Attack, ...] = ()
+from bench.hostile.attack import Attack, Outcome
+
+# A thread of musl has 128 kB, one of glibc 8 MB; an array of variable length beyond it ends the process.
+STACK_KB = 256
+# A contact that is pulled until it slides, and its readings, in a thread; what is left is how it ended.
+_PLAY = """
+import sys, threading
+import numpy as np
+from tactiled import compiled
+from tactiled.array import ArrayFile, build
+from tactiled.detect.grip.compiled_model import contact_model
+from tactiled.detect.grip.friction import FrictionPosterior
+from tactiled.detect.grip.readings import taxel_readings
+from tactiled.samples.block import regular_block
+
+side, side_read, stack_kb = map(int, sys.argv[1:])
+seen = []
+
+def contact():
+    x, y = (one.ravel() for one in np.meshgrid(np.arange(side) * 2.0, np.arange(side) * 2.0))
+    history = np.zeros((8, 3, side * side))
+    model = contact_model(x, y, FrictionPosterior(0.6, 0.6), history, 0.01)
+    for scan in range(4):
+        history[:, 0], history[:, 1] = 1.0, 0.1 * scan
+        model.follow(float(side * side), 1e-3, 0.01, 1e-3)
+        model.look(0, 1e-3, 0.02)
+    seen.append(np.isfinite(model.grip().utilisation).all() and len(model.slipping_taxels()) <= side * side)
+
+def readings():
+    places = [2.0 * k for k in range(side_read)]
+    kinds = [{"name": name, "kind": kind} for name, kind in
+             (("X", "shear_x"), ("Y", "shear_y"), ("Z", "normal"))]
+    array = build(ArrayFile.model_validate({
+        "name": "wide", "unit": "V", "range": [0.0, 5.0], "grids": [{"x_mm": places, "y_mm": places}],
+        "taxel_channels": kinds,
+    }))
+    of_all = taxel_readings(array, 100.0)
+    of_all.begin(regular_block(np.ones((4, array.n_channels)), 100.0))
+    for scan in range(4):
+        seen.append(np.isfinite(of_all.take(scan, in_contact=True, is_pressed=True).load))
+
+threading.stack_size(stack_kb * 1024)
+for part in (contact, readings):
+    thread = threading.Thread(target=part)
+    thread.start()
+    thread.join()
+print(compiled.path.words, len(seen) == 5 and all(seen))
+"""
+
+
+def _wide(_folder: Path, scale: float) -> Outcome:
+    side_read = 24 if scale >= 1.0 else 12
+    command = [sys.executable, "-c", _PLAY, "64", str(side_read), str(STACK_KB)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    seen = done.stdout.strip() or f"ended with {done.returncode}: {done.stderr.strip()[-200:]}"
+    return Outcome(seen, held=done.returncode == 0 and seen.endswith("True"))
+
+
+ATTACKS: tuple[Attack, ...] = (
+    Attack(
+        "compiled path: arrays beyond the stack",
+        f"a contact of 64 x 64 taxels and readings of 24 x 24 of three axes, in a thread of {STACK_KB} kB",
+        "finite numbers; no crash",
+        _wide,
+        short=0.5,
+    ),
+)
