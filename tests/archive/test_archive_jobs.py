@@ -1,0 +1,225 @@
+"""Keys of jobs, tables of rows and lines for people, without workers."""
+
+import io
+import os
+from collections import deque
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+import pytest
+
+from tactiled.archive import detect
+from tactiled.archive.columns import FILE_TOPIC, schema, to_table
+from tactiled.archive.detect import FileJob, Outcome, completed, detect_files, matching
+from tactiled.errors import DataError, OperatorError
+from tactiled.offline import Choices
+
+MESSAGES = [{"topic": "slip", "seq": 3, "timestamp": 1.5, "valid": True, "taxels": [1, 2]}]
+
+
+def job(path: Path, **changes: Any) -> FileJob:
+    return replace(FileJob(path.name, path, None, None, Choices()), **changes)
+
+
+def test_a_file_that_changed_is_analysed_anew(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"12")
+    os.utime(path, (1.0, 1.0))
+    first = job(path).key()
+    assert job(path).key() == first
+    assert len(first) == 64
+    path.write_bytes(b"123")
+    os.utime(path, (1.0, 1.0))
+    longer = job(path).key()
+    os.utime(path, (1.0, 2.0))
+    assert len({first, longer, job(path).key()}) == 3
+
+
+def test_a_bag_changes_with_any_file_in_it(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    (bag / "inner").mkdir(parents=True)
+    file = bag / "inner" / "0.mcap"
+    file.write_bytes(b"12")
+    first = job(bag).key()
+    stat = bag.stat()
+    file.write_bytes(b"123")
+    os.utime(bag, (stat.st_atime, stat.st_mtime))
+    assert job(bag).key() != first
+
+
+def test_all_choices_and_the_version_are_in_the_key(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.touch()
+    array = tmp_path / "a.toml"
+    array.write_text("one")
+    jobs = [
+        job(path),
+        job(path, rate_hz=100.0),
+        job(path, array="wang2019-3x3"),
+        job(path, array=str(array)),
+        job(path, version="0"),
+        job(path, file="b.csv"),
+        job(path, choices=Choices(calibration="wang2019-3x3")),
+        job(path, choices=Choices(layout="legacy-9")),
+    ]
+    keys = [each.key() for each in jobs]
+    array.write_text("two")
+    assert len({*keys, jobs[3].key()}) == len(jobs) + 1
+
+
+def test_a_job_for_any_worker_has_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").touch()
+    made = FileJob.for_any_worker(
+        "a.csv", "mine.toml", 50.0, Choices(calibration="mine.toml", layout="legacy-9")
+    )
+    assert (made.file, made.path) == ("a.csv", tmp_path / "a.csv")
+    assert (made.array, made.rate_hz) == (str(tmp_path / "mine.toml"), 50.0)
+    assert made.choices.calibration == str(tmp_path / "mine.toml")
+    assert made.choices.layout == "legacy-9"  # the name of a shipped one
+
+
+def test_patterns_name_each_file_once_and_sorted(tmp_path: Path) -> None:
+    for name in ("b.mcap", "a.mcap", "sub/c.mcap", "[x].mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = matching([f"{tmp_path}/**/*.mcap", f"{tmp_path}/a.mcap", f"{tmp_path}/[x].mcap"])
+    assert [str(Path(name).relative_to(tmp_path)) for name in found] == [
+        "[x].mcap",
+        "a.mcap",
+        "b.mcap",
+        "sub/c.mcap",
+    ]
+    with pytest.raises(DataError, match="no such file, and no file matches"):
+        matching([f"{tmp_path}/a.mcap", f"{tmp_path}/*.csv"])
+
+
+def rows_of(table: Any) -> list[dict[str, Any]]:
+    return [{key: value for key, value in row.items() if value is not None} for row in table.to_pylist()]
+
+
+def test_a_table_has_a_row_for_the_file_and_one_for_each_event() -> None:
+    table = to_table("a.csv", MESSAGES, "36 channels")
+    assert table.schema == schema()
+    assert rows_of(table) == [
+        {"file": "a.csv", "topic": FILE_TOPIC, "error": "", "summary": "36 channels"},
+        {"file": "a.csv", **MESSAGES[0]},
+    ]
+
+
+def test_a_name_that_is_no_utf8_is_escaped() -> None:
+    assert rows_of(to_table(os.fsdecode(b"\xff.csv"), [], ""))[0]["file"] == "\\xff.csv"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [
+        (Outcome(3, 0, 7, ()), "t: 7 events of 3 files"),
+        (Outcome(3, 2, 7, ()), "t: 7 events of 3 files, 2 of them analysed earlier"),
+        (Outcome(3, 0, 7, (("a", "x"),)), "t: 7 events of 3 files; 1 files could not be analysed"),
+    ],
+)
+def test_the_outcome_is_a_line(outcome: Outcome, words: str) -> None:
+    assert outcome.words(Path("t")) == words
+
+
+class Inline:
+    """Executor that works at once; of a broken pool, nothing comes after its first failure."""
+
+    def __init__(self) -> None:
+        self.most_at_once = 0
+
+    def submit(self, function: Any, one: FileJob) -> "Future[bytes]":
+        future: Future[bytes] = Future()
+        future.set_result(function(one))
+        return future
+
+
+def analysed(one: FileJob) -> bytes:
+    """Rows of two events for a file; an error for one whose name says so."""
+    error = "broken" if "bad" in one.file else ""
+    sink = io.BytesIO()
+    pyarrow.parquet.write_table(to_table(one.file, [] if error else 2 * MESSAGES, "", error), sink)
+    return sink.getvalue()
+
+
+@pytest.fixture
+def inline(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Workers in this process; the names of the files that they analysed."""
+    done: list[str] = []
+
+    class Workers(Inline):
+        def __enter__(self) -> "Workers":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    def analyse(one: FileJob) -> bytes:
+        done.append(one.file)
+        return analysed(one)
+
+    monkeypatch.setattr(detect, "executor", lambda *_: Workers())
+    monkeypatch.setattr(detect, "analyse", analyse)
+    return done
+
+
+def test_the_table_has_all_files_in_order_and_leaves_no_parts(inline: list[str], tmp_path: Path) -> None:
+    jobs = [job(tmp_path / name) for name in ("c", "bad", "a")]
+    to = tmp_path / "events.parquet"
+    outcome = detect_files(jobs, to, 1, None)
+    assert outcome == Outcome(3, 0, 4, (("bad", "broken"),))
+    rows = pyarrow.parquet.read_table(to).to_pylist()
+    assert [(row["file"], row["topic"]) for row in rows] == [
+        ("c", "file"), ("c", "slip"), ("c", "slip"), ("bad", "file"),
+        ("a", "file"), ("a", "slip"), ("a", "slip"),
+    ]  # fmt: skip
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.parquet"]
+    assert inline == ["c", "bad", "a"]
+
+
+def test_finished_parts_of_an_interrupted_run_are_taken(inline: list[str], tmp_path: Path) -> None:
+    jobs = [job(tmp_path / name) for name in ("c", "b", "a")]
+    to, parts = tmp_path / "events.parquet", tmp_path / "events.parquet.parts"
+    parts.mkdir()
+    (parts / f"{jobs[1].key()}.part").write_bytes(analysed(jobs[1]))
+    (parts / f"{jobs[0].key()}.part").write_bytes(b"half")
+    (parts / "of-others.txt").touch()
+    assert detect_files(jobs, to, 1, None) == Outcome(3, 1, 6, ())
+    assert sorted(inline) == ["a", "c"]
+    assert [path.name for path in parts.iterdir()] == ["of-others.txt"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(inline: list[str], tmp_path: Path) -> None:
+    with pytest.raises(OperatorError, match="cannot be written: No such file"):
+        detect_files([job(tmp_path / "a")], tmp_path / "none" / "events.parquet", 1, None)
+    assert inline == []
+
+
+def test_no_more_jobs_than_said_are_at_work(tmp_path: Path) -> None:
+    at_work: list[Future[bytes]] = []
+
+    class Slow:
+        most = 0
+
+        def submit(self, _function: Any, _job: FileJob) -> "Future[bytes]":
+            at_work.append(Future())
+            self.most = max(self.most, len(at_work))
+            if len(at_work) == 3:
+                at_work.pop(0).set_result(b"rows")
+            return at_work[-1]
+
+    slow = Slow()
+    waiting = deque((k, job(tmp_path / str(k))) for k in range(9))
+    found = completed(slow, waiting, 3)  # type: ignore[arg-type]
+    results = []
+    for index, _, rows in found:
+        results.append((index, rows))
+        if not waiting:
+            while at_work:
+                at_work.pop(0).set_result(b"rows")
+    assert sorted(results) == [(k, b"rows") for k in range(9)]
+    assert slow.most == 3
