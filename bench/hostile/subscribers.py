@@ -196,7 +196,7 @@ ATTACKS: tuple[Attack, ...] = (
         "100 without a subscription, then a new subscriber",
         f"{_EXPECTED}; the new one hears",
         _connections,
-        0.02,
+        None,
     ),
     Attack("garbage greetings", "random bytes, again and again", _EXPECTED, _garbage, None),
     Attack(
