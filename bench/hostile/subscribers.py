@@ -202,4 +202,5 @@ ATTACKS: tuple[Attack, ...] = (
     Attack(
         "endless messages", "a frame of 2^63 bytes, messages without a last part", _EXPECTED, _endless, 0.1
     ),
+    Attack("endless requests", "a request without a last part", _EXPECTED, _requests, None),
 )
