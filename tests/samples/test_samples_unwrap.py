@@ -100,3 +100,80 @@ def test_ticks_read_between_scans_are_placed_on_the_boards_time() -> None:
     target.step(*board.scan(0), 0.0, RATE_HZ)
     assert target.board_s_at((2**32 - 5 + 2_500) % 2**32, 0.003) == pytest.approx(0.0025)
     assert target.board_s_at(2**31, 0.003) is None  # 36 minutes away: of another run
+
+
+def after(away_s: float, sequence: int, board_s: float, *, ticks: bool = True) -> CounterStep:
+    """Step to a scan that came `away_s` later, with this sequence number and board time since the last."""
+    target = counter(Board(), ticks=ticks)
+    target.step(0, 0 if ticks else None, 5.0, RATE_HZ)
+    return target.step(sequence % 2**16, round(board_s / TICK_S) if ticks else None, 5.0 + away_s, RATE_HZ)
+
+
+@pytest.mark.parametrize(
+    ("n_scans", "kind"), [(105, "next"), (107, "restart"), (95, "next"), (93, "restart")]
+)
+def test_numbers_and_ticks_differ_by_five_scans_and_a_percent(n_scans: int, kind: str) -> None:
+    assert after(1.0, n_scans, 1.0).kind == kind
+
+
+@pytest.mark.parametrize(
+    ("n_scans", "kind"), [(155, "next"), (157, "restart"), (45, "next"), (43, "restart")]
+)
+def test_without_ticks_the_host_may_be_half_a_second_off_as_well(n_scans: int, kind: str) -> None:
+    assert after(1.0, n_scans, 0.0, ticks=False).kind == kind
+
+
+@pytest.mark.parametrize(("back", "kind"), [(0, "duplicate"), (15, "duplicate"), (16, "restart")])
+def test_an_older_scan_than_the_line_repeats_is_of_another_run(back: int, kind: str) -> None:
+    target = counter(Board())
+    target.step(100, 1_000_000, 5.0, RATE_HZ)
+    assert target.step(100 - back, 1_000_000 - 10_000 * back, 5.0, RATE_HZ) == CounterStep(kind, 0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("n_scans", "away_s", "kind"),
+    [(100, 11.0, "next"), (100, 11.2, "restart"), (17, 10.4, "restart"), (16, 10.4, "next")],
+)
+def test_a_silence_ten_seconds_longer_than_the_ticks_say_is_a_power_cycle(
+    n_scans: int, away_s: float, kind: str
+) -> None:
+    assert after(away_s, n_scans, n_scans / RATE_HZ).kind == kind
+
+
+@pytest.mark.parametrize(("ahead_s", "fits"), [(10.0, True), (10.3, False), (-10.0, True), (-10.3, False)])
+def test_ticks_between_scans_belong_to_the_run_within_ten_seconds(ahead_s: float, *, fits: bool) -> None:
+    target = counter(Board())
+    target.step(0, 0, 5.0, RATE_HZ)
+    ticks = round((20.0 + ahead_s) / TICK_S)
+    assert target.runs_on(ticks, 25.0) is fits
+    assert target.board_s_at(ticks, 25.0) == (pytest.approx(20.0 + ahead_s) if fits else None)
+    assert target.board_s == 0.0
+
+
+def test_before_the_first_scan_any_ticks_fit_and_have_no_place() -> None:
+    target = counter(Board())
+    assert target.runs_on(123, 5.0)
+    assert target.board_s_at(123, 5.0) is None
+    assert counter(Board(), ticks=False).tick_s == 0.0
+
+
+def test_scans_without_numbers_follow_each_other_at_the_rate() -> None:
+    target = counter(Board(), ticks=False)
+    for number in range(5):
+        assert target.follow(5.0 + number, RATE_HZ) == CounterStep("next", 1)
+        assert target.board_s == pytest.approx(number / RATE_HZ)
+    target.reset()
+    target.follow(50.0, RATE_HZ)
+    assert target.board_s == 0.0
+
+
+def test_after_a_stop_the_next_scan_counts_one_and_board_time_runs_on() -> None:
+    target = counter(Board())
+    target.step(500, 0, 5.0, RATE_HZ)
+    target.forget_sequence()
+    assert target.step(3, round(2.0 / TICK_S), 7.0, RATE_HZ) == CounterStep("next", 1)
+    assert target.board_s == pytest.approx(2.0)
+    target.forget_sequence()
+    assert target.step(0, round(40.0 / TICK_S), 9.0, RATE_HZ) == CounterStep("restart", 0)
+    assert target.board_s == pytest.approx(2.0)
+    assert target.step(1, round(3.0 / TICK_S), 8.0, RATE_HZ).kind == "next"  # any number follows a stop

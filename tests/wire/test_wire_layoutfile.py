@@ -1,6 +1,7 @@
 """Layout files: the shipped ones say what board.md says; a broken one is refused by the place."""
 
 import copy
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from tactiled import resources, tomlfile
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import load_layout
-from tactiled.wire.schema import LayoutFile
+from tactiled.wire.schema import Direction, LayoutFile
 
 Document = dict[str, Any]
 
@@ -210,3 +211,106 @@ def test_a_layout_is_loaded_from_a_path(tmp_path: Path) -> None:
     assert load_layout(str(path)).name == "lab"
     with pytest.raises(ConfigError, match="no such file; beside it there are: lab"):
         load_layout(str(tmp_path / "lap.toml"))
+
+
+# Numbered scans, a checksum, one that covers the length, readings in units, a rate that is measured.
+PROPERTIES = {
+    "board-v1": (True, True, False, False, False),
+    "legacy-9": (True, True, True, False, False),
+    "lines-15": (False, False, False, True, True),
+    "load-cell": (False, False, False, True, True),
+    "magnetometers-5": (False, False, False, True, True),
+    "pillars-3x3": (False, False, False, True, True),
+    "tsf-85": (False, False, False, False, True),
+    "tsf-85-dynamic": (False, False, False, False, True),
+    "xyz-counts-4x4": (False, False, False, True, True),
+}
+
+
+@pytest.mark.parametrize("name", resources.shipped_names("protocols"))
+def test_what_a_layout_can_tell(name: str) -> None:
+    layout = load_layout(name)
+    found = (
+        layout.counts_scans, layout.detects_damage, layout.covers_length,
+        layout.carries_units, layout.measures_rate,
+    )  # fmt: skip
+    assert found == PROPERTIES[name]
+    assert layout.n_channels == shipped(name)["channels"]
+
+
+def test_a_board_that_says_hello_has_no_assumed_one() -> None:
+    assert load_layout("board-v1").assumed_hello() is None
+    assert load_layout("board-v1").assumed_hello(100.0) is None
+
+
+def test_an_assumed_hello_is_what_the_file_says() -> None:
+    for measured_hz in (None, 33.0):  # the file states the rate
+        hello = load_layout("legacy-9").assumed_hello(measured_hz)
+        assert hello is not None
+        assert (hello.board_serial, hello.array_id, hello.rate_hz) == ("legacy", "normal-3x3", 50.0)
+        assert (hello.adc_bits, hello.adc_reference_v, hello.protocol_version) == (10, 5.0, 1)
+    assert load_layout("lines-15").assumed_hello() is None
+    measured = load_layout("lines-15").assumed_hello(33.0)
+    assert measured is not None
+    assert measured.rate_hz == 33.0
+
+
+def test_positions_that_are_no_channels_are_left_out() -> None:
+    places = load_layout("magnetometers-5").channel_places
+    assert places is not None
+    assert places.tolist() == [k for k in range(20) if k % 4]
+    assert load_layout("board-v1").channel_places is None
+
+
+@pytest.mark.parametrize("name", resources.shipped_names("protocols"))
+def test_messages_are_found_by_direction_and_type(name: str) -> None:
+    layout = load_layout(name)
+    described = shipped(name)["messages"]
+    directions: tuple[Direction, ...] = ("board-to-host", "host-to-board")
+    for direction in directions:
+        named = {m["name"] for m in described if m["direction"] == direction}
+        incoming = layout.incoming(direction)
+        assert {layout.messages[one].id for one in named} == incoming.keys()
+        assert {id(found) for found in incoming.values()} <= {id(layout.messages[one]) for one in named}
+
+
+@pytest.mark.parametrize(
+    ("name", "mutate", "fault"),
+    [
+        ("legacy-9", drop("checksum"), "checksum: missing"),
+        ("legacy-9", put("checksum", "covers", value="body"), None),
+        ("legacy-9", put("assumed_hello", "channel_offset_s", value=[0.0] * 9), None),
+        ("legacy-9", put("assumed_hello", "channel_offset_s", value=[0.0] * 8), "8 numbers for 9 channels"),
+        ("legacy-9", drop("assumed_hello", "rate_hz"), "assumed_hello.rate_hz: missing"),
+        ("legacy-9", drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
+        ("legacy-9", drop("assumed_hello", "adc_reference_v"), "assumed_hello.adc_reference_v: missing"),
+        ("legacy-9", drop("assumed_hello"), "give either a hello message or [assumed_hello]"),
+        ("legacy-9", put("messages", 0, "id", value=255), None),
+        ("legacy-9", put("messages", 0, "id", value=256), "256 does not fit framing.message_type"),
+        ("legacy-9", put("framing", "length", value="u8"), None),  # 1 + 18 + 2 + 1 bytes
+        ("legacy-9", put("channels", value=125), None),  # at 255 bytes, one byte tells the length
+        ("tsf-85", drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
+        ("lines-15", put("messages", 0, "fields", 0, "type", value="f32"), "counts"),
+    ],
+)
+def test_each_rule_has_its_limit(name: str, mutate: Callable[[Document], None], fault: str | None) -> None:
+    document = shipped(name)
+    mutate(document)
+    if fault is None:
+        tomlfile.parse(document, LayoutFile, "lab.toml")
+        return
+    with pytest.raises(ConfigError, match=re.escape(fault)):
+        tomlfile.parse(document, LayoutFile, "lab.toml")
+
+
+@pytest.mark.parametrize(("channels", "fits"), [(125, True), (126, False)])
+def test_a_message_is_no_longer_than_its_length_can_say(channels: int, *, fits: bool) -> None:
+    """Type, ticks and sequence take 4 bytes, each channel 2: 254 and 256 bytes of 255."""
+    document = shipped("legacy-9")
+    document["channels"] = channels
+    document["framing"]["length"] = "u8"
+    if fits:
+        tomlfile.parse(document, LayoutFile, "lab.toml")
+        return
+    with pytest.raises(ConfigError, match="256 bytes, too many for it"):
+        tomlfile.parse(document, LayoutFile, "lab.toml")
