@@ -15,6 +15,8 @@ Corrupt bytes, missing frames and estimates that cannot be made are *values* (``
 board that is not the configured one or refuses a command: `status` reports it.
 """
 
+import re
+import shlex
 from collections.abc import Sequence
 
 
@@ -64,3 +66,23 @@ class UnavailableError(OperatorError):
 
 class ContractError(TactiledError):
     """Violation of an interface between two parts of tactiled: a bug."""
+
+
+def install_command(extra: str, distribution: str = "tactiled") -> str:
+    """Return the command that installs what an extra needs, from wherever the user stands.
+
+    No package index has to have tactiled for it: the libraries themselves are named, as the metadata of the
+    installed distribution have them.
+    """
+    from importlib import metadata  # takes 20 ms, and every start of a command would pay it
+
+    try:
+        needed = metadata.requires(distribution) or []
+    except metadata.PackageNotFoundError:
+        needed = []
+    pattern = re.compile(rf"\s*extra == ['\"]{re.escape(extra)}['\"]\s*")
+    parts = [line.partition(";") for line in needed]
+    found = [name.strip() for name, _, marker in parts if pattern.fullmatch(marker)]
+    if not found:
+        return f"pip install '.[{extra}]' in the checkout of {distribution}"
+    return f"pip install {shlex.join(found)}"

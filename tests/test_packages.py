@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import venv
 import zipfile
@@ -67,8 +68,23 @@ def test_the_daemon_asks_for_the_client_of_its_own_version(wheels: dict[str, Pat
 def test_both_are_built_of_the_same_list_of_modules() -> None:
     daemon = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
     client = tomllib.loads((CLIENT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
-    wheel = client["targets"]["wheel"]
-    assert daemon["targets"]["wheel"]["exclude"] == wheel["hooks"]["custom"]["modules"]
+    assert daemon["targets"]["wheel"]["exclude"] == client["hooks"]["custom"]["modules"]
+
+
+def test_the_sdist_of_the_client_builds_the_same_wheel(wheels: dict[str, Path], tmp_path: Path) -> None:
+    """Away from the checkout, as an index or a distribution builds it."""
+    build = "import sys; from hatchling.build import build_{0} as build; print(build(sys.argv[1]))"
+    command = [sys.executable, "-c", build.format("sdist"), str(tmp_path)]
+    subprocess.run(command, cwd=CLIENT, check=True, capture_output=True, timeout=120)
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path / "away", filter="data")
+    (folder,) = (tmp_path / "away").iterdir()
+    command[2] = build.format("wheel")
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert files_of(wheel) == files_of(wheels["tactiled_client"])
+    assert metadata_of(wheel)["Version"] == __version__
 
 
 def test_the_daemon_installs_nothing_for_pictures_or_finite_elements(wheels: dict[str, Path]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.__main__ import BENCHES
+from tactiled.errors import install_command
 
 HEAVY = ["numpy", "scipy", "pydantic", "rich"]
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,8 +53,16 @@ def test_a_picture_without_matplotlib_names_the_command_that_installs_it(
     (tmp_path / "log.csv").write_text("time_s,a\n0.0,0.0\n")
     done = without("matplotlib", *arguments, cwd=tmp_path)
     assert done.returncode == 2
-    assert "needs matplotlib: pip install 'tactiled[plot]'" in done.stderr
+    assert "needs matplotlib: pip install 'matplotlib>=" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_command_that_installs_an_extra_names_its_libraries() -> None:
+    """No index has tactiled; the libraries can be installed from anywhere."""
+    assert install_command("web").startswith("pip install ")
+    assert "tactiled" not in install_command("web")
+    assert "zenoh" in install_command("zenoh", "tactiled-client")
+    assert install_command("web", "no-such") == "pip install '.[web]' in the checkout of no-such"
 
 
 @pytest.mark.parametrize("module", BENCHES.values())

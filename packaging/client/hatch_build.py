@@ -1,4 +1,4 @@
-"""Puts the modules of the client, which lie in the checkout above this folder, into the wheel."""
+"""Puts the modules of the client into wheel and sdist: from the checkout above, or from the sdist itself."""
 
 from pathlib import Path
 from typing import Any
@@ -12,5 +12,10 @@ class ClientModules(BuildHookInterface[Any]):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Add the files to a build of the given kind."""
         if version != "editable":
-            checkout = Path(self.root).parents[1]
-            build_data["force_include"] |= {str(checkout / name): name for name in self.config["modules"]}
+            root = Path(self.root)
+            source = root if (root / "tactiled").is_dir() else root.parents[1]
+            build_data["force_include"] |= {str(source / name): name for name in self.config["modules"]}
+            if (
+                self.target_name == "sdist"
+            ):  # a link to the checkout's: an archive must not point out of itself
+                build_data["force_include"][str((root / "LICENSE").resolve())] = "LICENSE"

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from tactiled import tomltext
-from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.errors import ConfigError, DataError, OperatorError, install_command
 from tactiled.outside import need_regular
 
 CONFIG_ENV = "TACTILED_CONFIG"
@@ -86,7 +86,7 @@ def need_extra(module: str, extra: str, what: str) -> None:
         Feature that needs it.
     """
     if importlib.util.find_spec(module) is None:
-        raise OperatorError(f"{what} needs {module}: pip install 'tactiled[{extra}]'")
+        raise OperatorError(f"{what} needs {module}: {install_command(extra)}")
 
 
 def need_named(name_or_path: str | None, kind: str) -> None:

@@ -16,7 +16,10 @@ RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
 @CONFIG
 @PORT
 @click.option(
-    "--seconds", "duration_s", type=click.FloatRange(0, min_open=True), help="Stop after so many seconds."
+    "--seconds",
+    "duration_s",
+    type=click.FloatRange(0, min_open=True),
+    help="Stop so many seconds after the first byte; after 30 s if none comes.",
 )
 def record(file: Path, config: Path | None, port: str | None, duration_s: float | None) -> None:
     """Record a board into FILE (.mcap) without publishing, until stopped.
@@ -43,7 +46,8 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     ):
         pipeline = setup.make_pipeline(worker.queue())
         recorder.check()
-        run_service([ServedBoard(service, lambda: pipeline, recorder)], duration_s)
+        boards = [ServedBoard(service, lambda: pipeline, recorder)]
+        run_service(boards, duration_s, has_begun=lambda: pipeline.health().bytes_in > 0)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)
     sys.exit(0 if n_scans else 1)

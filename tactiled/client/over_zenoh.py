@@ -24,7 +24,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgpack
 
-from tactiled.errors import ConfigError, OperatorError, UnavailableError
+from tactiled.errors import ConfigError, OperatorError, UnavailableError, install_command
 from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import ZENOH_SCHEME
 
@@ -33,7 +33,8 @@ logger = logging.getLogger(__name__)
 try:
     import zenoh
 except ModuleNotFoundError:
-    raise OperatorError("zenoh:// endpoints need zenoh: pip install 'tactiled-client[zenoh]'") from None
+    command = install_command("zenoh", "tactiled-client")
+    raise OperatorError(f"zenoh:// endpoints need zenoh: {command}") from None
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 # Behind a hole, a message may wait for this: after a link was cut, routers may need a second until requests

@@ -36,6 +36,8 @@ logger = logging.getLogger(__name__)
 CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
 RESTART_S = 0.5  # pause after a fault of one board among several, as RestartSec= of the unit; doubled ...
 _LONGEST_RESTART_S = 60.0  # ... at each further fault up to this, so that the log and the disk do not fill
+BEGIN_S = 30.0  # for what a limited run counts from; longer than a board takes to boot and a port to be found
+_LOOK_S = 0.02  # period of looking for it: two scans
 _NAMED = 3  # boards that the line of status names; the log has all of them
 
 
@@ -237,8 +239,16 @@ class Service:
         self._notifier.close()
 
 
-async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) -> None:
-    """Run the daemon for `duration_s`, or until SIGTERM or SIGINT; SIGHUP reloads the configurations."""
+async def serve(
+    boards: Sequence[ServedBoard],
+    duration_s: float | None = None,
+    has_begun: Callable[[], bool] = lambda: True,
+) -> None:
+    """Run the daemon for `duration_s`, or until SIGTERM or SIGINT; SIGHUP reloads the configurations.
+
+    The duration counts from the instant at which `has_begun` returns True; without that, the daemon ends
+    `BEGIN_S` after it was started.
+    """
     service = Service(boards)
     loop = asyncio.get_running_loop()
     # Closing a port may block its thread for a while, which must not delay the ports of other boards.
@@ -249,7 +259,7 @@ async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) 
     for number, handler in handlers.items():
         loop.add_signal_handler(number, handler)
     if duration_s is not None:
-        loop.call_later(duration_s, service.stop)
+        _stop_after(duration_s, service.stop, has_begun, loop.time() + BEGIN_S)
     try:
         await service.run()
     finally:
@@ -257,8 +267,25 @@ async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) 
             loop.remove_signal_handler(number)
 
 
-def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) -> int:
-    """Run the daemon in a new event loop; returns exit code 0 after a requested end.
+def _stop_after(
+    duration_s: float, stop: Callable[[], None], has_begun: Callable[[], bool], by_s: float
+) -> None:
+    """Call `stop` so many seconds after `has_begun`, or at `by_s` of the loop's clock without it."""
+    loop = asyncio.get_running_loop()
+    if has_begun():
+        loop.call_later(duration_s, stop)
+    elif loop.time() >= by_s:
+        stop()
+    else:
+        loop.call_later(_LOOK_S, _stop_after, duration_s, stop, has_begun, by_s)
+
+
+def run_service(
+    boards: Sequence[ServedBoard],
+    duration_s: float | None = None,
+    has_begun: Callable[[], bool] = lambda: True,
+) -> int:
+    """Run the daemon in a new event loop; returns exit code 0 after a requested end. See `serve`.
 
     Raises
     ------
@@ -268,5 +295,5 @@ def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) 
         Something is not available now, for example an endpoint in use.
     """
     gc.freeze()  # the objects of all modules; a full collection of them stops the loop for 15 to 30 ms
-    asyncio.run(serve(boards, duration_s))
+    asyncio.run(serve(boards, duration_s, has_begun))
     return 0

@@ -40,10 +40,11 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
         url = port or _named_port(config)
         return [*broken, *(check_port(url) if url else []), check_compiled_path(), *check_installation()]
     source = str(config) if config is not None else "defaults"
-    return [Finding("configuration", "ok", f"{source}: valid"), *_with_setup(setup, speed_mm_s)]
+    rest = _with_setup(setup, speed_mm_s, is_configured=config is not None)
+    return [Finding("configuration", "ok", f"{source}: valid"), *rest]
 
 
-def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
+def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list[Finding]:
     publish, detect = setup.config.publish, setup.config.detect
     texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
     findings = check_port(setup.config.port.url)
@@ -51,14 +52,14 @@ def _with_setup(setup: Setup, speed_mm_s: float) -> list[Finding]:
     rate_hz = setup.config.session.rate_hz or 0.0
     is_running = False
     if (status := running_daemon(publish)) is not None:
-        daemon, is_running = check_daemon(status, setup.config.port.url)
+        daemon, is_running = check_daemon(status, setup.config.port.url, is_configured=is_configured)
         findings.append(daemon)
     if may_open and not is_running:
         board, board_hz = check_board(setup)
         findings += board
         rate_hz = rate_hz or board_hz
     findings += check_array(setup.array, texture, rate_hz or 100.0, speed_mm_s or texture.speed_mm_s)
-    findings += check_endpoints(publish, is_running)
+    findings += check_endpoints(publish, is_running, is_configured=is_configured)
     findings += check_keys(publish)
     return [*findings, *check_disk(setup.config.record), check_compiled_path(), *check_installation()]
 

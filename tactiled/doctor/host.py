@@ -40,14 +40,19 @@ def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
     return None
 
 
-def check_daemon(status: Mapping[str, Any], url: str) -> tuple[Finding, bool]:
-    """Check a running daemon; the flag is True if it reads this port."""
+def check_daemon(status: Mapping[str, Any], url: str, *, is_configured: bool = True) -> tuple[Finding, bool]:
+    """Check a running daemon; the flag is True if it reads this port.
+
+    Without a configuration, a daemon of another board on the default endpoints is no fault of this port.
+    """
     words = f"board {status['board'] or 'unknown'} is {status['state']}"
+    verdict: Severity
     if status["state"] != "no-device" and device.is_free(url):
         what = f"another daemon runs on these endpoints and does not read {url}: {words}"
-        return Finding("daemon", "fail", what, "give each daemon its own endpoints in [publish]"), False
+        verdict = "fail" if is_configured else "warn"
+        return Finding("daemon", verdict, what, "give each daemon its own endpoints in [publish]"), False
     said = status["reason"] or status.get("warning", "")
-    verdict: Severity = "warn" if said else "ok"
+    verdict = "warn" if said else "ok"
     return Finding("daemon", verdict if status["valid"] else "fail", f"runs here: {words}", said), True
 
 
@@ -69,8 +74,13 @@ def check_keys(publish: PublishParams) -> list[Finding]:
     return [Finding("keys", "ok", f"{publish.keys}: may connect from other hosts: {', '.join(names)}")]
 
 
-def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
-    """Check that every endpoint can be bound or is bound by the running daemon."""
+def check_endpoints(
+    publish: PublishParams, daemon_runs: bool, *, is_configured: bool = True
+) -> list[Finding]:
+    """Check that every endpoint can be bound or is bound by the running daemon.
+
+    Default endpoints that somebody else has bound are a warning: no configuration asks for them.
+    """
     if daemon_runs:
         bound = ", ".join(map(_filled, publish.endpoints))
         return [Finding("endpoints", "ok", f"bound by the daemon that runs: {bound}")]
@@ -81,7 +91,7 @@ def check_endpoints(publish: PublishParams, daemon_runs: bool) -> list[Finding]:
                 try:
                     bind(socket, endpoint)
                 except TactiledError as error:
-                    findings.append(split("endpoint", str(error), "fail"))
+                    findings.append(split("endpoint", str(error), "fail" if is_configured else "warn"))
                 else:
                     findings.append(Finding("endpoint", "ok", f"{_filled(endpoint)} is free"))
     return findings or [Finding("endpoints", "warn", "none: nothing is published", "set publish.endpoints")]

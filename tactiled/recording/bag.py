@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.errors import DataError, OperatorError
+from tactiled.errors import DataError, OperatorError, install_command
 from tactiled.recording.others_mcap import check_mcap
 from tactiled.recording.reader import is_recording
 
@@ -76,7 +76,7 @@ def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tup
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise OperatorError(f"{path}: a bag needs rosbags: pip install 'tactiled[rosbags]'") from None
+        raise OperatorError(f"{path}: a bag needs rosbags: {install_command('rosbags')}") from None
     try:
         # Bags of older ROS 2 contain no definitions of their messages; standard types are known without.
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.errors import ConfigError, DataError, OperatorError, install_command
 from tactiled.pipeline import RATES_HZ
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -272,7 +272,7 @@ def _read_parquet(
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise OperatorError(f"{path}: Parquet needs pyarrow: pip install 'tactiled[parquet]'") from None
+        raise OperatorError(f"{path}: Parquet needs pyarrow: {install_command('parquet')}") from None
     try:
         # As one file: pyarrow takes names of folders like "run=3" for columns.
         table = pyarrow.parquet.ParquetFile(path).read()

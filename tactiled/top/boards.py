@@ -12,6 +12,7 @@ from tactiled.array import Array
 from tactiled.board_geometry import geometry_of
 from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
 from tactiled.errors import ContractError
+from tactiled.events.codec import evidence_key
 from tactiled.events.incoming import checked_map
 
 _EVENTS = 50
@@ -191,7 +192,11 @@ class BoardViews:
     def _list(board: BoardView, message: Message) -> None:
         if message.topic in ("slip", "contact", "texture", "command"):
             board.events.appendleft(
-                ListedEvent(message.timestamp, message.topic, in_words(message.topic, message.data))
+                ListedEvent(
+                    float(message.data[evidence_key(message.topic)]),
+                    message.topic,
+                    in_words(message.topic, message.data),
+                )
             )
 
 

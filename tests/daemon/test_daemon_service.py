@@ -5,9 +5,15 @@ import itertools
 import logging
 import math
 import os
+import pty
+import select
 import signal
 import socket
+import subprocess
+import sys
+import threading
 import time
+import tty
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -15,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from boards import PtyBoard, SimBoard
+from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import Daemon, play
 from mcap.reader import make_reader
 from patience import PATIENCE_S
@@ -32,6 +38,7 @@ from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
+from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 
 
@@ -346,3 +353,35 @@ def test_the_daemon_does_not_spin(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with PtyBoard(daemon.link, board) if plugged else nullcontext():
         play(daemon, story)
     assert turns < 10 * len(daemon.rows("status"))
+
+
+def test_a_recording_of_so_many_seconds_counts_from_the_first_byte(tmp_path: Path) -> None:
+    """The board is silent for 1 s after it was first asked, three times as long as it is recorded."""
+    sim, encode = SimBoard(), Encoder(LAYOUT).encode
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    stop = threading.Event()
+
+    def board() -> None:
+        select.select([ours], [], [], PATIENCE_S)
+        stop.wait(1.0)
+        os.write(ours, encode(sim.hello()))
+        while not stop.wait(0.01):
+            os.write(ours, encode(sim.scan(10_000 * len(sent))))
+            sent.append(1)
+
+    sent: list[int] = []
+    thread = threading.Thread(target=board)
+    thread.start()
+    arguments = ["record", str(tmp_path / "a.mcap"), "--port", os.ttyname(theirs), "--seconds", "0.3"]
+    command = [sys.executable, "-m", "tactiled", *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    finally:
+        stop.set()
+        thread.join()
+        os.close(ours)
+        os.close(theirs)
+    assert done.returncode == 0, done.stderr
+    assert " scans" in done.stderr
+    assert ": 0 scans" not in done.stderr

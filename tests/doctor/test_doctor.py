@@ -248,7 +248,10 @@ def test_endpoints_bound_by_another_program_fail(setup: Setup) -> None:
         taken.bind(publish.endpoints[0])
         assert running_daemon(publish) is None
         (fault,) = failed(check_endpoints(publish, daemon_runs=False))
+        unasked = check_endpoints(publish, daemon_runs=False, is_configured=False)
     assert "in use" in fault
+    assert [finding.verdict for finding in unasked].count("warn") == 1
+    assert failed(unasked) == []
 
 
 def test_a_daemon_that_reads_another_port_is_a_failure(tmp_path: Path) -> None:
@@ -258,6 +261,7 @@ def test_a_daemon_that_reads_another_port_is_a_failure(tmp_path: Path) -> None:
         other, is_ours = check_daemon(status, str(path))
         assert (other.verdict, is_ours) == ("fail", False)
         assert f"does not read {path}" in other.words
+        assert check_daemon(status, str(path), is_configured=False)[0].verdict == "warn"
         port = open_port(str(path), 115200)
         assert check_daemon(status, str(path)) == (
             Finding("daemon", "ok", "runs here: board TS0002 is running"),

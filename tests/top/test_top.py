@@ -134,6 +134,15 @@ def test_control_characters_do_not_reach_the_terminal() -> None:
     assert all(line.plain.isprintable() for line in draw(board, NOW_S + 0.05, 80, 24, ""))
 
 
+def test_a_slip_is_listed_at_the_instant_that_its_words_count_from() -> None:
+    """It was detected 55 ms after the onset: the line has the time of the detection."""
+    views = views_of()
+    views.take(message(replace(SLIP, time_s=NOW_S - 0.055, onset_s=NOW_S - 0.055, detected_s=NOW_S)))
+    (listed,) = views.boards["TS1"].events
+    assert listed.at_s == pytest.approx(NOW_S)
+    assert "55 ms after onset" in listed.words
+
+
 TOPICS = st.sampled_from(list(EVENT_TYPES)) | st.text(max_size=8)
 
 
