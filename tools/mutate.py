@@ -192,7 +192,8 @@ class Tree:
             )
             baseline = Baseline()
             measure.start()
-            code = _pytest(self.tests, _Observer(baseline, measure))
+            # Coverage and other work on the machine slow tests down, so no time is too long here.
+            code = _pytest(["--timeout", "0", *self.tests], _Observer(baseline, measure))
             measure.stop()
             data = measure.get_data()
             for path in data.measured_files():
