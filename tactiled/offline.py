@@ -3,7 +3,7 @@
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -23,12 +23,14 @@ from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ForceEvent, GripEvent
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
+from tactiled.log_summary import LogTally
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.plots import PICTURES
 from tactiled.recording.bag import BAGS, read_bag
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
-from tactiled.recording.table import TABLES, TimeUnit, read_table, to_blocks
+from tactiled.recording.rows import TableOptions, TimeUnit
+from tactiled.recording.table import TABLES, BlockSplitter, Checked, TableStream
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -148,7 +150,43 @@ class Choices:
 
 @dataclass
 class Log:
-    """Readings and events of a file, collected while it is processed.
+    """What is known of a file while it is processed.
+
+    Attributes
+    ----------
+    board : str
+        Serial number of the board whose recording it is; else the name of the file.
+    tally : LogTally
+    held : HeldLog, optional
+        All readings and events, for a picture; None where the file is only passed through.
+    """
+
+    array: Array
+    board: str
+    tally: LogTally
+    held: "HeldLog | None" = None
+    n_printed: int = 0
+
+    def add_scans(self, time_s: FloatArray, volts: FloatArray) -> None:
+        """Take consecutive scans: times (n,), readings (n, channels)."""
+        self.tally.add_scans(time_s, volts)
+        if self.held is not None:
+            self.held.time_s += time_s.tolist()
+            self.held.volts += list(volts)
+
+    def summary(self, choices: Choices) -> Iterator[str]:
+        """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
+        return log_summary.summary(
+            self.tally,
+            choices.topics,
+            choices.params().texture.speed_mm_s,
+            sliding_is_given=choices.sliding is not None,
+        )
+
+
+@dataclass
+class HeldLog:
+    """All readings and events of a file: its size bounds the memory.
 
     Attributes
     ----------
@@ -156,23 +194,9 @@ class Log:
     volts : list of (channels,) float64
     """
 
-    array: Array
     time_s: list[float] = field(default_factory=list)
     volts: list[FloatArray] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    n_printed: int = 0
-
-    def summary(self, choices: Choices) -> Iterator[str]:
-        """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
-        return log_summary.summary(
-            self.array,
-            np.array(self.time_s),
-            np.array(self.volts),
-            self.events,
-            choices.topics,
-            choices.params().texture.speed_mm_s,
-            sliding_is_given=choices.sliding is not None,
-        )
 
 
 def detect_file(
@@ -188,16 +212,17 @@ def detect_file(
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     log, messages = detect_messages(path, array, rate_hz, choices, reached)
+    held = log.held = HeldLog() if plot is not None else None
     for message in messages:
         click.echo(json.dumps(message, allow_nan=False))
         log.n_printed += 1
-    if plot is not None:
+    if plot is not None and held is not None:
         from tactiled.plots.log import draw_log
 
         params = choices.params()
         try:
             draw_log(
-                plot, log.array, np.array(log.time_s), np.array(log.volts), log.events, params, path.name
+                plot, log.array, np.array(held.time_s), np.array(held.volts), held.events, params, path.name
             )
         except OSError as error:
             raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
@@ -211,7 +236,9 @@ def detect_messages(
     choices: Choices | None = None,
     reached: Reached | None = None,
 ) -> tuple[Log, Iterator[dict[str, Any]]]:
-    """Return the log of a file, and its messages, which fill the log while they are computed.
+    """Return the log of a file, and its messages, which are computed while the file is read.
+
+    Neither readings nor events are kept, whatever the length of the file (but a bag is read as a whole).
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
     `choices.grip_hz` a second become messages, and those at which the state changes; of the force events,
@@ -239,28 +266,35 @@ def detect_messages(
             fault = "--rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         source = choices.source_of(path, array)
-        log = Log(choices.array_of(source.array))
+        log = _new_log(choices.array_of(source.array), path)
         found = _run_recording(path, log, source.layout, params, choices, reached)
     elif is_bag or path.suffix in TABLES:
-        log = Log(choices.array_of(load_array(array or array_of_config(choices.config))))
+        log = _new_log(choices.array_of(load_array(array or array_of_config(choices.config))), path)
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
         known = (
             f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
         )
         raise DataError(f"{path}: unknown kind of file; known are {known}")
-    return log, _messages(log, found, choices, path.stem)
+    return log, _messages(log, found, choices)
 
 
-def _messages(log: Log, found: Iterator[Event], choices: Choices, board: str) -> Iterator[dict[str, Any]]:
-    """Keep every event in the log, and yield the messages of the topics that are asked for."""
+def _new_log(array: Array, path: Path) -> Log:
+    return Log(array, path.stem, LogTally(array))
+
+
+def _messages(log: Log, found: Iterator[Event], choices: Choices) -> Iterator[dict[str, Any]]:
+    """Count every event, and yield the messages of the topics that are asked for."""
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz, choices.force_hz):
-        log.events.append(event)
+        log.tally.add_event(event)
+        if log.held is not None:
+            log.held.events.append(event)
         if event.topic not in choices.topics:
             continue
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
-        yield {"topic": event.topic, **to_map(event, seq=seq, board=board, unix_offset_s=0.0)}
+        yield {"topic": event.topic, **to_map(event, seq=seq, board=log.board, unix_offset_s=0.0)}
+    log.tally.finish()
 
 
 def array_of_config(config: Path | None) -> str:
@@ -284,6 +318,8 @@ def _run_recording(
     foreign = ""
     if choices.layout is None:
         pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
+        if pipeline.hello is not None:
+            log.board = pipeline.hello.board_serial or log.board
     if header.measured_hz:
         pipeline.assume_rate(header.measured_hz)
     inputs = read_inputs(path, reached)
@@ -294,19 +330,20 @@ def _run_recording(
         reads = [(read.data, read.arrival_s) for read in batch if isinstance(read, Read)]
         for output in pipeline.receive_blocks(reads):
             if isinstance(output, ScanBlock):
-                log.time_s += output.time_s.tolist()
-                log.volts += list(output.volts)
+                log.add_scans(output.time_s, output.volts)
             elif isinstance(output, Event):
                 yield output
-            elif isinstance(output, Hello) and (fault := check_hello(output, layout, log.array)):
-                # As in the live run, the pipeline ignores the scans of this board until the next hello.
-                foreign = f"{path}: {fault}"
-                logger.warning("%s; its scans are left out", foreign)
-    if not log.time_s and foreign:
+            elif isinstance(output, Hello):
+                log.board = output.board_serial or log.board
+                if fault := check_hello(output, layout, log.array):
+                    # As in the live run, the pipeline ignores the scans of this board until the next hello.
+                    foreign = f"{path}: {fault}"
+                    logger.warning("%s; its scans are left out", foreign)
+    if not log.tally.n_scans and foreign:
         raise DataError(foreign)
-    if not log.time_s:
+    if not log.tally.n_scans:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
-    _check_sliding(path, np.array(log.time_s), choices.sliding)
+    _check_sliding(path, log.tally.first_s, log.tally.last_s, choices.sliding)
 
 
 def _change(pipeline: Pipeline, item: Input) -> None:
@@ -328,41 +365,47 @@ def _run_table(
     reached: Reached | None,
 ) -> Iterator[Event]:
     """Run the rows of a table, or the messages of a bag, through the detectors."""
+    batches: Iterable[Checked]
     if path.suffix in TABLES and path.is_file():
-        time_s, volts = read_table(path, rate_hz, choices.columns, choices.time_unit)
+        batches = table = TableStream(path, TableOptions(rate_hz, choices.columns, choices.time_unit))
+        n_channels, spacing_s = table.n_channels, table.spacing_s
         choice = "which columns with --columns"
     else:
         time_s, volts = read_bag(path, choices.topic, rate_hz)
+        batches = [(time_s, volts, 1.0)]
+        n_channels, spacing_s = volts.shape[1], float(np.median(np.diff(time_s)))
         choice = "which field of the message with --topic TOPIC.FIELD"
-    if volts.shape[1] != log.array.n_channels:
+    if n_channels != log.array.n_channels:
         raise DataError(
-            f"{path}: {volts.shape[1]} channels, but array {log.array.name} has {log.array.n_channels} "
+            f"{path}: {n_channels} channels, but array {log.array.name} has {log.array.n_channels} "
             f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml, or "
             f"{choice}"
         )
-    _check_range(path, volts, log.array)
-    _check_sliding(path, time_s, choices.sliding)
-    log.time_s, log.volts = time_s.tolist(), list(volts)
     suite = choices.suite(log.array, params)
-    n_scans = 0
-    for item in to_blocks(time_s, volts, rate_hz, log.array.in_range(volts)):
-        for part in _parts(item):
-            yield from suite.process(part)
-            n_scans += len(part) if isinstance(part, ScanBlock) else 0
-            if reached is not None:
-                reached(n_scans / len(time_s))
+    splitter = BlockSplitter(spacing_s, rate_hz)
+    for time_s, volts, share in batches:
+        _check_range(path, volts, log.array, log.tally.n_scans)
+        if choices.sliding is not None and not log.tally.n_scans:
+            _check_sliding(path, float(time_s[0]), math.inf, choices.sliding)
+        log.add_scans(time_s, volts)
+        for item in splitter.split(time_s, volts, log.array.in_range(volts)):
+            for part in _parts(item):
+                yield from suite.process(part)
+        if reached is not None:
+            reached(share)
+    _check_sliding(path, log.tally.first_s, log.tally.last_s, choices.sliding)
 
 
-def _check_sliding(path: Path, time_s: FloatArray, sliding: KnownSliding | None) -> None:
+def _check_sliding(path: Path, first_s: float, last_s: float, sliding: KnownSliding | None) -> None:
     """Refuse a slide that is outside the log: its times are in another unit or clock."""
-    if sliding is None or (sliding.from_s < time_s[-1] and sliding.to_s > time_s[0]):
+    if sliding is None or (sliding.from_s < last_s and sliding.to_s > first_s):
         return
     raise DataError(
-        f"{path}: --sliding lies outside the log, whose times are {time_s[0]:.10g} to {time_s[-1]:.10g} s"
+        f"{path}: --sliding lies outside the log, whose times are {first_s:.10g} to {last_s:.10g} s"
     )
 
 
-def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
+def _check_range(path: Path, readings: FloatArray, array: Array, n_before: int) -> None:
     """Refuse readings that are far outside the range of the array: they are in another unit."""
     low, high, unit = array.low, array.high, array.unit
     margin = _NO_READING_PART * (high - low)
@@ -372,8 +415,8 @@ def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
     row, channel = impossible[0].tolist()
     of = {"V": "volts", "N": "newtons", "count": "counts"}.get(unit, unit)
     raise DataError(
-        f"{path}: row {row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but {array.name} "
-        f"reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
+        f"{path}: row {n_before + row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but "
+        f"{array.name} reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
         '(unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
         "If that is no reading, leave the cell empty"
     )

@@ -321,7 +321,7 @@ def test_what_is_not_asked_for_is_neither_computed_nor_printed(
     choices = Choices(time_unit="ms", columns=("tax*",), tare_s=0.3, topics=("contact",))
     log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
     assert {json.loads(line)["topic"] for line in capsys.readouterr().out.splitlines()} == {"contact"}
-    assert not any(event.topic == "texture" for event in log.events)
+    assert not log.tally.textures
 
 
 def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) -> None:
@@ -453,10 +453,11 @@ def test_a_recording_of_records_of_several_kinds_is_read_with_another_layout(tmp
             writer.read(Read(arrival_s, 0.0, data))
     dynamic = detect_file(path, choices=Choices(topics=("contact",)))
     static = detect_file(path, choices=Choices(topics=("contact",), layout="tsf-85"))
-    assert len(dynamic.volts[0]) == 2
-    assert len(static.volts[0]) == 56
-    assert len(dynamic.volts) == pytest.approx(100, abs=5)  # the first two seconds measure the rate
-    assert abs(len(static.volts) - len(dynamic.volts)) <= 1
+    n_scans, n_channels = dynamic.tally.readings.shape
+    assert n_channels == 2
+    assert static.tally.readings.shape[1] == 56
+    assert n_scans == pytest.approx(100, abs=5)  # the first two seconds measure the rate
+    assert abs(static.tally.n_scans - n_scans) <= 1
 
 
 @pytest.mark.parametrize(
@@ -502,7 +503,9 @@ def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
     }
     array = build(parse(table, ArrayFile, "fingers"))
     time_s = np.arange(100) / 50
-    said = list(log_summary.summary(array, time_s, readings, [], ("slip",), 0.0, sliding_is_given=False))
+    tally = log_summary.LogTally(array)
+    tally.add_scans(time_s, readings)
+    said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
     opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
     assert len(opposed) == (turned_deg == 0)
     assert all("by about 180 deg" in line for line in opposed)
@@ -522,5 +525,7 @@ def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None
     }
     array = build(parse(table, ArrayFile, "pad"))
     time_s = np.arange(300) / 36
-    said = list(log_summary.summary(array, time_s, readings, [], ("contact",), 0.0, sliding_is_given=False))
+    tally = log_summary.LogTally(array)
+    tally.add_scans(time_s, readings)
+    said = list(log_summary.summary(tally, ("contact",), 0.0, sliding_is_given=False))
     assert ("was the sensor touched in the first 0.3 s?" in " ".join(said)) == begins_pressed

@@ -1,6 +1,8 @@
 """Files of others: sizes that lie, tables that expand."""
 
+import math
 import struct
+import zipfile
 from pathlib import Path
 
 import zstandard
@@ -13,6 +15,8 @@ from tactiled.recording.writer import RecordingWriter
 
 _CLAIMED_BYTES = 2_100_000_000
 _MOST_MB = 150.0  # a command takes 60 to 80 MB, and the largest chunk that is read adds at most 30
+# What is held for the median period and the summary has a fixed size, reached within half an hour.
+_GROWTH_MB = 100.0
 _BLOCK = bytes(1 << 20)
 _NPZ_ROWS = 12_850_000  # of 36 channels: 3.7 GB
 
@@ -66,6 +70,46 @@ def _bomb_of_others(folder: Path, scale: float) -> Outcome:
     return _seen({"detect": tactiled("detect", str(path))})
 
 
+def _npz(folder: Path, scale: float) -> Outcome:
+    path = folder / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, shape in (("time_s", (_NPZ_ROWS,)), ("volts", (_NPZ_ROWS, 36))):
+            head = repr({"descr": "<f8", "fortran_order": False, "shape": shape}).ljust(117) + "\n"
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                stream.write(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode())
+                for _ in range(int(math.prod(shape) * 8 * scale) >> 20):
+                    stream.write(_BLOCK)
+    found = _seen({"detect": tactiled("detect", str(path))})
+    return Outcome(f"{path.stat().st_size / 1e6:.0f} MB on disk; {found.seen}", found.held)
+
+
+def _long_table(folder: Path, scale: float) -> Outcome:
+    """Two tables of one kind, the second eight times as long; their events begin alike."""
+    peaks = []
+    for hours in (scale, 8 * scale):
+        path = folder / f"{hours:g}h.csv"
+        row = ",".join(["1.0"] * 36)
+        with path.open("w") as stream:
+            stream.write("time_s," + ",".join(f"c{k}" for k in range(36)) + "\n")
+            stream.writelines(f"{k / 100:.2f},{row}\n" for k in range(int(hours * 360_000)))
+        done = tactiled("detect", str(path), "--only", "contact")
+        peaks.append(done.peak_mb)
+    return Outcome(
+        f"{scale:g} h {peaks[0]:.0f} MB, {8 * scale:g} h {peaks[1]:.0f} MB",
+        held=peaks[1] < peaks[0] + _GROWTH_MB,
+    )
+
+
+def _broken(folder: Path, _: float) -> Outcome:
+    (folder / "broken.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(1000))
+    (folder / "empty.mcap").write_bytes(b"")
+    tried = {name: tactiled("detect", str(folder / name)) for name in ("", "broken.mcap", "empty.mcap")}
+    words = [done.err.strip().rpartition(": ")[2] for done in tried.values()]
+    return Outcome(
+        "; ".join(words), all(d.is_tidy and d.code == 2 and "rosbags" not in d.err for d in tried.values())
+    )
+
+
 ATTACKS: tuple[Attack, ...] = (
     Attack(
         "bomb, recording",
@@ -80,5 +124,25 @@ ATTACKS: tuple[Attack, ...] = (
         f"refused below {_MOST_MB:g} MB",
         _bomb_of_others,
         0.1,
+    ),
+    Attack(
+        "bomb, npz",
+        "an npz of 17 MB whose array claims 3.7 GB; detect",
+        f"refused below {_MOST_MB:g} MB",
+        _npz,
+        0.001,
+    ),
+    Attack(
+        "long table",
+        "a CSV of 1 h and one of 8 h, 36 channels at 100 Hz; detect",
+        f"at most {_GROWTH_MB:g} MB more for the longer one",
+        _long_table,
+        None,
+    ),
+    Attack(
+        "broken files",
+        "a folder, an MCAP of zeros and an empty one; detect",
+        "exit code 2, and what is wrong with each",
+        _broken,
     ),
 )

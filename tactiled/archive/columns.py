@@ -16,6 +16,7 @@ _PLAIN = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64(),
 _FILE_COLUMNS = [
     pyarrow.field("file", pyarrow.string(), nullable=False),
     pyarrow.field("topic", pyarrow.string(), nullable=False),
+    pyarrow.field("board", pyarrow.string()),
     pyarrow.field("error", pyarrow.string()),
     pyarrow.field("summary", pyarrow.string()),
     pyarrow.field("seq", pyarrow.int64()),
@@ -45,25 +46,28 @@ def _arrow_type(kind: Any) -> pyarrow.DataType:
     return _PLAIN.get(kind, pyarrow.string())  # else a Literal of strings
 
 
-def to_table(
-    file: str, messages: Iterable[Mapping[str, Any]], summary: str, error: str = ""
-) -> pyarrow.Table:
-    """Make the rows of one file: a row for the file itself, then a row for each event.
+def file_row(file: str, summary: str, error: str = "") -> pyarrow.Table:
+    """Make the row of a file itself.
 
     Parameters
     ----------
     file : str
         Name in the column `file`.
-    messages : iterable of mapping
-        Messages with `topic`, as `detect` prints them.
     summary : str
         Lines for people on the file.
     error : str
         Reason why the file could not be analysed; empty where it could.
     """
+    return _to_table([{"file": file, "topic": FILE_TOPIC, "error": error, "summary": summary}])
+
+
+def event_rows(file: str, messages: Iterable[Mapping[str, Any]]) -> pyarrow.Table:
+    """Make a row for each message with `topic`, as `detect` prints it."""
+    return _to_table([{**message, "file": file} for message in messages])
+
+
+def _to_table(rows: Iterable[Mapping[str, Any]]) -> pyarrow.Table:
     known = schema()
-    head = {"file": file, "topic": FILE_TOPIC, "error": error, "summary": summary}
-    rows = [head, *({**message, "file": file} for message in messages)]
     return pyarrow.Table.from_pylist(
         [{name: _as_unicode(row.get(name)) for name in known.names} for row in rows], known
     )

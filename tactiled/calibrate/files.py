@@ -13,8 +13,9 @@ from tactiled.events.types import ScanEvent
 from tactiled.force.calibration import OUTPUTS
 from tactiled.outside import need_regular
 from tactiled.recording.bag import is_bag, read_bag
+from tactiled.recording.rows import TimeUnit
 from tactiled.recording.steps import Replay
-from tactiled.recording.table import TimeUnit, read_table
+from tactiled.recording.table import read_table
 
 _DEFAULT_ARRAY = "wang2019-3x3"
 _COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)

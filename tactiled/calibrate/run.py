@@ -15,7 +15,7 @@ from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.plots import PICTURES
 from tactiled.progress import ProgressBar
-from tactiled.recording.table import TimeUnit
+from tactiled.recording.rows import TimeUnit
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
 _LONGEST = 64  # characters of the field `calibration` of messages

@@ -12,7 +12,7 @@ import pyarrow.parquet
 import pytest
 
 from tactiled.archive import detect
-from tactiled.archive.columns import FILE_TOPIC, schema, to_table
+from tactiled.archive.columns import FILE_TOPIC, event_rows, file_row, schema
 from tactiled.archive.detect import FileJob, Outcome, completed, detect_files, matching
 from tactiled.errors import DataError, OperatorError
 from tactiled.offline import Choices
@@ -102,16 +102,14 @@ def rows_of(table: Any) -> list[dict[str, Any]]:
 
 
 def test_a_table_has_a_row_for_the_file_and_one_for_each_event() -> None:
-    table = to_table("a.csv", MESSAGES, "36 channels")
-    assert table.schema == schema()
-    assert rows_of(table) == [
-        {"file": "a.csv", "topic": FILE_TOPIC, "error": "", "summary": "36 channels"},
-        {"file": "a.csv", **MESSAGES[0]},
-    ]
+    head, events = file_row("a.csv", "36 channels"), event_rows("a.csv", MESSAGES)
+    assert head.schema == events.schema == schema()
+    assert rows_of(head) == [{"file": "a.csv", "topic": FILE_TOPIC, "error": "", "summary": "36 channels"}]
+    assert rows_of(events) == [{"file": "a.csv", **MESSAGES[0]}]
 
 
 def test_a_name_that_is_no_utf8_is_escaped() -> None:
-    assert rows_of(to_table(os.fsdecode(b"\xff.csv"), [], ""))[0]["file"] == "\\xff.csv"
+    assert rows_of(file_row(os.fsdecode(b"\xff.csv"), ""))[0]["file"] == "\\xff.csv"
 
 
 @pytest.mark.parametrize(
@@ -142,7 +140,10 @@ def analysed(one: FileJob) -> bytes:
     """Rows of two events for a file; an error for one whose name says so."""
     error = "broken" if "bad" in one.file else ""
     sink = io.BytesIO()
-    pyarrow.parquet.write_table(to_table(one.file, [] if error else 2 * MESSAGES, "", error), sink)
+    with pyarrow.parquet.ParquetWriter(sink, schema()) as writer:
+        if not error:
+            writer.write_table(event_rows(one.file, 2 * MESSAGES))
+        writer.write_table(file_row(one.file, "", error))
     return sink.getvalue()
 
 

@@ -1,0 +1,212 @@
+"""Tables are read a batch at a time: the same events, in bounded memory, and no size that a file claims."""
+
+import json
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from bombs import npz_that_claims
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from tactiled.archive.detect import FileJob, analyse
+from tactiled.array import load_array
+from tactiled.errors import DataError
+from tactiled.log_summary import LogTally
+from tactiled.offline import Choices, detect_file
+from tactiled.recording import rows, table
+from tactiled.recording.rows import FloatArray, TableOptions
+from tactiled.recording.table import BlockSplitter, TableStream, read_table, to_blocks
+from tactiled.samples.block import Gap, ScanBlock
+
+FORMATS = ("csv", "npz", "parquet")
+
+
+def write(path: Path, time_s: FloatArray, volts: FloatArray) -> Path:
+    """Write a table in the format that the name says."""
+    names = ["time_s", *[f"c{k}" for k in range(volts.shape[1])]]
+    if path.suffix == ".npz":
+        np.savez_compressed(path, time_s=time_s, volts=volts)
+    elif path.suffix == ".parquet":
+        parquet.write_table(pyarrow.table([time_s, *volts.T], names=names), path)
+    else:
+        lines = (",".join(map(repr, row)) for row in np.column_stack([time_s, volts]).tolist())
+        path.write_text("\n".join([",".join(names), *lines]))
+    return path
+
+
+def pressed(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return a log of the published array that is pressed and sheared again and again, with missing scans."""
+    rng = np.random.default_rng(5)
+    time_s = np.delete(np.arange(n + 3) * 0.01, [n // 3, n // 3 + 1, n // 2])
+    phase = (time_s % 8.0) / 8.0
+    load = np.clip(np.minimum(phase, 1 - phase) * 8, 0, 1)
+    shear = np.clip(phase * 3 - 1, 0, 1) * load
+    side = np.tile([0.3, 0.0, -0.3, 0.0], 9)
+    volts = 1.0 + 0.3 * load[:, None] + shear[:, None] * side + rng.normal(0, 0.002, (n, 36))
+    return time_s, volts
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_table_in_small_batches_gives_the_same_events(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / f"log.{kind}", *pressed(2500))
+    found = []
+    for batch in (10_000, 1000, 37):
+        monkeypatch.setattr(rows, "_BATCH_ROWS", batch)
+        monkeypatch.setattr("tactiled.offline._PART_SCANS", batch)
+        log = detect_file(path)
+        found.append((capsys.readouterr().out, list(log.summary(Choices()))))
+    assert found[0][0].count('"topic": "contact"') > 2
+    assert found[1] == found[0]
+    assert found[2] == found[0]
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_all_formats_give_the_same_rows_in_any_batches(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time_s, volts = pressed(300)
+    volts[7] = np.nan
+    volts[9, 3] = np.inf
+    path = write(tmp_path / f"log.{kind}", time_s, volts)
+    monkeypatch.setattr(rows, "_BATCH_ROWS", 7)
+    got_s, got = read_table(path)
+    assert np.array_equal(got_s, np.delete(time_s, 7))
+    assert np.array_equal(got, np.delete(np.where(np.isfinite(volts), volts, np.nan), 7, 0), equal_nan=True)
+    shares = [share for *_, share in TableStream(path, TableOptions())]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+@given(
+    holes=st.sets(st.integers(1, 99), max_size=20),
+    cuts=st.sets(st.integers(1, 79), max_size=10),
+    jitter=st.floats(0, 0.4),
+)
+def test_batches_change_no_scan_and_no_gap(holes: set[int], cuts: set[int], jitter: float) -> None:
+    rng = np.random.default_rng(1)
+    time_s = np.delete(np.arange(100) + rng.uniform(-jitter, jitter, 100) * 0.9, sorted(holes))
+    volts = rng.normal(size=(len(time_s), 2))
+    valid = np.ones(volts.shape, dtype=np.bool_)
+    spacing_s = float(np.median(np.diff(time_s)))
+    splitter = BlockSplitter(spacing_s, None)
+    ends = [*sorted(cut for cut in cuts if cut < len(time_s)), len(time_s)]
+    items = []
+    for start, end in zip([0, *ends], ends, strict=False):
+        part = slice(start, end)
+        items += splitter.split(time_s[part], volts[part], valid[part])
+    whole = to_blocks(time_s, volts, None, valid)
+    assert [i for i in items if isinstance(i, Gap)] == [i for i in whole if isinstance(i, Gap)]
+    for name in ("index", "time_s", "volts"):
+        ours, theirs = (
+            np.concatenate([getattr(i, name) for i in found if isinstance(i, ScanBlock)])
+            for found in (items, whole)
+        )
+        assert np.array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_the_memory_does_not_grow_with_the_length(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(table, "_AHEAD_ROWS", 1000)
+    peaks = []
+    for n in (6000, 24_000):
+        volts = np.random.default_rng(0).integers(0, 9, (n, 16)).astype(np.float64)
+        path = write(tmp_path / f"{n}.{kind}", np.arange(n, dtype=np.float64) / 100, volts)
+        del volts
+        tracemalloc.start()
+        assert sum(len(time_s) for time_s, _, _ in TableStream(path, TableOptions())) == n
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0] + 200_000  # 24,000 rows have 3 MB
+
+
+def test_the_summary_of_a_long_log_keeps_an_even_part_of_its_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactiled.log_summary._MOST_VALUES", 36 * 100)
+    tally = LogTally(load_array("wang2019-3x3"))
+    time_s = np.arange(1700, dtype=np.float64) / 100
+    for start in range(0, 1700, 43):
+        tally.add_scans(time_s[start : start + 43], np.ones((len(time_s[start : start + 43]), 36)))
+    assert (tally.n_scans, tally.first_s, tally.last_s) == (1700, 0.0, time_s[-1])
+    assert 50 <= len(tally.time_s) <= 100
+    assert np.array_equal(tally.time_s, time_s[:: round(tally.time_s[1] / 0.01)])
+    assert tally.spacing_s == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("shape", [(12_850_000, 36), (2, 10**9), (10**12, 36), (5, 36, 10**8)])
+def test_an_array_that_claims_more_than_the_limit_is_not_read(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    path = npz_that_claims(tmp_path / "bomb.npz", shape, 4 << 20)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=r"at most 2 GB are read from an npz; split it"):
+            detect_file(path)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_array_with_less_than_it_claims_is_refused(tmp_path: Path) -> None:
+    path = npz_that_claims(tmp_path / "short.npz", (100_000, 36), 1 << 20)
+    with pytest.raises(DataError, match="ends before the shape"):
+        list(rows.rows_of(path, TableOptions()))
+
+
+def test_lists_in_parquet_have_the_limit_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lists = pyarrow.array([[1.0] * 36] * 50)
+    path = tmp_path / "lists.parquet"
+    parquet.write_table(pyarrow.table({"time_s": np.arange(50) * 0.01, "row": lists}), path)
+    assert read_table(path)[1].shape == (50, 36)
+    monkeypatch.setattr(rows, "MOST_BYTES", 10_000)
+    with pytest.raises(DataError, match="the lists of column row have"):
+        detect_file(path)
+
+
+def test_a_whole_table_is_read_up_to_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "log.csv", *pressed(300))
+    monkeypatch.setattr(table, "MOST_BYTES", 50_000)
+    with pytest.raises(DataError, match="has more than 5e-05 GB of readings"):
+        read_table(path)
+
+
+def test_a_line_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rows, "_MOST_LINE", 1000)
+    (tmp_path / "log.csv").write_text("time_s,a\n0,1\n" + "1," * 600)
+    with pytest.raises(DataError, match="a line has more than 1000 characters"):
+        read_table(tmp_path / "log.csv")
+
+
+def test_a_log_without_any_reading_stays_as_it_is(tmp_path: Path) -> None:
+    time_s = np.arange(20, dtype=np.float64) / 100
+    path = write(tmp_path / "log.npz", time_s, np.full((20, 3), np.nan))
+    got_s, got = read_table(path)
+    assert np.array_equal(got_s, time_s)
+    assert np.isnan(got).all()
+
+
+def test_columns_first_is_read_too(tmp_path: Path) -> None:
+    time_s, volts = pressed(50)
+    np.savez(tmp_path / "log.npz", time_s=time_s, volts=np.asfortranarray(volts))
+    assert np.array_equal(read_table(tmp_path / "log.npz")[1], volts)
+
+
+def test_rows_of_a_table_of_events_name_the_board_and_come_in_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "log.npz", *pressed(2500))
+    detect_file(path)
+    printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    monkeypatch.setattr("tactiled.archive.detect._GROUP_EVENTS", 3)
+    found = parquet.ParquetFile(
+        pyarrow.BufferReader(analyse(FileJob.for_any_worker(str(path), None, None, Choices())))
+    )
+    assert found.num_row_groups == -(-len(printed) // 3) + 1
+    rows_found = found.read().to_pylist()
+    assert [row["topic"] for row in rows_found] == [*(event["topic"] for event in printed), "file"]
+    assert {row["board"] for row in rows_found[:-1]} == {"log"}
+    assert "scans in" in rows_found[-1]["summary"]
