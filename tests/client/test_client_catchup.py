@@ -61,13 +61,17 @@ class World:
 
     def exchange(self) -> None:
         """Let requests and replies travel until there are none."""
-        while not self.deaf and (requests := self.inbox.catch_up.unsent):
-            for request in requests:
-                self.inbox.catch_up.sent(request)
-                replies: list[bytes] = []
-                self.control.take(msgpack.packb(request), SOMEONE, self.now_s, replies.append)
-                for reply in replies:
-                    self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
+        while not self.deaf and self.inbox.catch_up.unsent:
+            self.exchange_once()
+
+    def exchange_once(self) -> None:
+        """Answer the requests that are there now."""
+        for request in self.inbox.catch_up.unsent:
+            self.inbox.catch_up.sent(request)
+            replies: list[bytes] = []
+            self.control.take(msgpack.packb(request), SOMEONE, self.now_s, replies.append)
+            for reply in replies:
+                self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
 
     def wait(self, duration_s: float) -> None:
         self.now_s += duration_s
@@ -151,6 +155,21 @@ def test_messages_dropped_by_the_store_are_counted_as_lost() -> None:
     assert kept > 5
     assert story == [0, f"lost {500 - kept}", *[f"r{seq}" for seq in range(501 - kept, 501)], 501]
     assert world.inbox.catch_up.lost == 500 - kept
+
+
+def test_a_hole_of_several_replies_is_filled_in_order() -> None:
+    world = World(history_mb=16.0)
+    n_missed = 3000  # a reply has 128 kB of messages at most
+    world.publish(SLIP, heard=True)
+    for _ in range(n_missed):
+        world.publish(SLIP, heard=False)
+    world.publish(SLIP, heard=True)
+    n_requests = 0
+    while requests := world.inbox.catch_up.unsent:
+        n_requests += len(requests)
+        world.exchange_once()
+    assert world.story() == [0, *[f"r{seq}" for seq in range(1, n_missed + 1)], n_missed + 1]
+    assert n_requests > 3
 
 
 def test_catching_up_gives_up_on_a_daemon_that_does_not_answer() -> None:
