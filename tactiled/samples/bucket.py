@@ -81,6 +81,11 @@ class Bucket:
         return self._earliest[0] - self._answer[0] <= self.usual_wait_s(min(wait_before_s, UNKNOWN_WAIT_S))
 
     @property
+    def has_answer(self) -> bool:
+        """True where a ping was answered in this bucket."""
+        return self._answer is not None
+
+    @property
     def newest_s(self) -> float:
         """Host time of the newest arrival, seconds since the origin."""
         return self._newest_s
@@ -158,7 +163,8 @@ class Bucket:
             mean_late_s = fmean(arrival.delay_s for arrival in self._kept) - least_s
             low_s = least_s - EARLIEST_PER_MEAN * mean_late_s - SLACK_S
             return Band(board_s, low_s, board_s, least_s, handover_s != 0)
-        return Band(tightest[1], tightest[0] - SLACK_S, board_s, least_s)
+        is_answered = tightest == answer
+        return Band(tightest[1], tightest[0] - SLACK_S, board_s, least_s, is_answered=is_answered)
 
     def _handovers(self, handover_s: float | None, wait_before_s: float) -> list[tuple[float, float]]:
         """Lower bounds of the delay, with board times: a frame was incomplete at the hand-over before."""

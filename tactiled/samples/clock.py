@@ -83,6 +83,8 @@ class ClockFit:
     # A bucket in which everything is late is the backlog of a stall and gives no bound. After so many of them
     # the board's clock is taken to have lost time.
     LATE_BUCKETS = 10
+    # Pings come about once in a bucket. After so many without an answer, reads bound delays from below again.
+    UNANSWERED_BUCKETS = 5
 
     def __init__(self, params: ClockParams, min_latency_s: float) -> None:
         self._params = params
@@ -101,6 +103,7 @@ class ClockFit:
         self._lines: Lines | None = None
         self._drop = 0.0  # lowering of the line by arrivals since the last fit
         self._n_early = 0
+        self._n_unanswered = 0  # buckets without an answer since the last one
         self._is_pinged = False  # pings are answered fast: reads bound no delay from below any more
         self._late_since_s: float | None = None
         self._wait_s = math.inf  # usual wait between hand-overs, as of the last bucket
@@ -194,14 +197,16 @@ class ClockFit:
             return  # its bucket is closed
         ideal_s = self._min_latency_s - self._origin[1] - x  # instant of a scan to delay of an ideal arrival
         low, high = sent_s + ideal_s, arrival_s + ideal_s
-        height, gate_s = self._height(x), self._params.gate_s
+        # A fit that is still wide is wrong by more than the gate, and nothing but an answer corrects it.
+        height, gate_s = self._height(x), self._params.gate_s + 3 * self._sd(x)
         if low > height + gate_s or high < height - gate_s:
             return  # ticks of another clock than that of the scans
         self._bucket.answer(x, low, high)
         if not self._is_pinged and self._bucket.is_answered(self._wait_s):
             self._is_pinged = True
             for k, band in enumerate(self._bands):
-                self._bands[k] = band._replace(low=-math.inf)
+                if not band.is_answered:
+                    self._bands[k] = band._replace(low=-math.inf)
 
     def time_of(self, board_s: float) -> tuple[float, float]:
         """Host instant of a board instant, and its standard deviation.
@@ -270,6 +275,9 @@ class ClockFit:
         bucket = self._bucket
         band = bucket.band(self.handover_s, self._wait_s, self._is_pinged)
         self._wait_s = bucket.usual_wait_s(self._wait_s)
+        self._n_unanswered = 0 if bucket.has_answer else self._n_unanswered + 1
+        if self._n_unanswered >= self.UNANSWERED_BUCKETS:
+            self._is_pinged = False
         if self._is_backlog(band, bucket.newest_s):
             return
         self._bands.append(band)

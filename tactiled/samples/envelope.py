@@ -62,6 +62,7 @@ class Band(NamedTuple):
     high_x: float
     high: float
     is_assumed: bool = False  # `low` is not a bound; it assumes that frames are not bunched
+    is_answered: bool = False  # `low` is of a ping: no host, however busy, makes it too high
 
 
 class Lines(NamedTuple):

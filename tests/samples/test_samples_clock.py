@@ -257,6 +257,19 @@ def test_a_busy_host_does_not_make_sigma_smaller_than_the_error(drift_ppm: float
         assert np.median(sd_s[1000:]) < 0.3e-3
 
 
+def test_pings_that_are_answered_no_more_leave_the_bounds_to_the_reads() -> None:
+    fit, rng = ClockFit(ClockParams(), 0.0), np.random.default_rng(5)
+    for k in range(20_000):
+        at_s = k * 0.01
+        fit.add(at_s, 100 + at_s + float(rng.exponential(1e-4)), 0.01)
+        if k < 500 and k % 90 == 40:
+            fit.answered(at_s, 100 + at_s - 5e-4, 100 + at_s + 5e-4)
+        time_s, sd_s = fit.time_of(at_s)
+        if k > 1000:
+            assert abs(time_s - 100 - at_s) < 5 * sd_s
+            assert sd_s < 5e-3
+
+
 def test_slow_answers_give_wide_but_correct_bounds() -> None:
     """100 ms from ping to tick: the line is as well known as without pings."""
     line = LineConditions("test", 5.0, FaultParams(bunch_s=0.016))
