@@ -72,7 +72,8 @@ def test_both_are_built_of_the_same_list_of_modules() -> None:
 
 
 def test_the_sdist_of_the_client_builds_the_same_wheel(wheels: dict[str, Path], tmp_path: Path) -> None:
-    """Away from the checkout, as an index or a distribution builds it."""
+    """Away from the checkout, where a link of the archive would lead nowhere."""
+    assert (CLIENT / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     build = "import sys; from hatchling.build import build_{0} as build; print(build(sys.argv[1]))"
     command = [sys.executable, "-c", build.format("sdist"), str(tmp_path)]
     subprocess.run(command, cwd=CLIENT, check=True, capture_output=True, timeout=120)

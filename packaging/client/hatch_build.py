@@ -15,7 +15,3 @@ class ClientModules(BuildHookInterface[Any]):
             root = Path(self.root)
             source = root if (root / "tactiled").is_dir() else root.parents[1]
             build_data["force_include"] |= {str(source / name): name for name in self.config["modules"]}
-            if (
-                self.target_name == "sdist"
-            ):  # a link to the checkout's: an archive must not point out of itself
-                build_data["force_include"][str((root / "LICENSE").resolve())] = "LICENSE"
