@@ -192,11 +192,13 @@ struct Grip {
     double friction_high = 0.0;
     // Part of the contact area that slips now, expectation over the posterior.
     double slipping_share = 0.0;
-    // Probability that gross slip is there or begins within 50 ms, if load and shear go on as they do.
+    // Probability that all of the contact slides now.
+    double p_sliding = 0.0;
+    // Probability that gross slip goes on or begins within 50 ms; 1 while state is gross.
     double p_gross_50ms = 0.0;
-    // Probability that gross slip begins within 100 ms, at the present trend.
+    // Probability that gross slip goes on or begins within 100 ms; 1 while state is gross.
     double p_gross_100ms = 0.0;
-    // Probability that gross slip begins within 300 ms, at the present trend.
+    // Probability that gross slip goes on or begins within 300 ms; 1 while state is gross.
     double p_gross_300ms = 0.0;
     // Normal load of the array, in unit; above 0 presses.
     double load = 0.0;
@@ -212,9 +214,11 @@ struct Grip {
     std::string unit;
     // Load at which utilisation would be 0.7 if friction were friction_low, in unit.
     double needed_load = 0.0;
-    // none: the contact has ended; sticking; partial: more than a tenth of the area slips; gross: all of it
-    // slips with a probability of one half or more; unloading: shear over load falls.
+    // none: the contact has ended; unknown: nobody saw the contact begin, so that it may hold or slide;
+    // sticking; partial: more than a tenth of the area slips, or an incipient slip is open; gross: a gross
+    // slip is open, as in the slip events; unloading: shear over load falls.
     static constexpr const char* STATE_NONE = "none";
+    static constexpr const char* STATE_UNKNOWN = "unknown";
     static constexpr const char* STATE_STICKING = "sticking";
     static constexpr const char* STATE_PARTIAL = "partial";
     static constexpr const char* STATE_GROSS = "gross";
@@ -244,6 +248,7 @@ template <class Json> void from_json(const Json& map, Grip& out) {
     map.at("friction_low").get_to(out.friction_low);
     map.at("friction_high").get_to(out.friction_high);
     map.at("slipping_share").get_to(out.slipping_share);
+    map.at("p_sliding").get_to(out.p_sliding);
     map.at("p_gross_50ms").get_to(out.p_gross_50ms);
     map.at("p_gross_100ms").get_to(out.p_gross_100ms);
     map.at("p_gross_300ms").get_to(out.p_gross_300ms);

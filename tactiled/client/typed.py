@@ -177,12 +177,14 @@ class GripData(TypedDict):
     """Quantile of 95 % of friction."""
     slipping_share: float
     """Part of the contact area that slips now, expectation over the posterior."""
+    p_sliding: float
+    """Probability that all of the contact slides now."""
     p_gross_50ms: float
-    """Probability that gross slip is there or begins within 50 ms, if load and shear go on as they do."""
+    """Probability that gross slip goes on or begins within 50 ms; 1 while state is gross."""
     p_gross_100ms: float
-    """Probability that gross slip begins within 100 ms, at the present trend."""
+    """Probability that gross slip goes on or begins within 100 ms; 1 while state is gross."""
     p_gross_300ms: float
-    """Probability that gross slip begins within 300 ms, at the present trend."""
+    """Probability that gross slip goes on or begins within 300 ms; 1 while state is gross."""
     load: float
     """Normal load of the array, in unit; above 0 presses."""
     shear_x: float
@@ -196,9 +198,10 @@ class GripData(TypedDict):
     """
     needed_load: float
     """Load at which utilisation would be 0.7 if friction were friction_low, in unit."""
-    state: Literal["none", "sticking", "partial", "gross", "unloading"]
-    """none: the contact has ended; sticking; partial: more than a tenth of the area slips; gross: all of it
-    slips with a probability of one half or more; unloading: shear over load falls.
+    state: Literal["none", "unknown", "sticking", "partial", "gross", "unloading"]
+    """none: the contact has ended; unknown: nobody saw the contact begin, so that it may hold or slide;
+    sticking; partial: more than a tenth of the area slips, or an incipient slip is open; gross: a gross slip
+    is open, as in the slip events; unloading: shear over load falls.
     """
     valid: bool
     """False where readings cannot be trusted or the message is suppressed: do not act on it."""

@@ -87,7 +87,7 @@ class ContactEvent(Event):
     valid: bool
 
 
-GripState = Literal["none", "sticking", "partial", "gross", "unloading"]
+GripState = Literal["none", "unknown", "sticking", "partial", "gross", "unloading"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,10 @@ class GripEvent(Event):
     friction_high: float = 0.0
     slipping_share: float = 0.0
     """Part of the contact area that slips now."""
+    p_sliding: float = 0.0
+    """Probability that all of the contact slides now."""
     p_gross_50ms: float = 0.0
+    """Probability that gross slip begins within 50 ms, or goes on."""
     p_gross_100ms: float = 0.0
     p_gross_300ms: float = 0.0
     load: float = 0.0

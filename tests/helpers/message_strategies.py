@@ -23,6 +23,7 @@ SPECIAL: dict[str, st.SearchStrategy[Any]] = {
             "utilisation_low",
             "utilisation_high",
             "slipping_share",
+            "p_sliding",
             "p_gross_50ms",
             "p_gross_100ms",
             "p_gross_300ms",

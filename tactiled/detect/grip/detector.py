@@ -37,6 +37,7 @@ _SAME_LOADS = 0.5
 # deviations by which it must exceed what is not known of it before the shares of the taxels are looked at.
 _CLEAR, _NOISES = 0.02, 4.0
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
+_UNKNOWN_USED = (0.0, 0.5, 1.0)  # utilisation of a contact whose beginning nobody saw
 _DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
 
 
@@ -274,6 +275,9 @@ class _Touch:
         self._offset_sd = 0.0  # of shear over load
         self._load = 0.0
         self.grip: Grip | None = None
+        self._is_known = (
+            False  # a slide told how much of the limit is in use, though nobody saw the beginning
+        )
 
     @property
     def is_pressed(self) -> bool:
@@ -328,7 +332,12 @@ class _Touch:
         x, y, moment = total = self.model.total
         size = math.hypot(*total) + offset * self._load
         low, median, high = grip.utilisation
+        self._is_known = self._is_known or self._zero.is_seen or grip.is_gross
+        if not self._is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
+            state = "unknown"
+            low, median, high = _UNKNOWN_USED
         friction, p_gross = grip.friction, grip.p_gross
+        needed_load = size / (NEEDED_UTILISATION * friction[0])
         more = offset / friction[1]
         return GripEvent(
             time_s=time_s,
@@ -339,6 +348,7 @@ class _Touch:
             friction_low=friction[0],
             friction_high=friction[2],
             slipping_share=grip.slipping_share,
+            p_sliding=min(grip.p_sliding, 1.0),
             p_gross_50ms=p_gross[0],
             p_gross_100ms=p_gross[1],
             p_gross_300ms=p_gross[2],
@@ -347,7 +357,7 @@ class _Touch:
             shear_y=y,
             torsion=moment * radius_mm + 0.0,  # never -0.0
             unit=unit,
-            needed_load=size / (NEEDED_UTILISATION * friction[0]),
+            needed_load=needed_load if self._is_known else max(needed_load, self._load),
             state=state,
             valid=is_trusted,
             late=is_late,

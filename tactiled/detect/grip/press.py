@@ -49,6 +49,8 @@ class PressZero:
         Standard deviations of what is unknown of a taxel's part, and of that of the whole array.
     is_measured : bool
         True once the press is over.
+    is_seen : bool
+        The contact was seen to begin, or most of its load was seen to come.
     is_left : bool
         True where the newest shear is that of a pull.
     """
@@ -62,7 +64,7 @@ class PressZero:
         mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD)
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._least_load = least_load
-        self._is_seen = is_seen
+        self.is_seen = is_seen
         self._largest = 0.0  # sum of the loads of which the zero is made; of the first ones where not seen
         self._n = self._n_taken = 0  # scans, and those of which the zero is made
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
@@ -78,7 +80,7 @@ class PressZero:
         most = _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
         has_doubled = self._n > 1 and whole > _SEEN * self._largest
         is_small = math.hypot(*shear.sum(axis=1)) <= most * whole
-        if has_doubled and (not self._is_seen or (self.is_left and is_small)):
+        if has_doubled and (not self.is_seen or (self.is_left and is_small)):
             self._forget()
         if self.is_left:
             return
@@ -87,7 +89,7 @@ class PressZero:
             self.is_left = math.hypot(*left) > most
             if self.is_left:
                 return
-        if self._is_seen or self._n == 1:
+        if self.is_seen or self._n == 1:
             self._largest = max(self._largest, whole)
         self._n_taken += 1
         self._crossed += shear * load
@@ -97,7 +99,7 @@ class PressZero:
         parts = self._crossed / np.maximum(self._squares + silent, 1e-300)
         parts_of_whole = (parts * load / whole).sum(axis=1, keepdims=True)
         size = math.hypot(*parts_of_whole[:, 0])
-        if self._is_seen:
+        if self.is_seen:
             parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
             unknown = 1.0 - self._n_taken / self._n_press
             self.taxel_sd, self.whole_sd = self._taxel_sd * unknown, self._whole_sd * unknown
@@ -107,7 +109,7 @@ class PressZero:
 
     def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""
-        self._is_seen, self.is_left = True, False
+        self.is_seen, self.is_left = True, False
         self._n_taken = 0
         self._crossed[:], self._squares[:], self.parts = 0.0, 0.0, np.zeros_like(self.parts)
         self.taxel_sd, self.whole_sd = self._taxel_sd, self._whole_sd

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array
+from tactiled.detect.grip.agreement import agreeing
 from tactiled.detect.grip.compiled_model import AnyContactModel
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slips import PosteriorSlips, ScanInstant
@@ -99,7 +100,9 @@ class GripSlip:
             if change := self._follow(tracker):
                 events.append(contact_event(item, row, pressure, change))
             if grip is not None and self._params.publish:
-                events.append(grip)
+                slips = self._slips
+                slip, slid_at = (None, 0.0) if slips is None else (slips.open, slips.slid_at)
+                events.append(agreeing(grip, slip, slid_at, self._params.gross_p))
         self._last_s = float(item.time_s[-1])
         return events
 

@@ -62,7 +62,8 @@ class PosteriorSlips:
         """Newest onset of the slip that goes on."""
         self._n_waits = 0  # scans after a gap, before a direction can be told
         self._n_low = 0
-        self._largest = 0.0  # ratio of the gross slip that goes on
+        self.slid_at = 0.0
+        """Largest ratio of shear and load in the gross slip that goes on."""
         self._least = 0.0  # ratio since the last slip ended
 
     def step(self, scan: ContactScan, at: ScanInstant) -> list[SlipEvent]:
@@ -84,7 +85,7 @@ class PosteriorSlips:
             self.open = self._onset(scan, at)
             events.append(self.open)
         if self.open is not None and self.open.kind == "incipient" and self._slides:
-            self._largest, self._n_low = size, 0
+            self.slid_at, self._n_low = size, 0
             self.open = self._gross(self.open, scan, at)
             events.append(self.open)
         return events
@@ -102,8 +103,8 @@ class PosteriorSlips:
 
     def _has_ended(self, slip: SlipEvent, scan: ContactScan, size: float) -> bool:
         if slip.kind == "gross":
-            self._largest = max(self._largest, size)
-            is_low = size < _RELAXED * self._largest and scan.model.sliding_log_odds <= 0
+            self.slid_at = max(self.slid_at, size)
+            is_low = size < _RELAXED * self.slid_at and scan.model.sliding_log_odds <= 0
         else:
             friction = scan.model.friction
             is_low = scan.grip.p_incipient < self._p / 2
