@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.endpoints import listen, stop_listening
-from tactiled.daemon.zmq.zmtp import Decoder, Greeted, Ping, Ready, Refused, Value
+from tactiled.daemon.zmq.zmtp import Greeted, Ping, Ready, Refused, Value, ZmtpDecoder
 from tactiled.limited_log import RateLimitedLog
 from tactiled.outside import shown
 
@@ -73,7 +73,7 @@ class Bounds:
     turns_per_s: float
 
 
-class Outgoing(NamedTuple):
+class Queued(NamedTuple):
     """Encoded message that waits to be sent, and what it is counted under if it is dropped."""
 
     name: str
@@ -107,7 +107,7 @@ class Peer:
             self.address = str(sock.getpeername()[0])
         self.identity = b""
         """What the peer calls itself; empty where it does not."""
-        self.decoder = Decoder(bounds.frame_bytes)
+        self.decoder = ZmtpDecoder(bounds.frame_bytes)
         self.values: deque[Value] = deque()
         """Values that wait for the next turn of this peer."""
         self.is_ready = False
@@ -117,14 +117,14 @@ class Peer:
         """True while the kernel takes no more; then it says when it does."""
         self._queue_bytes = bounds.queue_bytes
         self._dropped = dropped
-        self._queue: deque[Outgoing] = deque()
+        self._queue: deque[Queued] = deque()
         self._n_queued = 0
         self._begun = b""
 
     def __str__(self) -> str:
         return self.address or f"uid {self.uid}"
 
-    def add(self, message: Outgoing) -> None:
+    def add(self, message: Queued) -> None:
         """Queue a message; the oldest ones make room for it."""
         self._queue.append(message)
         self._n_queued += len(message.wire)
@@ -177,7 +177,7 @@ class PeerServer:
         self.dropped: Counter[str] = Counter()
         """Number of messages that were dropped for peers that do not keep up, by name."""
         self.refused = RateLimitedLog(logger, "connection refused")
-        self._ready = Outgoing("", zmtp.ready(socket_type))
+        self._ready = Queued("", zmtp.ready(socket_type))
         self._peer_types = frozenset(peer_types)
         self._bounds = bounds
         # The peers of an endpoint, the oldest first, by each of its listeners.
@@ -243,7 +243,7 @@ class PeerServer:
     def _gone(self, peer: Peer) -> None:
         """Forget a peer that is closed."""
 
-    def _send(self, peer: Peer, message: Outgoing) -> None:
+    def _send(self, peer: Peer, message: Queued) -> None:
         """Queue a message, which is sent at the end of this turn of the event loop with those that follow."""
         peer.add(message)
         if not self._unsent and self._loop is not None:
@@ -289,7 +289,7 @@ class PeerServer:
         peers[peer] = None
         self._loop.call_later(HANDSHAKE_S, self._check_ready, peer)
         self._watch(peer)
-        self._send(peer, Outgoing("", zmtp.GREETING))
+        self._send(peer, Queued("", zmtp.GREETING))
 
     def _turn(self, peer: Peer) -> None:
         """Handle what is left of the last read, or read."""
@@ -323,7 +323,7 @@ class PeerServer:
         if isinstance(value, Greeted):
             self._send(peer, self._ready)
         elif isinstance(value, Ping):
-            self._send(peer, Outgoing("", zmtp.pong(value.context)))
+            self._send(peer, Queued("", zmtp.pong(value.context)))
         elif isinstance(value, Refused):
             self._refuse(str(peer), value.reason)
             self._close_peer(peer)
@@ -335,7 +335,7 @@ class PeerServer:
             wanted = " or ".join(sorted(self._peer_types))
             reason = f"a socket {shown(value.socket_type)} where {wanted} may connect"
             self._refuse(str(peer), reason)
-            peer.add(Outgoing("", zmtp.error(reason)))
+            peer.add(Queued("", zmtp.error(reason)))
             self._flush(peer)
             self._close_peer(peer)
         return False

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
-from tactiled.daemon.zmq.peers import Bounds, Outgoing, Peer, PeerServer
+from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.zmtp import Part, Value
 
@@ -66,7 +66,7 @@ class Requesters(PeerServer):
             return
 
         def respond(reply: bytes) -> None:
-            self._send(peer, Outgoing("", zmtp.message(*envelope, reply)))
+            self._send(peer, Queued("", zmtp.message(*envelope, reply)))
 
         requester = Requester(
             connection=connection.name,

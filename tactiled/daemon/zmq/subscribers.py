@@ -4,7 +4,7 @@ import time
 from collections import Counter
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.peers import Bounds, Outgoing, Peer, PeerServer
+from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued
 from tactiled.daemon.zmq.zmtp import Cancel, Part, Subscribe, Value
 
 QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in contact; the store has the rest
@@ -41,7 +41,7 @@ class Subscribers(PeerServer):
             audience = tuple(peer for peer, wanted in self._wanted.items() if topic.startswith((*wanted,)))
             self._audience[topic] = audience
         if audience:
-            message = Outgoing(name, zmtp.message(topic, payload))
+            message = Queued(name, zmtp.message(topic, payload))
             for peer in audience:
                 self._send(peer, message)
 

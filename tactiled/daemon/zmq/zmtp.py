@@ -77,7 +77,7 @@ class Refused:
 Value = Greeted | Ready | Subscribe | Cancel | Ping | Part | Refused
 
 
-class Decoder:
+class ZmtpDecoder:
     """Decode what one peer sends.
 
     Parameters

@@ -7,7 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.zmtp import Cancel, Decoder, Greeted, Part, Ping, Ready, Refused, Subscribe, Value
+from tactiled.daemon.zmq.zmtp import (
+    Cancel,
+    Greeted,
+    Part,
+    Ping,
+    Ready,
+    Refused,
+    Subscribe,
+    Value,
+    ZmtpDecoder,
+)
 
 # Written by hand from rfc.zeromq.org/spec/37: what libzmq 4.3 sends as a SUB.
 GREETING = bytes.fromhex("ff00000000000000017f 0301 4e554c4c" + "00" * 16 + "00" + "00" * 31)
@@ -20,7 +30,7 @@ OLD_CANCEL = b"\x00\x08" + b"\x00tactile"
 
 
 def values_of(*pieces: bytes, longest_bytes: int = zmtp.LONGEST_BYTES) -> list[Value]:
-    decoder = Decoder(longest_bytes)
+    decoder = ZmtpDecoder(longest_bytes)
     return [value for piece in pieces for value in decoder.receive(piece)]
 
 
@@ -76,7 +86,7 @@ def test_unknown_commands_and_pongs_ask_for_nothing() -> None:
     ],
 )
 def test_what_is_no_subscriber_is_refused_once_and_keeps_nothing(data: bytes, says: str) -> None:
-    decoder = Decoder()
+    decoder = ZmtpDecoder()
     *_, last = decoder.receive(data)
     assert isinstance(last, Refused)
     assert says in last.reason
@@ -109,7 +119,7 @@ STREAMS = st.one_of(
 @given(stream=STREAMS, cuts=st.lists(st.integers(0, 300)))
 def test_any_split_of_the_bytes_gives_the_same_values(stream: bytes, cuts: list[int]) -> None:
     places = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
-    decoder = Decoder(longest_bytes=64)
+    decoder = ZmtpDecoder(longest_bytes=64)
     values: list[Value] = []
     for begin, end in pairwise(places):
         values += decoder.receive(stream[begin:end])
