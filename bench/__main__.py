@@ -31,6 +31,7 @@ BENCHES = {
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
     "hostile": "bench.hostile.bench",
+    "learnt": "bench.learnt.bench",
 }
 WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
 WITH_ABLATION = ("grip",)
@@ -71,6 +72,7 @@ def bench(
     beside the strongest line of a spectrum. web: delays of the live page in a browser, and what server
     and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
     bytes of many boards through two routers of zenoh. hostile: attacks on every border, with what was seen.
+    learnt: trees that learn the signs of sliding, scored on worlds of a generator that they never saw.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -1,0 +1,163 @@
+"""Fit of the three forests of the contact filter, and their form as flat arrays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from bench.learnt import memory
+from bench.learnt.filter import EDGES, N_STATES, STATE_SIGNS
+from bench.learnt.memory import Memory
+from bench.learnt.rows import Looks
+from bench.learnt.signs import NAMES
+
+FloatArray = NDArray[np.float64]
+_FOLDS = 3  # the memory must see odds as wrong as those of worlds that the trees have not seen
+_COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
+# Prior friction of rubber on objects, as in `GripParams`.
+_FRICTION, _FRICTION_SD = 0.6, 0.6
+
+
+class Shape(NamedTuple):
+    """Size of a forest."""
+
+    trees: int
+    leaves: int
+    rate: float
+    least_rows: int
+
+
+SIGNS = Shape(trees=100, leaves=24, rate=0.1, least_rows=100)
+STATE = Shape(trees=45, leaves=16, rate=0.12, least_rows=100)
+SOON = Shape(trees=45, leaves=12, rate=0.1, least_rows=100)
+_THIN = 3  # neighbouring looks say the same: one in so many is learnt from
+
+
+def fit(worlds: Sequence[Looks], seed: int = 0) -> dict[str, Any]:
+    """Fit all forests on looks of worlds; generators weigh the same, however many looks they have.
+
+    Returns
+    -------
+    dict
+        Arrays that `learnt_from` reads.
+    """
+    weight = _weights(worlds)
+    signs = np.concatenate([w.signs for w in worlds])
+    slides = np.concatenate([w.slides for w in worlds])
+    thin = np.concatenate([np.arange(len(w.signs)) % _THIN == k % _THIN for k, w in enumerate(worlds)])
+    fold = np.repeat(np.arange(len(worlds)) % _FOLDS, [len(w.signs) for w in worlds])
+    p = np.zeros(len(slides))
+    for k in range(_FOLDS):
+        learns, asked = thin & (fold != k), fold == k
+        forest = _forest(SIGNS, signs[learns], slides[learns], weight[learns], seed)
+        p[asked] = forest.predict_proba(signs[asked])[:, 1]
+    first = _forest(SIGNS, signs[thin], slides[thin], weight[thin], seed)
+    base = float(np.average(slides, weights=weight))
+    base_odds = float(np.log(base / (1 - base)))
+    rows = state_rows(worlds, p, base_odds)
+    state = _forest(STATE, rows[thin], states(worlds)[thin], weight[thin], seed)
+    sticks = thin & ~slides
+    soon = np.concatenate([w.soon for w in worlds])
+    ahead = _forest(SOON, rows[sticks], soon[sticks], weight[sticks], seed)
+    return {
+        **{f"signs.{name}": values for name, values in flat(first).items()},
+        **{f"state.{name}": values for name, values in flat(state).items()},
+        **{f"soon.{name}": values for name, values in flat(ahead).items()},
+        "base_odds": np.array(base_odds),
+    }
+
+
+def states(worlds: Sequence[Looks]) -> NDArray[np.int64]:
+    """Return the cell of each look."""
+    used = np.concatenate([w.utilisation for w in worlds])
+    slides = np.concatenate([w.slides for w in worlds])
+    cell = np.clip(np.searchsorted(EDGES, used, side="right") - 1, 0, N_STATES - 2)
+    return np.where(slides, N_STATES - 1, cell)
+
+
+def state_rows(worlds: Sequence[Looks], p: FloatArray, base_odds: float) -> FloatArray:
+    """Return what the second trees see: signs, and the memory of the odds of the first ones."""
+    found, at = [], 0
+    for world in worlds:
+        found.append(_memory_rows(world, p[at : at + len(world.signs)], base_odds))
+        at += len(world.signs)
+    signs = np.concatenate([w.signs[:, _COLUMNS] for w in worlds])
+    return np.concatenate([signs, np.concatenate(found)], axis=1)
+
+
+def _memory_rows(world: Looks, p: FloatArray, base_odds: float) -> FloatArray:
+    one = Memory(_FRICTION, _FRICTION_SD, base_odds)
+    if world.stated is not None:
+        one.state_friction(*world.stated)
+    rows = np.empty((len(p), len(memory.NAMES)))
+    ratio = world.ratio.tolist()
+    for k, (begins, odds) in enumerate(zip(world.begins.tolist(), p.tolist(), strict=True)):
+        if begins:
+            if k:
+                one.end_contact()
+            one.begin_contact()
+        one.take(odds, ratio[k], world.look_s)
+        rows[k] = one.row
+    return rows
+
+
+def _weights(worlds: Sequence[Looks]) -> FloatArray:
+    """Return the weight of each look: seconds, so divided that each generator has the same."""
+    seconds = dict.fromkeys({w.generator for w in worlds}, 0.0)
+    for w in worlds:
+        seconds[w.generator] += len(w.signs) * w.look_s
+    whole = sum(seconds.values())
+    return np.concatenate(
+        [np.full(len(w.signs), w.look_s * whole / len(seconds) / seconds[w.generator] / 0.02) for w in worlds]
+    )
+
+
+def _forest(
+    shape: Shape, rows: FloatArray, classes: NDArray[Any], weight: FloatArray, seed: int
+) -> HistGradientBoostingClassifier:
+    empty = np.isnan(rows).all(axis=0)
+    if empty.any():  # a column without any value cannot be divided into bins
+        rows = np.where(empty & (np.arange(len(rows)) == 0)[:, np.newaxis], 0.0, rows)
+    return HistGradientBoostingClassifier(
+        max_iter=shape.trees,
+        max_leaf_nodes=shape.leaves,
+        learning_rate=shape.rate,
+        min_samples_leaf=shape.least_rows,
+        l2_regularization=1.0,
+        early_stopping=False,
+        random_state=seed,
+    ).fit(rows, classes, sample_weight=weight)
+
+
+def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
+    """Return the trees as arrays, in the form of `bench.learnt.trees.Trees`."""
+    roots, outputs, tables, n = [], [], [], 0
+    for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
+        for output, tree in enumerate(trees):
+            nodes = tree.nodes
+            leaf = nodes["is_leaf"].astype(bool)
+            roots.append(n)
+            outputs.append(output)
+            tables.append(
+                (
+                    np.where(leaf, -1, nodes["feature_idx"]),
+                    np.where(leaf, 0, nodes["left"].astype(np.int64) + n),
+                    np.where(leaf, 0, nodes["right"].astype(np.int64) + n),
+                    np.where(leaf, nodes["value"], nodes["num_threshold"]),
+                    nodes["missing_go_to_left"].astype(np.int64),
+                )
+            )
+            n += len(nodes)
+    feature, left, right, value, missing = (np.concatenate(parts) for parts in zip(*tables, strict=True))
+    return {
+        "first": np.ravel(forest._baseline_prediction).astype(np.float64),  # noqa: SLF001
+        "root": np.array(roots, dtype=np.int32),
+        "output": np.array(outputs, dtype=np.int16),
+        "feature": feature.astype(np.int16),
+        "left": left.astype(np.int32),
+        "right": right.astype(np.int32),
+        "value": value.astype(np.float64),
+        "missing_left": missing.astype(np.int8),
+    }
