@@ -109,6 +109,19 @@ def test_two_boards_of_one_name_never_share_topics(
     ]
 
 
+def test_a_refused_board_that_is_silent_leaves_the_diagnostics(monkeypatch: pytest.MonkeyPatch) -> None:
+    node = FakeNode()
+    bridge = bridge_with(node)
+    bridge.take(ENDPOINT, now(STATUS, "TS-0001"))
+    bridge.take("ipc:///tmp/other.ipc", now(STATUS, "TS-0001"))
+    bridge.diagnose()
+    assert len([name for name, _, _ in entries(node) if "other" in name]) == 1
+    later_s = time.monotonic() + 5
+    monkeypatch.setattr(time, "monotonic", lambda: later_s)
+    bridge.diagnose()
+    assert not [name for name, _, _ in entries(node) if "other" in name]
+
+
 def test_a_text_for_which_the_daemon_would_cut_the_connection_is_refused() -> None:
     class NodeWithCalls(FakeNode):
         def __init__(self) -> None:

@@ -73,6 +73,10 @@ def test_a_slip_counts_from_its_detection() -> None:
         ({"warning": "a noisy line"}, 0.1, "warn", "noisy"),
         ({"valid": False, "reason": "no bytes"}, 0.1, "error", "no bytes"),
         ({}, 3.0, "stale", "no status for 3.0 s"),
+        ({}, 0.5, "ok", "running"),  # five periods of the status
+        ({}, 0.6, "stale", "no status for 0.6 s"),
+        ({"timestamp": UNIX_S - 0.5}, 0.1, "ok", "running"),
+        ({"timestamp": UNIX_S - 0.6}, 0.1, "stale", "status is 0.6 s off"),
         ({"timestamp": UNIX_S - 9.0}, 0.1, "stale", "status is 9.0 s off"),
     ],
 )
