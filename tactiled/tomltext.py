@@ -6,6 +6,7 @@ Needs the standard library only, so that the command line reports a wrong name b
 import json
 import re
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def read(path: Path) -> dict[str, Any]:
         text = read_text(path)
         if fault := _excess(text):
             raise ConfigError(str(path), [fault])
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except FileNotFoundError:
         near = sorted(p.stem for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
         hint = f"; beside it there are: {', '.join(near)}" if near else ""
@@ -73,6 +74,9 @@ def read(path: Path) -> dict[str, Any]:
         raise ConfigError(str(path), [f"cannot be read: {error.strerror}"]) from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(str(path), [f"not valid TOML: {error}"]) from None
+    if name := _with_nul(document):
+        raise ConfigError(str(path), [f"{name}: has the character NUL, which no name or path may have"])
+    return document
 
 
 def _excess(text: str) -> str:
@@ -94,6 +98,22 @@ def _excess(text: str) -> str:
         depth += 1 if bracket[0] in "[{" else -1
         if depth > _DEPTH:
             return f"{_place(bare, bracket.start())}: more than {_DEPTH} brackets in one another"
+    return ""
+
+
+def _with_nul(value: object, name: str = "") -> str:
+    """Return the name of the first string or key with NUL, at which system calls fail; empty without one."""
+    if isinstance(value, str):
+        return (name or "text") if "\0" in value else ""
+    items: Iterable[tuple[object, object]] = ()
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = enumerate(value)
+    for key, one in items:
+        part = f"{name}.{key}" if name else str(key)
+        if found := _with_nul(str(key), shown(part).strip("'")) or _with_nul(one, part):
+            return found
     return ""
 
 

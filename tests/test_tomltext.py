@@ -37,6 +37,9 @@ def fault_of(folder: Path, text: str) -> str:
         ),
         ("baud = 0x" + "f" * 5000, "baud (line 1): a word or number of 5002 characters"),
         ("a." * 100_000 + "b = 1", "text (line 1): a word or number of 200001 characters"),
+        ('[board]\narray = "a\\u0000b"', "board.array: has the character NUL"),
+        ('a = [1, {b = "\\u0000"}]', "a.1.b: has the character NUL"),
+        ('"\\u0000" = 1', "\\x00: has the character NUL"),
         ("[x]\n" + '"a" . ' * 100_000 + "b = 1", "x (line 2): a key of more than 32 parts"),
     ],
 )

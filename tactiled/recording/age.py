@@ -3,9 +3,10 @@
 A wall clock may be wrong by months: a host without a battery for it, a wrong date typed in, a spoofed time
 server. Recordings hold two clocks at each read from the port, the wall clock and CLOCK_MONOTONIC, which
 nobody can set and which begins at 0 with each start of the host. From one instant in recordings to the next,
-time has passed as far as *both* say so. Where the monotonic clock says less, the host was off or the wall
-clock was set: nothing tells which, so such a pause counts at most `PAUSE_PART` of the age at which recordings
-are removed. A wrong clock makes recordings older by one such part, and not by what it says.
+time has passed as far as *both* say so, where the difference of the two is the same at both instants: the
+host was not started anew and its wall clock was not set between them. Anywhere else nothing tells how long
+the host was off or by how much the clock was set, so such a pause counts at most `PAUSE_PART` of the age at
+which recordings are removed. A wrong clock makes recordings older by one such part, and not by what it says.
 """
 
 import math
@@ -26,6 +27,9 @@ from tactiled.recording.reader import open_recording, topic_of
 # Of `keep_days`. At 30 days a pause counts at most a day: a host that is used daily loses nothing, and its
 # recordings are removed late by the weekends; thirty errors of the clock would have to come together.
 PAUSE_PART = 1 / 30
+# Change of the difference of both clocks that is neither a start of the host nor a clock that was set: time
+# servers slew a clock by at most 500 ppm, and step it by less than a second while they follow it.
+_SLEW, _STEP_S = 500e-6, 1.0
 MOST_READ = 10  # files read for their times at each check, once a minute, beside the recording
 _MOST_CHUNKS = 20  # searched for a read from the port, at either end; each second closes a chunk
 
@@ -63,7 +67,8 @@ def proven_ages_s(spans: Mapping[Path, RecordedSpan], pause_s: float) -> dict[Pa
     for later, earlier in pairwise(reversed(instants)):
         by_wall_s = later.unix_s - earlier.unix_s
         by_monotonic_s = later.monotonic_s - earlier.monotonic_s
-        ages_s[earlier] = ages_s[later] + min(by_wall_s, max(by_monotonic_s, pause_s))
+        goes_on = abs(by_wall_s - by_monotonic_s) <= _STEP_S + _SLEW * by_wall_s
+        ages_s[earlier] = ages_s[later] + min(by_wall_s, max(by_monotonic_s if goes_on else 0.0, pause_s))
     return {path: ages_s[span.last] for path, span in spans.items()}
 
 

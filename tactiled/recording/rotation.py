@@ -55,7 +55,7 @@ class RecordParams(Params):
     )
     keep_days: float | None = Field(
         default=None,
-        gt=0,
+        ge=0.001,  # less than two minutes is a slip of the pen, and would keep the newest recording alone
         description="Finished recordings in `directory` that are older than this (days) are removed, as far "
         "as the times in recordings prove it: a wrong clock removes nothing. The newest one is never "
         "removed. If omitted, all are kept.",

@@ -59,6 +59,16 @@ def test_a_recording_made_with_the_wrong_clock_removes_none_either(tmp_path: Pat
     assert check(tmp_path, 31.0)[0] == []
 
 
+def test_a_new_start_with_a_clock_behind_removes_none_of_its_recordings(tmp_path: Path) -> None:
+    """The host ran for 40 days with a right clock; after a new start its clock is 60 days behind."""
+    place(tmp_path, 60.0, up_s=39 * DAY_S)
+    place(tmp_path, 61.0, up_s=40 * DAY_S)
+    new = [place(tmp_path, 1.0 + k / 1440, up_s=100.0 + 60 * k) for k in range(4)]
+    removed, _ = check(tmp_path, 1.1)
+    assert removed == []
+    assert all(path.exists() for path in new)
+
+
 def test_a_clock_that_is_set_within_a_recording_removes_none(tmp_path: Path) -> None:
     first = place(tmp_path, 0.0)
     with RecordingWriter(tmp_path / new_name(datetime.fromtimestamp(START_S + 300, UTC)), HEADER) as writer:
