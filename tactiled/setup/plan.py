@@ -106,7 +106,8 @@ def make_plan(
     try:
         name = name_of(name or serial or board.board_serial or "board")
     except DataError as error:
-        raise ConfigError("NAME", [str(error)]) from None
+        told = "" if name else " (from the adapter or the board; give one: tactiled setup left-hand)"
+        raise ConfigError("NAME", [f"{error}{told}"]) from None
     for text in (port.url, board.array):
         if not text.isprintable():
             raise ConfigError("setup", [f"{shown(text)}: has characters that cannot be printed"])
@@ -176,7 +177,12 @@ def _own_rule(name: str, port: FoundPort, serial: str) -> str:
         key, value, follows = "ID_SERIAL_SHORT", serial, "adapter"
     else:
         # udev names the link after ID_PATH and the number of the port.
-        key, value, follows = "ID_PATH", rule_value(re.sub(r"-port\d+$", "", port.socket)), "USB socket"
+        try:
+            socket = rule_value(re.sub(r"-port\d+$", "", port.socket))
+        except DataError as error:
+            remedy = "use another USB socket, or write its rule by hand"
+            raise ConfigError("USB socket of the adapter", [f"{error}; {remedy}"]) from None
+        key, value, follows = "ID_PATH", socket, "USB socket"
     return _OTHER_RULE.format(
         name=name, vendor=port.vendor, product=port.product, key=key, value=value, follows=follows
     )
