@@ -9,7 +9,7 @@ from pathlib import Path
 from fsspec import AbstractFileSystem
 
 from tactiled.archive.push import Copy
-from tactiled.archive.store import BLOCK_BYTES, StoredRecording, reason_of
+from tactiled.archive.store import BLOCK_BYTES, StoredRecording, is_regular, reason_of
 from tactiled.errors import DataError
 from tactiled.outside import path_below
 from tactiled.recording.rotation import free_mb
@@ -75,6 +75,8 @@ def _fetch(store: AbstractFileSystem, recording: StoredRecording, path: Path) ->
             if hashlib.file_digest(stream, "sha256").hexdigest() == recording.sha256:
                 return False
         raise DataError(f"{path} exists with other content; move it away or name another directory")
+    if not is_regular(store, recording.remote):
+        raise DataError(f"{recording.remote} is not a regular file")
     path.parent.mkdir(parents=True, exist_ok=True)
     room_mb = free_mb(path.parent)
     if recording.n_bytes / _MB > room_mb:

@@ -10,7 +10,7 @@ from typing import Literal
 from fsspec import AbstractFileSystem
 from fsspec.implementations.local import LocalFileSystem
 
-from tactiled.archive.store import SIDECAR, confirmed_digest, digest_of, reason_of
+from tactiled.archive.store import SIDECAR, confirmed_digest, digest_of, is_regular, reason_of
 from tactiled.errors import DataError
 
 State = Literal["copied", "there already", "repaired", "failed"]
@@ -135,7 +135,7 @@ def _copy(path: Path, store: AbstractFileSystem, remote: str, *, must_read_back:
 
 def _read_back(store: AbstractFileSystem, remote: str) -> str:
     """Return the SHA-256 of a copy as its disk has it, not as it stands in this host's memory."""
-    if isinstance(store, LocalFileSystem):
+    if isinstance(store, LocalFileSystem) and is_regular(store, remote):
         descriptor = os.open(remote, os.O_RDONLY)
         try:
             os.fsync(descriptor)

@@ -26,20 +26,23 @@ def push(directory: Path, url: str, remove: bool) -> None:
     """Copy the finished recordings of DIRECTORY into a store, and confirm each copy by its SHA-256.
 
     What the store has already is not sent again. With --remove every copy is read back before its recording
-    is removed here, however old the copy is; one that was damaged is made anew. Exit code 1 if a copy could
-    not be confirmed; the recording then stays here, and the next call tries again. Credentials and the
-    address of an S3 server come from the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
-    AWS_ENDPOINT_URL) or from ~/.aws.
+    is removed here, however old the copy is; one that was damaged is made anew. A store that may end with
+    this command, such as memory://, is then refused, and always one inside DIRECTORY or around it.
+
+    Exit code 1 if a copy could not be confirmed; the recording then stays here, and the next call tries
+    again. Credentials and the address of an S3 server come from the environment (AWS_ACCESS_KEY_ID,
+    AWS_SECRET_ACCESS_KEY, AWS_ENDPOINT_URL) or from ~/.aws.
 
     Example: tactiled archive push /var/lib/tactiled --to s3://touch/hand-3 --remove
     """
     need_extra("fsspec", "archive", "archive push")
     from tactiled.archive.push import push as push_all
     from tactiled.archive.push import recordings, size_of
-    from tactiled.archive.store import open_store
+    from tactiled.archive.store import check_apart, open_store
 
     total = sum(size_of(path) for path in recordings(directory))
-    store, folder = open_store(url)
+    check_apart(directory, url)
+    store, folder = open_store(url, must_last=remove)
     states: Counter[str] = Counter()
     with ProgressBar(f"archive push {directory}", total) as progress:
         for copy in push_all(directory, store, folder, remove, progress.advance):

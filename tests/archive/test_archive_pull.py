@@ -145,3 +145,22 @@ def test_a_store_that_cannot_be_listed_may_be_tried_again() -> None:
 
     with pytest.raises(UnavailableError, match="ConnectionError: no route"):
         stored_recordings(LostStore(skip_instance_cache=True), "/x")
+
+
+def test_what_is_no_regular_file_is_named_and_never_opened(url: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "store/fifo.mcap")
+    (tmp_path / "store/fifo.mcap.sha256").write_text("0" * 64)
+    (tmp_path / "store/a.mcap.sha256").unlink()
+    os.mkfifo(tmp_path / "store/a.mcap.sha256")
+    (tmp_path / "store/link.mcap").symlink_to(tmp_path / "runs/a.mcap")  # a file, as its target is
+    verified = run("verify", url)
+    assert verified.exit_code == 1
+    assert {line["name"]: (line["health"], line["reason"]) for line in lines(verified)} == {
+        "a.mcap": ("unconfirmed", "no complete .sha256 beside it: push it again"),
+        "fifo.mcap": ("unreadable", "skipped: not a regular file"),
+        "left/b.mcap": ("whole", ""),
+        "link.mcap": ("unconfirmed", "no complete .sha256 beside it: push it again"),
+    }
+    pulled = run("pull", url, "fifo.mcap", "--to", str(tmp_path / "back"))
+    assert pulled.exit_code == 1
+    assert "fifo.mcap is not a regular file" in pulled.stderr
