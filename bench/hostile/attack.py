@@ -7,7 +7,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an attack did.
+    """Outcome of an attack.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ main()
 
 @dataclass(frozen=True)
 class Done:
-    """What a process did.
+    """Outcome of a process.
 
     Attributes
     ----------

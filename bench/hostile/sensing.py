@@ -34,7 +34,7 @@ endpoints = ["{tcp}", "{ipc}"]
 
 @dataclass(frozen=True)
 class Sensing:
-    """What the good subscriber receives.
+    """Messages that the good subscriber receives.
 
     Attributes
     ----------

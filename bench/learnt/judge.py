@@ -20,7 +20,7 @@ _USED = 0.5  # utilisation from which its error counts
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What the filter told of one world, by scan in contact, beside the truth."""
+    """Answers for one world, by scan in contact, beside the truth."""
 
     world: World
     at: NDArray[np.int64]

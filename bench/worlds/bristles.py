@@ -276,7 +276,7 @@ def _second_finger(
 
 
 def _forces(scene: _Scene, load: FloatArray, shear: FloatArray, truth: FloatArray) -> Forces:
-    """What the log sees of a scene."""
+    """Courses of a scene that the log sees."""
     course, step_s = scene.plan.course, STEP_S * KEEP
     part = slice(round(scene.plan.unseen_s / step_s), len(course) // KEEP)
     v = scene.scalars

@@ -19,7 +19,7 @@ _UNSEEN = 0.15  # share of worlds whose log begins in contact
 
 @dataclass(frozen=True)
 class Course:
-    """What a hand does, by step of integration.
+    """Courses of a hand, by step of integration.
 
     Attributes
     ----------

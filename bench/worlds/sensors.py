@@ -24,7 +24,7 @@ _XYZ = ("shear_x", "shear_y", "normal")
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """What physics found, at even steps.
+    """Courses of the physics, at even steps.
 
     Attributes
     ----------

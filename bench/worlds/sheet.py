@@ -195,7 +195,7 @@ def _neighbours(side: int) -> FloatArray:
 
 
 def _forces(scene: _Scene, load: FloatArray, u: FloatArray, truth: FloatArray) -> Forces:
-    """What the log sees of a scene: what springs bring to the ground, shared among the taxels."""
+    """Courses of a scene that the log sees: what springs bring to the ground, shared among the taxels."""
     step_s, v = STEP_S * KEEP, scene.scalars
     part = slice(round(scene.plan.unseen_s / step_s), len(scene.plan.course) // KEEP)
 

@@ -106,7 +106,7 @@ class Peer:
         else:
             self.address = str(sock.getpeername()[0])
         self.identity = b""
-        """What the peer calls itself; empty where it does not."""
+        """Name that the peer gives itself; empty where it gives none."""
         self.decoder = ZmtpDecoder(bounds.frame_bytes)
         self.values: deque[Value] = deque()
         """Values that wait for the next turn of this peer."""
