@@ -33,6 +33,9 @@ def executor(n_workers: int | None = None, dask: str | None = None) -> Iterator[
     if dask is None:
         # "spawn": a forked child would inherit locks of BLAS threads.
         pool = ProcessPoolExecutor(n_workers, get_context("spawn"), initializer=_end_with_parent)
+        # All workers start before the thread that watches them. If one ended while another was being started,
+        # that thread would wait for the new one without end, because it never told it to stop.
+        pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]  # noqa: SLF001
         try:
             yield pool
         finally:
