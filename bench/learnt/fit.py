@@ -14,7 +14,6 @@ from bench.learnt.rows import Looks
 from bench.learnt.signs import NAMES
 
 FloatArray = NDArray[np.float64]
-_FOLDS = 3  # the memory must see odds as wrong as those of worlds that the trees have not seen
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
 # Prior friction of rubber on objects, as in `GripParams`.
 _FRICTION, _FRICTION_SD = 0.6, 0.6
@@ -29,14 +28,23 @@ class Shape(NamedTuple):
     least_rows: int
 
 
-SIGNS = Shape(trees=100, leaves=24, rate=0.1, least_rows=100)
-STATE = Shape(trees=45, leaves=16, rate=0.12, least_rows=100)
-SOON = Shape(trees=45, leaves=12, rate=0.1, least_rows=100)
+SIGNS = Shape(trees=80, leaves=16, rate=0.08, least_rows=400)
+STATE = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
+SOON = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
+_SHRINK = 10.0  # rows of doubt in each leaf: what few rows say seldom holds for another physics
 _THIN = 3  # neighbouring looks say the same: one in so many is learnt from
 
 
 def fit(worlds: Sequence[Looks], seed: int = 0) -> dict[str, Any]:
     """Fit all forests on looks of worlds; generators weigh the same, however many looks they have.
+
+    The trees of the state must know how far to trust the odds of the first ones on physics that those have
+    not seen. So they learn from odds of trees that were fitted without the generator of the look.
+
+    Parameters
+    ----------
+    worlds : sequence of Looks
+        Of two generators at least.
 
     Returns
     -------
@@ -47,10 +55,10 @@ def fit(worlds: Sequence[Looks], seed: int = 0) -> dict[str, Any]:
     signs = np.concatenate([w.signs for w in worlds])
     slides = np.concatenate([w.slides for w in worlds])
     thin = np.concatenate([np.arange(len(w.signs)) % _THIN == k % _THIN for k, w in enumerate(worlds)])
-    fold = np.repeat(np.arange(len(worlds)) % _FOLDS, [len(w.signs) for w in worlds])
+    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
     p = np.zeros(len(slides))
-    for k in range(_FOLDS):
-        learns, asked = thin & (fold != k), fold == k
+    for name in np.unique(generator):
+        learns, asked = thin & (generator != name), generator == name
         forest = _forest(SIGNS, signs[learns], slides[learns], weight[learns], seed)
         p[asked] = forest.predict_proba(signs[asked])[:, 1]
     first = _forest(SIGNS, signs[thin], slides[thin], weight[thin], seed)
@@ -125,7 +133,7 @@ def _forest(
         max_leaf_nodes=shape.leaves,
         learning_rate=shape.rate,
         min_samples_leaf=shape.least_rows,
-        l2_regularization=1.0,
+        l2_regularization=_SHRINK,
         early_stopping=False,
         random_state=seed,
     ).fit(rows, classes, sample_weight=weight)
