@@ -14,10 +14,9 @@ from array import array
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from bench.learnt.fast import Memory, Signs, Trees
 from bench.learnt.gate import SlipGate
-from bench.learnt.memory import Memory
-from bench.learnt.signs import LOOK_S, NAMES, Signs
-from bench.learnt.trees import Trees
+from bench.learnt.signs import LOOK_S, NAMES
 from tactiled.array import FloatArray
 
 # Utilisation at which a tenth of a ball's area slips in first loading: the sticking share is (1 - u)^(2/3)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from bench.learnt import memory
+from bench.learnt.fast import Memory
 from bench.learnt.filter import EDGES, N_STATES, STATE_SIGNS
-from bench.learnt.memory import Memory
 from bench.learnt.rows import Looks
 from bench.learnt.signs import NAMES
 

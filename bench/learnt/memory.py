@@ -72,6 +72,10 @@ class Memory:
         """Widen what is known of friction by a standard deviation of its logarithm."""
         self.variance = min(self.variance + log_sd * log_sd, self.first_variance)
 
+    def walk(self, time_s: float) -> None:
+        """Let friction change for a time."""
+        self.variance = min(self.variance + _WALK_SD * _WALK_SD * time_s, self.first_variance)
+
     def begin_contact(self) -> None:
         """Forget all of the contact but friction."""
         for k in range(len(self.times_s)):
@@ -137,7 +141,7 @@ class Memory:
 
     def _learn_friction(self, slides: float, log_ratio: float, step_s: float) -> None:
         """Let friction walk; a slide measures it, and what is borne without a slide is a lower bound."""
-        self.variance = min(self.variance + _WALK_SD * _WALK_SD * step_s, self.first_variance)
+        self.walk(step_s)
         information = slides * slides * step_s / _SLIDE_S / (_SLIDE_SD * _SLIDE_SD)
         gain = information / (1.0 / self.variance + information)
         self.log_friction += gain * (log_ratio - self.log_friction)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.learnt.fast import Trees
 from bench.learnt.filter import HORIZONS_S, Learnt
 from bench.learnt.front import LearntDetector
 from bench.learnt.signs import NAMES
-from bench.learnt.trees import Trees
 from bench.worlds.world import World
 
 FloatArray = NDArray[np.float64]
