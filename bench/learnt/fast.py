@@ -57,7 +57,7 @@ def _build(source: Path, types: Path, library: Path) -> bool:
     compiler, include = shutil.which("cc"), Path(sysconfig.get_path("include"))
     if compiler is None or importlib.util.find_spec("Cython") is None or not (include / "Python.h").exists():
         return False
-    for old in library.parent.glob(f"_{source.stem}_*"):
+    for old in set(library.parent.glob(f"_{source.stem}_*")) - {library}:
         old.unlink()
     name = library.name.split(".")[0]
     with tempfile.TemporaryDirectory(dir=library.parent) as temporary:
