@@ -78,6 +78,21 @@ def direction(scan: ContactScan, past: Sequence[FloatArray], n_averaged: int, *,
     return _opposed_to(np.array([cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]]), sd)
 
 
+def opposed(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
+    """Return the direction that the shear of the newest scans opposes: that of a contact that slides.
+
+    Parameters
+    ----------
+    scan : ContactScan
+    past : sequence of (2, taxels) float64
+        Shear over the total load.
+    """
+    now = np.array(past).mean(axis=0)
+    if np.hypot(*now.sum(axis=1)) <= 1e-9:
+        return Direction(0.0, UNKNOWN_SD_DEG)
+    return _opposed_to(now.sum(axis=1), _spread(now, scan))
+
+
 def _opposed_to(shear: FloatArray, sd: float) -> Direction:
     """Return the direction of the motion that a shear opposes; `sd` in radians."""
     angle_deg = math.degrees(math.atan2(-shear[1], -shear[0]))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.detect.grip.agreement import agreeing
 from tactiled.detect.grip.compiled_model import AnyContactModel
 from tactiled.detect.grip.detector import GripDetector, GripParams
@@ -15,6 +15,7 @@ from tactiled.detect.signal.contact import (
     lost_contact_event,
 )
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.sliding.travelling import TravellingRipple
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -88,15 +89,17 @@ class GripSlip:
         if self._tracker is None:
             self._rate_hz = item.rate_hz
             self._tracker = ContactTracker(self._array, self._params.contact, item.rate_hz)
+            self._ripple = TravellingRipple(self._array, item.rate_hz)
         tracker = self._tracker
-        pressure = tracker.measure(item, self._quantiser.process(item))
+        held = self._quantiser.process(item)
+        pressure = tracker.measure(item, held)
         gate = pressure.rows()
         for row, grip in enumerate(self._grip.scans(item)):
             if change := tracker.step(*next(gate)):
                 events.append(contact_event(item, row, pressure, change))
             is_valid = self._grip.keeps_enough and not bool(item.late[row])
             at = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), is_valid)
-            events += self._slip(at, touches=tracker.state != "none")
+            events += self._slip(at, held.steps[row], touches=tracker.state != "none")
             if change := self._follow(tracker):
                 events.append(contact_event(item, row, pressure, change))
             if grip is not None and self._params.publish:
@@ -106,15 +109,16 @@ class GripSlip:
         self._last_s = float(item.time_s[-1])
         return events
 
-    def _slip(self, at: ScanInstant, *, touches: bool) -> list[SlipEvent]:
-        """Return the slip events of a scan."""
+    def _slip(self, at: ScanInstant, steps: FloatArray, *, touches: bool) -> list[SlipEvent]:
+        """Return the slip events of a scan with readings (channels,)."""
         scan = self._grip.contact if touches else None
         slips = self._slips
         if scan is not None:
             if slips is None or scan.model is not self._model:
                 slips = PosteriorSlips(self._params.incipient_p, self._params.gross_p, self._rate_hz)
                 self._slips, self._model = slips, scan.model
-            return slips.step(scan, at)
+                self._ripple.reset()
+            return slips.step(scan, at, self._ripple.take(steps))
         # Readings that are lost look like a contact that is lost.
         is_valid = at.is_valid and self._grip.is_trusted
         return [slips.end(at.time_s, valid=is_valid)] if slips is not None and slips.open else []

@@ -5,7 +5,7 @@ all of it slides with at least some other. An incipient slip ends when its proba
 the friction limit was hardly met: an end is no reason to open a hand while the skin may slide. A skin that
 stops sliding keeps its shear, and looks like one that still slides: a gross slip stays open until shear over
 load has fallen. Where friction falls, that happens while the skin slides: the shares of the taxels must be
-silent, too.
+silent, too. While a ripple travels over the taxels (`detect.sliding.travelling`), all of the contact slides.
 """
 
 import collections
@@ -17,7 +17,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.grip.detector import ContactScan
-from tactiled.detect.grip.direction import averaged_scans, direction
+from tactiled.detect.grip.direction import Direction, averaged_scans, direction, opposed
 from tactiled.detect.grip.friction import FULL
 from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
@@ -29,6 +29,7 @@ _HISTORY_S = 1.0  # in which the beginning of a slip is looked for
 # Kinetic friction of rubber scatters by less about its mean, and a skin that relaxes loses more: a prior.
 _RELAXED = 0.85
 _GAP_STEPS = 1.5  # times the time between scans: a longer one is a gap
+_RIPPLE_P = 0.99  # of sliding where a ripple travels: hands that hold had one in 2 windows of 1.7 h
 _GROWN = 1.1  # of the smallest ratio since a slip ended, beyond which the next may begin
 
 
@@ -54,6 +55,7 @@ class PosteriorSlips:
         self._p, self._gross_p = incipient_p, gross_p
         self._slides = False
         self._step_s = 1.0 / rate_hz
+        self._rippled_s = 0.0
         self._n_averaged = averaged_scans(self._step_s)
         self._n_off = max(1, round(_OFF_S * rate_hz))
         length = max(2, round(_HISTORY_S * rate_hz))
@@ -66,14 +68,24 @@ class PosteriorSlips:
         """Largest ratio of shear and load in the gross slip that goes on."""
         self._least = 0.0  # ratio since the last slip ended
 
-    def step(self, scan: ContactScan, at: ScanInstant) -> list[SlipEvent]:
-        """Take a scan and return the slip events that it completes."""
+    def step(self, scan: ContactScan, at: ScanInstant, rippled_s: float = 0.0) -> list[SlipEvent]:
+        """Take a scan and return the slip events that it completes.
+
+        Parameters
+        ----------
+        scan : ContactScan
+        at : ScanInstant
+        rippled_s : float
+            Length of the window in which a ripple travels over the taxels; 0.0 where none does.
+        """
         grip, size = scan.grip, scan.model.trend.size
         if self._past and at.time_s - self._past[-1][0] > _GAP_STEPS * self._step_s:
             self._n_waits = self._n_averaged
         self._past.append((at.time_s, size, scan.shear))
         self._least = min(self._least, size)
-        self._slides = grip.p_sliding > (self._gross_p / 2 if self._slides else self._gross_p)
+        self._rippled_s = rippled_s
+        least = self._gross_p / 2 if self._slides else self._gross_p
+        self._slides = rippled_s > 0 or grip.p_sliding > least
         events: list[SlipEvent] = []
         self._n_waits = max(0, self._n_waits - 1)
         if self._n_waits:
@@ -115,7 +127,9 @@ class PosteriorSlips:
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         friction = scan.model.friction
         began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
-        towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=False)
+        if self._rippled_s:
+            began_s, sd_s = self._ripple_began(at)
+        towards = self._direction(scan, is_gross=False)
         return SlipEvent(
             time_s=began_s,
             state="onset",
@@ -142,7 +156,11 @@ class PosteriorSlips:
         reached_s = max(reached_s, slip.onset_s)
         began_s = (reached_s + at.time_s) / 2
         sd_s = math.hypot(sd_s, (at.time_s - reached_s) / math.sqrt(12))
-        towards = direction(scan, [shear for _, _, shear in self._past], self._n_averaged, is_gross=True)
+        if self._rippled_s:
+            began_s, sd_s = self._ripple_began(at)
+            began_s = max(began_s, slip.onset_s)
+        towards = self._direction(scan, is_gross=True)
+        p = max(scan.grip.p_sliding, _RIPPLE_P if self._rippled_s else 0.0)
         return dataclasses.replace(
             slip,
             kind="gross",
@@ -151,13 +169,23 @@ class PosteriorSlips:
             onset_sd_s=math.hypot(sd_s, at.time_sd_s),
             direction_deg=towards.angle_deg,
             direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
-            confidence=scan.grip.p_sliding,
+            confidence=p,
             taxels=tuple(np.flatnonzero(scan.shear.any(axis=0)).tolist()),  # not those that are out
-            statistic=scan.grip.p_sliding,
+            statistic=p,
             threshold=self._gross_p,
             valid=at.is_valid,
             detected_s=at.time_s,
         )
+
+    def _ripple_began(self, at: ScanInstant) -> tuple[float, float]:
+        """Return instant and sd of the beginning of a slide whose ripple fills a window."""
+        return at.time_s - self._rippled_s, self._rippled_s / 4
+
+    def _direction(self, scan: ContactScan, *, is_gross: bool) -> Direction:
+        past = [shear for _, _, shear in self._past]
+        if self._rippled_s:  # the growth may be over for long
+            return opposed(scan, past[-self._n_averaged :])
+        return direction(scan, past, self._n_averaged, is_gross=is_gross)
 
     def _began(self, limit: FloatArray, weights: FloatArray, scan: ContactScan) -> tuple[float, float]:
         """Return mean and sd of the instant at which the ratio last rose beyond a limit (hypotheses,).
