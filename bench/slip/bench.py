@@ -11,11 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from bench.grip.bench import REPORTED_FROM, draw_reported
-from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, grouped, seeds_in_words
+from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, grouped, seeds_in_words, table
 from bench.slip import tables
 from bench.slip.cases import RANDOM, SCENES, from_scene, from_world, in_mv
 from bench.slip.cost import cost_table, detector_costs
 from bench.slip.faults import FAULTS, HOLD, FaultEvents, no_fault
+from bench.slip.gratings import (
+    GRATINGS_FROM,
+    LENGTH_S,
+    N_GRATINGS,
+    N_QUICK_GRATINGS,
+    GratingAnswer,
+    read_grating,
+    rows,
+)
 from bench.slip.replay import CaseEvents, run_case, run_stream
 from bench.slip.scenes import ALL_QUIET, ARRAY, NOISES_V, play
 from bench.slip.score import AHEAD_S, LEADS_TO_S, SLOW_S
@@ -44,7 +53,8 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     batches = [seeds[start : start + _BATCH] for start in range(0, n_worlds, _BATCH)]
     scene_seeds = range(REPORT_SEED, REPORT_SEED + n_scenes)
     scenes = list(itertools.product(SCENES, scene_seeds))
-    progress.begin(len(batches) + len(scenes) + n_scenes)
+    n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
+    progress.begin(len(batches) + len(scenes) + n_scenes + n_gratings)
     events: list[CaseEvents] = []
     faults: list[FaultEvents] = []
     with executor(BENCH_WORKERS, options.dask) as pool:
@@ -57,13 +67,17 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         for holds in pool.map(read_faults, scene_seeds):
             faults += holds
             progress.advance("faults")
+        gratings = []
+        for answer in pool.map(read_grating, range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)):
+            gratings.append(answer)
+            progress.advance("gratings")
 
     def draw(path: Path) -> None:
         from bench.slip.picture import draw_slip  # matplotlib is an extra
 
         draw_slip(path, groups_of(events))
 
-    return BenchReport(list(_sections(events, faults, n_worlds, n_scenes)), draw=draw)
+    return BenchReport([*_sections(events, faults, n_worlds, n_scenes), *_over_gratings(gratings)], draw=draw)
 
 
 def read_worlds(seeds: range) -> list[CaseEvents]:
@@ -144,6 +158,15 @@ def _sections(
     yield tables.reliability_table(groups[RANDOM])
     yield "Processor time of the slip detector for a scan with 36 channels."
     yield cost_table(detector_costs())
+
+
+def _over_gratings(found: Sequence[GratingAnswer]) -> Iterator[str]:
+    yield (
+        f"Slides over gratings ({seeds_in_words(len(found), GRATINGS_FROM)}) of smooth, even friction, in "
+        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: told as gross slip, and answered by the "
+        "groove estimator, whose speed is given."
+    )
+    yield table(rows(found))
 
 
 def _in_words(group: str) -> str:

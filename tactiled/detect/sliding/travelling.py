@@ -10,16 +10,18 @@ the spectrum is then taken for a travelling ripple where
 3. its phases fill the circle: a part that shakes has phases of 0 and 180 degrees only.
 
 A line needs four periods, and a window that holds the beginning of the slide shows more than a line. So
-windows of 2 to 16 s are looked at, each again when a quarter of it is new.
+windows of 2 to 16 s are looked at: the two shortest each half second, the others in turn.
 """
+
+import functools
 
 import numpy as np
 
 from tactiled.array import Array, FloatArray
 
 _HOP_S = 0.5
-_WINDOWS = (4, 6, 8, 12, 16, 24, 32)  # hops; each is longer by 1.4
-_OVERLAP = 4  # looks in the length of a window
+# Hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a millisecond.
+_SHORT, _LONG = (4, 6), (8, 12, 16, 24, 32)
 _LEAST_CYCLES = 4  # slower changes are of the hand
 _FASTEST_HZ = 20.0  # faster scans are averaged
 _FEWEST = 6  # taxels: a plane takes three of them, and phases need some more
@@ -28,8 +30,8 @@ _STANDS_OUT = 10.0
 # Power of the line over that of any other frequency but its lobe and harmonics: slow noise has no line.
 _OVER_OTHERS = 8.0
 _LOBE, _HARMONICS = 2, (2, 3)
-_BEYOND_PLANES = 0.15  # of the line's power; gains that differ by 15 % leave a part of 0.05 of a rigid motion
-_MOST_ALIKE = 0.5  # mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
+_BEYOND_PLANES = 0.1  # of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
+_MOST_ALIKE = 0.7  # mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
 _STOPPED = 0.25  # power of the newest quarter over that of the window
 
 
@@ -57,7 +59,7 @@ class TravellingRipple:
         places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
         self.can_tell = array.has_places and array.n_taxels >= _FEWEST
-        self._past = np.zeros((_WINDOWS[-1] * self._hop, 3, array.n_taxels))
+        self._past = np.zeros((_LONG[-1] * self._hop, 3, array.n_taxels))
         self._partial: list[FloatArray] = []
         self.reset()
 
@@ -83,31 +85,24 @@ class TravellingRipple:
         return self.seen_s
 
     def _look(self, hops: int) -> None:
-        """Look at the windows that are full and a quarter of which is new.
+        """Look at windows that are full; a ripple goes on until the window that showed it shows none."""
+        if self._seen_in:
+            windows = [window for window in _SHORT if window < self._seen_in] + [self._seen_in]
+        else:
+            windows = [*_SHORT, _LONG[hops % len(_LONG)]]
+        self._seen_in = next((w for w in windows if w <= hops and self._travels(w * self._hop)), 0)
+        self.seen_s = self._seen_in * self._hop * self._step_s
 
-        A ripple that was seen in a window goes on until that window shows none.
-        """
-        for window in _WINDOWS:
-            if window > hops or hops % (window // _OVERLAP) or (self._seen_in and window > self._seen_in):
-                continue
-            if self._travels(self._newest(window * self._hop)):
-                self._seen_in, self.seen_s = window, window * self._hop * self._step_s
-                return
-            if window == self._seen_in:
-                self._seen_in, self.seen_s = 0, 0.0
-
-    def _newest(self, n: int) -> FloatArray:
-        return self._past[np.arange(self._n - n, self._n) % len(self._past)]
-
-    def _travels(self, responses: FloatArray) -> bool:
-        """Return True where a ripple travels in loads and shears (n, 3, taxels) of a window."""
-        n = len(responses)
+    def _travels(self, n: int) -> bool:
+        """Return True where a ripple travels in the newest means."""
+        responses = self._past[np.arange(self._n - n, self._n) % len(self._past)]
         load = np.maximum(responses[:, 0].mean(axis=0), 0.0)
         planes = np.linalg.qr((self._places * load).T)[0]
-        centred = _without_line(responses.reshape(n, -1)).reshape(responses.shape)
+        line, hann = _bases(n)
+        flat = responses.reshape(n, -1)
+        centred = (flat - line @ (line.T @ flat)).reshape(responses.shape)
         own = centred - (centred @ planes) @ planes.T
-        hann = np.hanning(n)[:, np.newaxis, np.newaxis]
-        lines = np.fft.rfft(hann * own, axis=0)[: n // 2]
+        lines = np.fft.rfft(hann[:, np.newaxis, np.newaxis] * own, axis=0)[: n // 2]
         power = (np.abs(lines) ** 2).sum(axis=(1, 2))
         power[0] = 0.0
         cycles = np.arange(len(power))
@@ -124,14 +119,15 @@ class TravellingRipple:
             return False
         z = lines[peak]
         turns = np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
-        whole = float((np.abs(np.tensordot(turns * hann[:, 0, 0], centred, 1)) ** 2).sum())
+        whole = float((np.abs(np.tensordot(turns * hann, centred, 1)) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
             return False
         newest = own[-n // 4 :]
         return bool((newest**2).mean() > _STOPPED * (own**2).mean())
 
 
-def _without_line(series: FloatArray) -> FloatArray:
-    """Return series (n, m) without mean and slope; what else is slow shows in the lowest frequencies."""
-    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(series)), 1))[0]
-    return np.asarray(series - basis @ (basis.T @ series))
+@functools.lru_cache(maxsize=16)
+def _bases(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return mean and slope (n, 2), and a Hann window (n,): other slow changes stay in view."""
+    steps = np.linspace(-1.0, 1.0, n)
+    return np.linalg.qr(np.polynomial.legendre.legvander(steps, 1))[0], np.hanning(n)
