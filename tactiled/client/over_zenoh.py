@@ -7,6 +7,7 @@ ZeroMQ (protocols/events.md, control.md).
 zenoh calls back from its own threads. They fill bounded queues, and a socket pair wakes the reader.
 """
 
+import atexit
 import json
 import logging
 import queue
@@ -204,6 +205,8 @@ class ZenohTransport:
         session_config(address)  # faults of the file are the caller's
         self._thread = threading.Thread(target=self._connect, name="tactiled-zenoh-session", daemon=True)
         self._thread.start()
+        # A thread that is within zenoh when the interpreter ends would abort the process.
+        atexit.register(self._stop)
 
     def _connect(self) -> None:
         """Open the session as soon as a router answers, and subscribe; closed in this thread, too."""
@@ -255,9 +258,13 @@ class ZenohTransport:
 
     def close(self) -> None:
         """Close the session."""
+        atexit.unregister(self._stop)
+        self._stop()
+        self._wakeup.close()
+
+    def _stop(self) -> None:
         self._closed.set()
         self._thread.join(_CLOSE_S)
-        self._wakeup.close()
 
     def _came(self, sample: "zenoh.Sample") -> None:
         if len(self._arrived) < _RECEIVE_HIGH_WATER:

@@ -112,6 +112,13 @@ def test_a_gap_is_filled_before_what_is_newer() -> None:
     assert world.inbox.catch_up.lost == 0
 
 
+def test_of_several_gaps_only_what_is_missing_is_fetched() -> None:
+    world = World()
+    world.slips(True, False, True, False, True, False, True)
+    world.exchange()
+    assert world.story() == [0, "r1", 2, "r3", 4, "r5", 6]
+
+
 def test_a_recovered_message_is_a_separate_item_with_its_age() -> None:
     world = World()
     world.publish(SLIP, heard=True)

@@ -1,10 +1,13 @@
 """Endpoints of zenoh, and the order of messages where topics overtake each other. No network."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
+from patience import PATIENCE_S
 
 from tactiled.client import Lost, Message, Recovered
 from tactiled.client.inbox import Inbox
@@ -86,6 +89,11 @@ class Subscriber:
         for request in self.inbox.catch_up.unsent:
             self.inbox.catch_up.sent(request)
         return asked
+
+
+def test_a_program_that_forgets_to_close_a_client_without_a_router_ends() -> None:
+    code = "from tactiled.client import Subscription; Subscription('zenoh://127.0.0.1:9/robot', ('slip',))"
+    subprocess.run([sys.executable, "-c", code], timeout=PATIENCE_S, check=True)
 
 
 def test_holes_are_requested_before_the_first_answer_of_the_daemon() -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import io
 import json
+import math
 import os
 import signal
 import subprocess
@@ -204,6 +205,34 @@ def test_listen_prints_json_lines_until_it_has_its_count(endpoint: str) -> None:
     rows = [json.loads(line) for line in out.getvalue().splitlines()]
     assert [row["topic"] for row in rows] == ["slip"] * 3
     assert rows[0]["state"] == "onset"
+
+
+def test_listen_prints_no_line_that_is_no_json(publisher: Publisher, endpoint: str) -> None:
+    def send() -> None:
+        """Send again and again, since the subscriber comes later: first NaN, then a number."""
+        seq = 0
+        while not done.wait(0.05):
+            seq += 2
+            for seq_more, value in ((1, 1.5), (0, math.nan)):  # the newest goes first
+                head = {
+                    "v": 1,
+                    "timestamp": 0.0,
+                    "board": "TS0001",
+                    "run": publisher.run,
+                    "seq": seq + seq_more,
+                }
+                publisher.extra.append([b"tactile/TS0001/grip", msgpack.packb(head | {"load": value})])
+
+    done, out, err = threading.Event(), io.StringIO(), io.StringIO()
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        with limit():
+            assert listen(endpoint, ("grip",), count=1, timeout_s=PATIENCE_S, out=out, err=err) == 0
+    finally:
+        done.set()
+        sender.join()
+    assert [json.loads(line)["load"] for line in out.getvalue().splitlines()] == [1.5]
 
 
 @pytest.mark.usefixtures("publisher")
