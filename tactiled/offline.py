@@ -150,7 +150,7 @@ class Choices:
 
 @dataclass
 class Log:
-    """What is known of a file while it is processed.
+    """Accounting of a file while it is processed.
 
     Attributes
     ----------
