@@ -10,235 +10,21 @@ Try it on an emulated object, in three terminals::
 
     port.url = "/tmp/board"
 
-Assumptions; check them for your hand:
-
-- The gripper takes a force in newtons, tells the force that it exerts now, and follows within 50 ms.
-- The fingers press for 0.6 s before they lift: in this time the sensor's zero in shear is measured.
-- The object's weight is carried by the sensorised finger and an equal one opposite.
-- Load readings are about proportional to the force. They may be in any unit.
+What `GripController` assumes of a hand is in its module; replace `EmulatedGripper` by yours.
 """
 
 import contextlib
 import json
-import math
 import socket
 import sys
-from collections import deque
-from collections.abc import Mapping
-from typing import Any, NamedTuple
 
-from tactiled.client import Message, Stale, Subscription
+from tactiled.client import GripController, GripMessage, Stale, Subscription
 
-# Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
-PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
-TARGET = 0.85  # utilisation (95 % quantile) at which an object is held
-PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
-SURELY = 0.87  # of the median of friction, that the bound is at most
-FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
-RENEW_PER_S, GREW = 0.3, 1.02  # the same while shear has grown so within REST_S, which is new evidence
-LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's delay and its travel
-LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
-GROWTH_S = 0.03  # over which the growth of shear is measured
-GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
-ALARM_P, ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so many times the present one
-LEAST = 0.05  # of the load: less shear is no object in the air
-# Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
-DROP, FLAT = 0.03, 0.012  # shear that falls by so much at once, and then no further: sliding friction is less
-DROP_S, PEAK = 0.035, 0.93  # within this time, from so much of its largest value
-TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
-FALL = 0.04  # of all the shear that was borne from REST_S to FALL_S ago, by which it is less: friction falls
-FALL_S, REST_S, AT_ONCE = 0.15, 0.6, 0.02  # and by less than AT_ONCE from message to message
-FOLLOWS, FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
-FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
-CHANGED = 0.03  # of the force: the least such change, tighter within WATCH_S of a drop, eased at other times
-WATCH_S, PLATEAU_S, PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
-WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
-RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
-GRASP_AGAIN, GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
-CALM_S, CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
-CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
-EASE_PER_S = 4.0  # rate at which the grip in excess is eased
-STEADY, STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
-UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
-SAME_S = (
-    2.0  # longest pause of contact messages after which the object may still be the same: gaps end contacts
-)
-BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 SAY_S = 0.5  # between two lines on the terminal
 
 
-class Seen(NamedTuple):
-    """Time, shear and load of a message, and the gripper's force."""
-
-    at_s: float
-    shear: float
-    load: float
-    force_n: float
-
-
-class HoldController:
-    """Compute the grip from `grip` messages; pure, so that it can be simulated.
-
-    Parameters
-    ----------
-    target : float
-        Highest utilisation (95 % quantile) that is left as it is.
-    start_n, least_n, most_n : float
-        Grip before the object's weight is felt, and the limits of the grip.
-    """
-
-    def __init__(
-        self, target: float = TARGET, start_n: float = 6.0, least_n: float = 1.0, most_n: float = 40.0
-    ) -> None:
-        self._target, self._least_n, self._most_n = target, least_n, most_n
-        self.command_n = start_n
-        self._forget()
-
-    def _forget(self) -> None:
-        """Begin with another object."""
-        self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
-        self._slid = math.inf  # shear over load at the last slip
-        self._slides, self._probes = False, True
-        self._past: deque[Seen] = deque()
-        self._touched_s = math.inf
-        self._contact_s = -math.inf  # newest message of a contact
-        self._calm_from_s = 0.0
-        self._dropped_s = -math.inf
-        self._held_n, self._wanted_n = self.command_n, 0.0
-        self._level_n = self._newtons = self._steady_from_s = 0.0
-
-    def take(self, grip: Mapping[str, Any], present_n: float) -> float:
-        """Return the force to command (N), from a `grip` message and the force exerted now."""
-        if grip["state"] == "none":
-            # A gap in the scans ends a contact, too, and is not valid: the hand holds what it held.
-            if grip["valid"]:
-                self._forget()
-            return self.command_n
-        if grip["timestamp"] > self._contact_s + SAME_S:
-            self._forget()
-        self._contact_s = grip["timestamp"]
-        self._touched_s = min(self._touched_s, grip["timestamp"])
-        presses = grip["timestamp"] < self._touched_s + PRESS_S
-        if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
-            return self.command_n
-        now = Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
-        step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
-        dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
-        self._bound_friction(grip, now, ratio, step_s)
-        slides = dropped or ratio > 0
-        ahead = now.shear + min(LEAD_S * self._growth(now), LEAD_MOST * now.shear)
-        wanted_n = self._wanted(grip["friction"], now, ahead, slides)
-        if slides:
-            wanted_n = max(wanted_n, min(GRASP_AGAIN * present_n, GRASP_MOST * self._held_n))
-        else:
-            self._held_n = self.command_n
-            if grip["p_gross_100ms"] > ALARM_P:
-                wanted_n = max(wanted_n, ALARM * present_n)
-        if not self._past:
-            self._calm_from_s = now.at_s + CALM_AFTER_STALE_S
-        elif slides:
-            self._calm_from_s = max(now.at_s + CALM_AFTER_SLIP_S, self._calm_from_s)
-        elif wanted_n > self.command_n or ahead > (1 + GROWS) * now.shear or now.shear < LEAST * now.load:
-            self._calm_from_s = max(now.at_s + CALM_S, self._calm_from_s)
-        self._wanted_n = wanted_n
-        if wanted_n > self.command_n:
-            self.command_n = wanted_n
-        elif now.at_s > self._calm_from_s:
-            self.command_n -= EASE_PER_S * step_s * (self.command_n - wanted_n)
-        self.command_n = min(max(self.command_n, self._least_n), self._most_n)
-        self._past.append(now)
-        while self._past[0].at_s < now.at_s - REST_S:
-            self._past.popleft()
-        return self.command_n
-
-    def blind(self) -> float:
-        """Return the force to command while tactile data are stale: tighter, and not eased."""
-        self.command_n = min(max(self.command_n, BLIND * self._wanted_n), self._most_n)
-        self._past.clear()
-        return self.command_n
-
-    def _bound_friction(self, grip: Mapping[str, Any], now: Seen, slip_ratio: float, step_s: float) -> None:
-        """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
-        grows = bool(self._past) and now.shear > GREW * self._past[0].shear
-        self._slid *= 1 + RECOVER_PER_S * step_s
-        if slip_ratio > 0 and not self._slides:
-            self._slid = max(slip_ratio, WEAKER * self._friction)
-        self._slides = slip_ratio > 0
-        self._friction *= 1 - (RENEW_PER_S if grows else FORGET_PER_S) * step_s
-        self._friction = max(self._friction, grip["friction_low"])
-        self._friction = min(self._friction, self._slid, SURELY * grip["friction"])
-
-    def _wanted(self, friction: float, now: Seen, ahead: float, slides: bool) -> float:
-        """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
-        newtons = self._newtons_per_load(now)
-        likely = max(math.sqrt(self._friction * friction), self._friction)
-        target = self._target
-        if self._probes and not slides and now.at_s > self._calm_from_s:
-            target = max(target, PROBE)
-            self._probes = now.shear / now.load < 0.97 * target * self._friction
-        self._probes = self._probes and not slides
-        return newtons * max(now.shear / (self._friction * target), ahead / likely)
-
-    def _newtons_per_load(self, now: Seen) -> float:
-        """Force over load reading, measured while the grip is steady: message and gripper differ in age."""
-        if abs(now.force_n - self._level_n) > STEADY * self._level_n:
-            self._level_n, self._steady_from_s = now.force_n, now.at_s + STEADY_S
-        present = now.force_n / now.load
-        if now.at_s >= self._steady_from_s or not self._newtons:
-            self._newtons = present
-        return min(max(present, self._newtons), UNSTEADY * self._newtons)
-
-    def _growth(self, now: Seen) -> float:
-        """Rate at which shear has grown over `GROWTH_S`, 0 where it has not."""
-        before = self._since(now.at_s - GROWTH_S)
-        return max(now.shear - before[0].shear, 0.0) / GROWTH_S if before else 0.0
-
-    def _since(self, at_s: float) -> list[Seen]:
-        return [seen for seen in self._past if seen.at_s >= at_s - 1e-3]
-
-    def _drops(self, now: Seen) -> bool:
-        """Return True where the largest shear of late has just fallen at once, and falls no further."""
-        recent = self._since(now.at_s - DROP_S)
-        if not recent or now.shear < LEAST * now.load:
-            return False
-        peak = max(recent, key=lambda seen: seen.shear)
-        is_peak = peak.shear >= PEAK * max(seen.shear for seen in self._past)
-        least_drop = DROP + TIGHTENED * max(now.load / peak.load - 1, 0.0)
-        drops = is_peak and (1 - FLAT) * recent[-1].shear < now.shear < (1 - least_drop) * peak.shear
-        if drops:
-            self._dropped_s = now.at_s
-        return drops
-
-    def _slip_ratio(self, grip: Mapping[str, Any], now: Seen) -> float:
-        """Shear over load at which the object slides, 0 where it does not."""
-        if grip["state"] == "gross" or self._falls(now):
-            return now.shear / now.load
-        watched = now.at_s < self._dropped_s + WATCH_S
-        before = self._since(max(now.at_s - FOLLOW_S, self._dropped_s + 2e-3 if watched else 0.0))
-        then = before[0] if before else now
-        if min(then.shear, now.shear) < LEAST * then.load or min(then.force_n, now.force_n) <= 0:
-            return 0.0
-        tightened, grown = math.log(now.force_n / then.force_n), math.log(now.shear / then.shear)
-        if watched:
-            follows = tightened > CHANGED and FOLLOWS_ON < grown / tightened < 1.1
-        else:
-            earlier = [seen.shear for seen in self._since(then.at_s - PLATEAU_S) if seen.at_s < then.at_s]
-            was_steady = then.shear < PLATEAU * min(earlier, default=0.0)
-            follows = was_steady and tightened < -CHANGED and grown < FOLLOWS * tightened
-        return then.shear / then.load if follows else 0.0
-
-    def _falls(self, now: Seen) -> bool:
-        """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
-        borne = [seen.shear for seen in self._past if seen.at_s < now.at_s - FALL_S]
-        if len(borne) < 10 or now.shear < LEAST * now.load:
-            return False
-        if not 0 <= self._past[-1].shear - now.shear < AT_ONCE * now.shear:  # a collision is faster
-            return False
-        return now.shear < (1 - FALL) * min(borne) and now.load < 1.02 * min(s.load for s in self._past)
-
-
 class EmulatedGripper:
-    """Gripper of `tactiled emulate --control`; replace it by yours."""
+    """Gripper of `tactiled emulate --control`."""
 
     def __init__(self, address: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX)
@@ -253,19 +39,18 @@ class EmulatedGripper:
 
 def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
     """Hold until Ctrl-C."""
-    gripper, controller = EmulatedGripper(address), HoldController()
-    present_n, said_s = gripper.move(controller.command_n), 0.0
+    gripper, controller, said_s = EmulatedGripper(address), GripController(), 0.0
+    present_n = gripper.move(controller.command_n)
     with Subscription(endpoint, topics=("grip",)) as subscription:
         while True:
             match subscription.next_item():
-                case Message(topic="grip", data=grip) if subscription.fresh:
+                case GripMessage(data=grip) if subscription.fresh:
                     present_n = gripper.move(controller.take(grip, present_n))
                     if grip["timestamp"] > said_s + SAY_S:
                         said_s = grip["timestamp"]
-                        used = (
-                            f"utilisation {grip['utilisation']:.2f}, at most {grip['utilisation_high']:.2f}"
+                        print(
+                            f"{present_n:5.1f} N, {grip['state']}, {grip['utilisation']:.2f}", file=sys.stderr
                         )
-                        print(f"{present_n:5.1f} N, {used}, {grip['state']}", file=sys.stderr)
                 case Stale():
                     present_n = gripper.move(controller.blind())
 

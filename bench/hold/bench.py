@@ -1,15 +1,13 @@
 """``./run bench hold``: drops, grip force and reaction of grasp controllers on objects that they do not know.
 
 Objects, grippers and events are drawn from a seed (`families.holding`). Simulated time uses the emulator's
-contact model and electronics in arrays (`batch`), the detector scan by scan, and the controller of
-``examples/hold.py``. The controller's numbers were set on seeds from `TUNED_FROM`; what is printed is
+contact model and electronics in arrays (`batch`), the detector scan by scan, and `GripController` of the
+client. The controller's numbers were set on seeds from `TUNED_FROM`; what is printed is
 measured on others.
 """
 
-import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ from bench.hold.batch import HeldBatch
 from bench.hold.messages import DetectorMessages, Messages, TrueFriction, TrueMessages
 from bench.hold.oracle import UtilisationController
 from bench.hold.play import Controller, Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
-from bench.hold.real import EXAMPLE, play_in_processes
+from bench.hold.real import play_in_processes
 from bench.hold.result import GraspResult
 from bench.report import (
     BENCH_WORKERS,
@@ -33,7 +31,8 @@ from bench.report import (
     table,
 )
 from tactiled.array import load_array
-from tactiled.detect.grip.detector import GripDetector
+from tactiled.client.grip_controller import TARGET, GripController
+from tactiled.detect.grip.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold
@@ -53,16 +52,6 @@ _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are dropped
 
 
-def example() -> ModuleType:
-    """Return the module ``examples/hold.py``, which is not in a package."""
-    spec = importlib.util.spec_from_file_location("hold_example", EXAMPLE)
-    if spec is None or spec.loader is None:
-        raise FileNotFoundError(EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 class Arm(NamedTuple):
     """A way of holding, with its number, and how many grasps are reported of it.
 
@@ -80,15 +69,10 @@ class Arm(NamedTuple):
     n: int
 
 
-def default_target() -> float:
-    """Target of the example's controller."""
-    return float(example().TARGET)
-
-
 def arms(quick: bool) -> list[Arm]:
     """List what is compared."""
     n, n_margin, n_oracle = (N_QUICK,) * 3 if quick else (N_OTHERS, N_MARGIN, N_ORACLE)
-    target = default_target()
+    target = TARGET
     return [
         *(Arm("times the least", number, n) for number in _FIXED),
         *(Arm("newtons", number, n) for number in _FIXED_N),
@@ -110,16 +94,16 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     array = load_array("wang2019-3x3")
 
     def detected(batch: HeldBatch) -> Messages:
-        return DetectorMessages(batch, lambda: GripDetector(array), "grip")
+        return DetectorMessages(batch, lambda: GripSlip(array), "grip")
 
     def slips(batch: HeldBatch) -> Messages:
         return DetectorMessages(batch, lambda: build_suite(array, DetectParams(), topics=("slip",)), "slip")
 
     def friction_known(batch: HeldBatch) -> Messages:
-        return TrueFriction(batch, lambda: GripDetector(array))
+        return TrueFriction(batch, lambda: GripSlip(array))
 
     def margin(_: Scene) -> Controller:
-        return example().HoldController(arm.number)  # type: ignore[no-any-return]  # a module without a package
+        return GripController(arm.number)
 
     makers: dict[str, tuple[Callable[[Scene], Controller], Callable[[HeldBatch], Messages] | None]] = {
         "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None),
@@ -136,12 +120,10 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
 
 
 def margin_episodes(seeds: Sequence[int]) -> Episodes:
-    """Play grasps of some seeds with the example's controller."""
+    """Play grasps of some seeds with the controller as it is shipped."""
     scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
-    controllers = [example().HoldController() for _ in scenes]
-    return play(
-        scenes, array, controllers, lambda b: DetectorMessages(b, lambda: GripDetector(array), "grip")
-    )
+    controllers = [GripController() for _ in scenes]
+    return play(scenes, array, controllers, lambda b: DetectorMessages(b, lambda: GripSlip(array), "grip"))
 
 
 def results(episodes: Episodes) -> list[GraspResult]:
@@ -189,7 +171,7 @@ def _measure(job: tuple[Arm, range]) -> list[GraspResult]:
 
 def report(found: Mapping[Arm, Sequence[GraspResult]], real: Sequence[GraspResult]) -> BenchReport:
     """Make the tables; `real` are grasps through real processes, the first seeds of the others."""
-    target = default_target()
+    target = TARGET
     chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(target, 2))
 
     def draw(path: Path) -> None:

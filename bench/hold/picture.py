@@ -8,9 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.hold.batch import RATE_HZ
-from bench.hold.bench import REPORTED_FROM, Arm, default_target, dropped, margin_episodes, over_least
+from bench.hold.bench import REPORTED_FROM, Arm, dropped, margin_episodes, over_least
 from bench.hold.play import Episodes
 from bench.hold.result import GraspResult
+from tactiled.client.grip_controller import TARGET
 from tactiled.emulator.scene.families.holding import hold
 
 _SHOWN = ("jerks", "filling", "easing")
@@ -66,7 +67,7 @@ def _draw_trade(axes: Axes, found: Mapping[Arm, Sequence[GraspResult]]) -> None:
 def _draw_grasp(axes: Axes, episodes: Episodes, e: int) -> None:
     time_s = np.arange(len(episodes.grip_n)) / RATE_HZ
     axes.plot(time_s, episodes.least_n[:, e], "k", lw=1, label="least that holds")
-    axes.plot(time_s, episodes.grip_n[:, e], lw=1.5, label=f"grip, target {default_target():g}")
+    axes.plot(time_s, episodes.grip_n[:, e], lw=1.5, label=f"grip, target {TARGET:g}")
     axes.plot(time_s, episodes.place_mm[:, e], "r", lw=1, label="slid (mm)")
     axes.set(xlabel="time (s)", ylabel="N", ylim=(0, 1.2 * float(episodes.grip_n[:, e].max())))
     axes.set_title(f"{episodes.scenes[e].name}: {episodes.scenes[e].description}")

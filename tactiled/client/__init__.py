@@ -18,10 +18,13 @@ lies further back (`onset_age_s`). `Recovered` has a message that was missed and
 old. `Lost` counts messages that cannot be recovered. Commands to the daemon:
 ``AsyncCommander().send("inhibit", duration_s=0.4)``.
 
+`GripController` turns `grip` messages into the force to grip with.
+
 Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
 """
 
 from tactiled.client.commander import AsyncCommander, Commander, Reply
+from tactiled.client.grip_controller import GripController
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Client, Subscription, subscribe
 from tactiled.client.typed import (
@@ -48,6 +51,7 @@ __all__ = [
     "ContactMessage",
     "ForceMessage",
     "Fresh",
+    "GripController",
     "GripMessage",
     "InfoMessage",
     "Item",

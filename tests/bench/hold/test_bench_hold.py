@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
-from bench.hold.bench import AIMS, Arm, default_target, report
+from bench.hold.bench import AIMS, Arm, report
 from bench.hold.messages import TrueMessages
 from bench.hold.oracle import UtilisationController
 from bench.hold.play import Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
 from bench.hold.result import GraspResult
 from tactiled.array import load_array
+from tactiled.client.grip_controller import TARGET
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.emulator.scene.motion import SceneMotion
@@ -115,7 +116,7 @@ def test_aims_are_judged_on_drops_and_on_what_held() -> None:
 
 def test_the_report_names_every_way_of_holding() -> None:
     one = [GraspResult(event, False, 1.3, 0.0, 0.05) for event in EVENTS]
-    arms = [Arm("times the least", 1.5, 5), Arm("margin", default_target(), 5)]
+    arms = [Arm("times the least", 1.5, 5), Arm("margin", TARGET, 5)]
     text = report(dict.fromkeys(arms, one), one[:1]).text
     assert "1.5 times the least" in text
     assert "| margin, target" in text

@@ -1,17 +1,14 @@
-"""The controller of examples/hold.py: laws of one message after another."""
+"""The controller of a grasp: laws of one message after another."""
 
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.hold.bench import example
-
-HOLD: ModuleType = example()
+from tactiled.client import GripController, grip_controller
 
 
 def grip(at_s: float, shear: float = 1.0, load: float = 4.0, **rest: Any) -> dict[str, Any]:
@@ -27,16 +24,18 @@ def played(controller: Any, messages: list[dict[str, Any]], present_n: float = 6
 
 def pressed(**limits: float) -> Any:
     """Controller that has pressed for a second, without a weight."""
-    controller = HOLD.HoldController(start_n=6.0, **limits)
+    controller = GripController(start_n=6.0, **limits)
     played(controller, [grip(-1.0, shear=0.0)])
     return controller
 
 
 def test_the_grip_is_kept_while_the_fingers_press() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
-    pressing = [grip(k / 100, shear=4.0, state="gross") for k in range(round(100 * HOLD.PRESS_S) - 1)]
+    controller = GripController(start_n=6.0)
+    pressing = [
+        grip(k / 100, shear=4.0, state="gross") for k in range(round(100 * grip_controller.PRESS_S) - 1)
+    ]
     assert set(played(controller, pressing)) == {6.0}
-    assert played(controller, [grip(HOLD.PRESS_S, shear=4.0, state="gross")]) != [6.0]
+    assert played(controller, [grip(grip_controller.PRESS_S, shear=4.0, state="gross")]) != [6.0]
 
 
 def test_the_grip_eases_to_the_target_and_no_further() -> None:
@@ -45,21 +44,21 @@ def test_the_grip_eases_to_the_target_and_no_further() -> None:
     present_n = 6.0
     for k in range(600):
         present_n = controller.take(grip(k / 100, load=4.0 * present_n / 6.0), present_n)
-    assert present_n == pytest.approx(6.0 * 0.5 / HOLD.TARGET, rel=0.05)
+    assert present_n == pytest.approx(6.0 * 0.5 / grip_controller.TARGET, rel=0.05)
 
 
 def test_growing_shear_is_met_before_it_arrives() -> None:
     controller = pressed()
     played(controller, [grip(k / 100) for k in range(10)])
     growing = played(controller, [grip(0.1 + k / 100, shear=1.0 + 0.2 * k) for k in range(1, 6)])
-    enough_n = 6.0 / 4.0 * 2.0 / (0.5 * HOLD.TARGET)  # for the shear of the last message
+    enough_n = 6.0 / 4.0 * 2.0 / (0.5 * grip_controller.TARGET)  # for the shear of the last message
     assert growing[-1] > enough_n
 
 
 def test_gross_slip_tightens_beyond_the_present_force() -> None:
     controller = pressed()
     played(controller, [grip(k / 100) for k in range(10)])
-    assert controller.take(grip(0.1, state="gross"), 6.0) >= HOLD.GRASP_AGAIN * 6.0
+    assert controller.take(grip(0.1, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
 
 
 def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_is_none() -> None:
@@ -68,8 +67,8 @@ def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_
         before_n = played(controller, [grip(k / 100, shear=1.8) for k in range(60)])[-1]
         falling = [grip(0.6 + k / 100, shear=1.8 - k / 100, load=load) for k in range(12)]
         after_n = max(played(controller, falling))
-        assert (after_n >= HOLD.GRASP_AGAIN * 6.0) == is_slip
-        assert before_n < HOLD.GRASP_AGAIN * 6.0
+        assert (after_n >= grip_controller.GRASP_AGAIN * 6.0) == is_slip
+        assert before_n < grip_controller.GRASP_AGAIN * 6.0
 
 
 def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_falling_is_none() -> None:
@@ -78,7 +77,7 @@ def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_f
         played(controller, [grip(k / 100, shear=1.5 + k / 100) for k in range(50)])
         before_n = played(controller, [grip(0.5, shear=2.0), grip(0.51, shear=1.9)])[-1]
         after_n = controller.take(grip(0.52, shear=after), before_n)
-        assert (after_n >= HOLD.GRASP_AGAIN * before_n * 0.99) == is_slip
+        assert (after_n >= grip_controller.GRASP_AGAIN * before_n * 0.99) == is_slip
 
 
 @pytest.mark.parametrize(("shear_follows", "is_slip"), [(1.0, True), (0.0, False)])
@@ -118,30 +117,30 @@ def test_slip_right_after_a_gap_is_answered_at_once() -> None:
     controller = pressed()
     played(controller, [grip(k / 100) for k in range(100)])
     controller.take(grip(0.99) | GAP, 6.0)
-    assert controller.take(grip(1.08, state="gross"), 6.0) >= HOLD.GRASP_AGAIN * 6.0
+    assert controller.take(grip(1.08, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
 
 
 def test_a_contact_long_after_a_gap_may_be_another_object() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = GripController(start_n=6.0)
     played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])
     command_n = controller.take(grip(2.99) | GAP, 6.0)
-    again = [grip(3.1 + HOLD.SAME_S + k / 100) for k in range(300)]
-    assert played(controller, again) == played(HOLD.HoldController(start_n=command_n), again)
+    again = [grip(3.1 + grip_controller.SAME_S + k / 100) for k in range(300)]
+    assert played(controller, again) == played(GripController(start_n=command_n), again)
 
 
 def test_another_object_is_met_without_what_was_learnt() -> None:
-    controller = HOLD.HoldController(start_n=6.0)
+    controller = GripController(start_n=6.0)
     played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])
     command_n = controller.take(grip(3.0, state="none"), 6.0)
     again = [grip(4.0 + k / 100) for k in range(300)]
-    assert played(controller, again) == played(HOLD.HoldController(start_n=command_n), again)
+    assert played(controller, again) == played(GripController(start_n=command_n), again)
 
 
 def test_stale_data_tighten_once_and_ease_nothing() -> None:
     controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
     tight_n = controller.blind()
-    assert tight_n == controller.blind() == pytest.approx(HOLD.BLIND * before_n, rel=0.02)
+    assert tight_n == controller.blind() == pytest.approx(grip_controller.BLIND * before_n, rel=0.02)
     assert played(controller, [grip(5.0 + k / 100) for k in range(90)])[-1] == tight_n
 
 
@@ -160,7 +159,8 @@ def test_commands_stay_within_the_limits(rows: list[tuple[float, float, float, s
         assert 1.0 <= controller.take(message, 6.0) <= 20.0
 
 
-def test_the_example_imports_the_client_alone() -> None:
-    text = Path(HOLD.__file__ or "").read_text()
-    imported = {line.split()[1] for line in text.splitlines() if line.startswith(("import ", "from "))}
-    assert imported - set(sys.stdlib_module_names) == {"collections.abc", "tactiled.client"}
+def test_the_example_is_short_and_imports_the_client_alone() -> None:
+    lines = (Path(__file__).parents[2] / "examples" / "hold.py").read_text().splitlines()
+    imported = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
+    assert imported - set(sys.stdlib_module_names) == {"tactiled.client"}
+    assert len(lines) <= 60
