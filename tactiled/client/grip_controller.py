@@ -36,10 +36,7 @@ _DROP, _FLAT = (
 )  # shear that falls by so much at once, and then no further: sliding friction is less
 _DROP_S, _PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 _TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
-_FALL = (
-    0.04  # of all the shear that was borne from _REST_S to _FALL_S ago, by which it is less: friction falls
-)
-_FALL_S, _REST_S, _AT_ONCE = 0.15, 0.6, 0.02  # and by less than _AT_ONCE from message to message
+_REST_S = 0.6  # of messages that are kept
 _FOLLOWS, _FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
 _FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
 _CHANGED = (
@@ -215,7 +212,7 @@ class GripController:
 
     def _slip_ratio(self, grip: Mapping[str, Any], now: _Seen) -> float:
         """Shear over load at which the object slides, 0 where it does not."""
-        if grip["state"] == "gross" or self._falls(now):
+        if grip["state"] == "gross":
             return now.shear / now.load
         watched = now.at_s < self._dropped_s + _WATCH_S
         before = self._since(max(now.at_s - _FOLLOW_S, self._dropped_s + 2e-3 if watched else 0.0))
@@ -230,12 +227,3 @@ class GripController:
             was_steady = then.shear < _PLATEAU * min(earlier, default=0.0)
             follows = was_steady and tightened < -_CHANGED and grown < _FOLLOWS * tightened
         return then.shear / then.load if follows else 0.0
-
-    def _falls(self, now: _Seen) -> bool:
-        """Return True where shear fell below all that was borne lately, and not by a tighter grip."""
-        borne = [seen.shear for seen in self._past if seen.at_s < now.at_s - _FALL_S]
-        if len(borne) < 10 or now.shear < _LEAST * now.load:
-            return False
-        if not 0 <= self._past[-1].shear - now.shear < _AT_ONCE * now.shear:  # a collision is faster
-            return False
-        return now.shear < (1 - _FALL) * min(borne) and now.load < 1.02 * min(s.load for s in self._past)

@@ -61,16 +61,6 @@ def test_gross_slip_tightens_beyond_the_present_force() -> None:
     assert controller.take(grip(0.1, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
 
 
-def test_shear_that_falls_at_a_constant_load_is_a_slip_and_under_a_growing_load_is_none() -> None:
-    for load, is_slip in ((4.0, True), (5.0, False)):
-        controller = pressed()
-        before_n = played(controller, [grip(k / 100, shear=1.8) for k in range(60)])[-1]
-        falling = [grip(0.6 + k / 100, shear=1.8 - k / 100, load=load) for k in range(12)]
-        after_n = max(played(controller, falling))
-        assert (after_n >= grip_controller.GRASP_AGAIN * 6.0) == is_slip
-        assert before_n < grip_controller.GRASP_AGAIN * 6.0
-
-
 def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_falling_is_none() -> None:
     for after, is_slip in ((1.9, True), (1.8, False)):
         controller = pressed()
