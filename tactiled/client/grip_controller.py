@@ -27,7 +27,6 @@ _LEAD_S = 0.08  # growing shear is extrapolated so far: sensing, a gripper's del
 _LEAD_MOST = 0.5  # of the shear, that is added so at most: jerks end
 _GROWTH_S = 0.03  # over which the growth of shear is measured
 _GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
-_ALARM_P, _ALARM = 0.3, 1.15  # `p_gross_100ms` from which the grip is at least so many times the present one
 _LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
 _DROP, _FLAT = (
@@ -133,8 +132,6 @@ class GripController:
             wanted_n = max(wanted_n, min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n))
         else:
             self._held_n = self.command_n
-            if grip["p_gross_100ms"] > _ALARM_P:
-                wanted_n = max(wanted_n, _ALARM * present_n)
         if not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
         elif slides:

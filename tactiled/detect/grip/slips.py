@@ -125,10 +125,12 @@ class PosteriorSlips:
         return self._n_low >= self._n_off
 
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
-        friction = scan.model.friction
-        began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
+        friction, p = scan.model.friction, scan.grip.p_incipient
         if self._rippled_s:
             began_s, sd_s = self._ripple_began(at)
+            p = max(p, _RIPPLE_P)
+        else:
+            began_s, sd_s = self._began(INCIPIENT_USED * friction.friction, friction.weights, scan)
         towards = self._direction(scan, is_gross=False)
         return SlipEvent(
             time_s=began_s,
@@ -138,27 +140,21 @@ class PosteriorSlips:
             onset_sd_s=math.hypot(sd_s, at.time_sd_s),
             direction_deg=towards.angle_deg,
             direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
-            confidence=scan.grip.p_incipient,
+            confidence=p,
             taxels=scan.model.slipping_taxels(),
             detector=DETECTOR,
-            statistic=scan.grip.p_incipient,
+            statistic=p,
             threshold=self._p,
             valid=at.is_valid,
             detected_s=at.time_s,
         )
 
     def _gross(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> SlipEvent:
-        friction = scan.model.friction
-        # What slides bears its limit: a lower value that has weight is the model's misfit. It slid neither
-        # before the ratio came there nor, most likely, after it was found: any instant between is as likely.
-        limit = np.maximum(friction.friction, FULL * self._past[-1][1])
-        reached_s, sd_s = self._began(limit, friction.weights * friction.met, scan)
-        reached_s = max(reached_s, slip.onset_s)
-        began_s = (reached_s + at.time_s) / 2
-        sd_s = math.hypot(sd_s, (at.time_s - reached_s) / math.sqrt(12))
         if self._rippled_s:
             began_s, sd_s = self._ripple_began(at)
             began_s = max(began_s, slip.onset_s)
+        else:
+            began_s, sd_s = self._limit_met(slip, scan, at)
         towards = self._direction(scan, is_gross=True)
         p = max(scan.grip.p_sliding, _RIPPLE_P if self._rippled_s else 0.0)
         return dataclasses.replace(
@@ -176,6 +172,18 @@ class PosteriorSlips:
             valid=at.is_valid,
             detected_s=at.time_s,
         )
+
+    def _limit_met(self, slip: SlipEvent, scan: ContactScan, at: ScanInstant) -> tuple[float, float]:
+        """Return instant and sd of the beginning of a slide that shear tells.
+
+        What slides bears its limit: a lower value that has weight is the model's misfit. It slid neither
+        before the ratio came there nor, most likely, after it was found: any instant between is as likely.
+        """
+        friction = scan.model.friction
+        limit = np.maximum(friction.friction, FULL * self._past[-1][1])
+        reached_s, sd_s = self._began(limit, friction.weights * friction.met, scan)
+        reached_s = max(reached_s, slip.onset_s)
+        return (reached_s + at.time_s) / 2, math.hypot(sd_s, (at.time_s - reached_s) / math.sqrt(12))
 
     def _ripple_began(self, at: ScanInstant) -> tuple[float, float]:
         """Return instant and sd of the beginning of a slide whose ripple fills a window."""

@@ -104,3 +104,10 @@ def test_a_slide_on_an_even_contact_is_told_by_its_ripple_alone() -> None:
     told = [e for e in events if isinstance(e, GripEvent) and e.time_s > gross[0].detected_s]
     assert {event.state for event in told} == {"gross"}
     assert min(event.utilisation for event in told) >= 0.9
+
+
+def test_a_ripple_without_any_shear_is_gross_slip_in_an_unknown_direction() -> None:
+    touches = np.interp(TIME_S, [0.5, 1.0], [0.0, 1.0])[:, np.newaxis]
+    loads = np.repeat((over_grating() - LOADS).reshape(-1, 9, 4).mean(axis=2), 4, axis=1)
+    events = GripSlip(ARRAY).process(regular_block(touches * (1.0 + loads) + noise(1e-5), RATE_HZ))
+    assert [event.kind for event in onsets(events)] == ["incipient", "gross"]
