@@ -49,7 +49,7 @@ class GratingSlide:
 
 @dataclass(frozen=True)
 class GratingAnswer:
-    """What was told of a slide over a grating."""
+    """Answers of the detectors to a slide over a grating."""
 
     slide: GratingSlide
     told_s: float

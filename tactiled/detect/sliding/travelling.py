@@ -36,7 +36,7 @@ _STOPPED = 0.25  # power of the newest quarter over that of the window
 
 
 class TravellingRipple:
-    """Tell whether a ripple travels over the array; one array at one scan rate.
+    """Detect a ripple that travels over an array, at one scan rate.
 
     Parameters
     ----------
