@@ -46,6 +46,7 @@ _QUERY_TIMEOUT_S = 5.0
 _AGAIN_S = 0.1  # interval of repeating a request that reached no host: right after a cut, routes are missing
 _RETRY_S = 0.5  # period of looking for a router
 _CLOSE_S = 2.0  # a host that drops packets keeps a connection attempt waiting for longer; it ends by itself
+_EXIT_S = 10.0  # for the same at the end of a program that did not close its client
 _LONGEST_CHUNK = 128
 
 
@@ -206,7 +207,7 @@ class ZenohTransport:
         self._thread = threading.Thread(target=self._connect, name="tactiled-zenoh-session", daemon=True)
         self._thread.start()
         # A thread that is within zenoh when the interpreter ends would abort the process.
-        atexit.register(self._stop)
+        atexit.register(self._stop, _EXIT_S)
 
     def _connect(self) -> None:
         """Open the session as soon as a router answers, and subscribe; closed in this thread, too."""
@@ -259,12 +260,12 @@ class ZenohTransport:
     def close(self) -> None:
         """Close the session."""
         atexit.unregister(self._stop)
-        self._stop()
+        self._stop(_CLOSE_S)
         self._wakeup.close()
 
-    def _stop(self) -> None:
+    def _stop(self, wait_s: float) -> None:
         self._closed.set()
-        self._thread.join(_CLOSE_S)
+        self._thread.join(wait_s)
 
     def _came(self, sample: "zenoh.Sample") -> None:
         if len(self._arrived) < _RECEIVE_HIGH_WATER:
