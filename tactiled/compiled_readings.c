@@ -55,7 +55,8 @@ static void relieve(ptrdiff_t taxels, ptrdiff_t n, const int64_t *own, const rea
         }
         for (int a = 0; a < 2; a++) {
             high[a] = at_least(side[a], side[2 + a]);
-            relieved[a * taxels + t] = at_most(side[a], side[2 + a]) < numbers[0] * high[a];
+            relieved[a * taxels + t] =
+                at_most(side[a], side[2 + a]) < numbers[0] * high[a] && high[a] > numbers[2] * load[t];
             if (!relieved[a * taxels + t])
                 other = at_most((side[a] + side[2 + a]) / 2, other);
         }

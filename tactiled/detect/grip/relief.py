@@ -59,7 +59,8 @@ class RelievedSides:
             return
         side = (self.weights * readings[self.own]).sum(axis=0).reshape(self.even.shape) / self.even
         high, low = side.max(axis=0), side.min(axis=0)
-        self.relieved = relieved = low < _RELIEVED * high
+        # A taxel that is lifted has no pressed side: its sides read noise, each less than half of the other.
+        self.relieved = relieved = (low < _RELIEVED * high) & (high > _LEAST_PRESSED * self._load)
         whole = ~relieved.any(axis=0)
         other = _other_pair(side, relieved)
         held = np.where(np.isfinite(other), other, self._load)

@@ -169,6 +169,14 @@ def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> Non
 # --- gaps
 
 
+@pytest.mark.parametrize("shear_volts", [0.0, 0.4])
+def test_a_lift_within_one_scan_ends_the_contact(shear_volts: float) -> None:
+    held = ramp(1.0, 0.5) * (np.arange(800) < 500)
+    events = GripDetector(ARRAY).process(touch(shear_volts * held * ramp(2.0, 0.5), held))
+    assert [e.time_s for e in events if isinstance(e, GripEvent) and e.state == "none"] == [5.0]
+    assert grips(events)[-1].time_s == pytest.approx(4.99)
+
+
 def through_a_gap(block: ScanBlock, cause: GapCause = "missing") -> list[Event]:
     detector = GripSlip(ARRAY)
     events = detector.process(block[:FIRST])
