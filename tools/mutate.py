@@ -39,6 +39,8 @@ from tools.mutations import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
 _COMPILED = "tactiled/_compiled.so"  # no file of git, but the tests run on it
+# The client over zenoh needs a router and a bridge, which the tests of the room zenoh have.
+_ALSO = {"client": ("zenoh",)}
 # A mutation may make a loop endless. A machine that others use may be slower than at the baseline.
 _TIMES_BASELINE, _LEAST_TIMEOUT_S = 5.0, 15.0
 _START_S = 60.0  # for the imports and the collection of tests, which may hang as well
@@ -147,6 +149,7 @@ class Tree:
                 shutil.copy2(root / name, self.copy / name)
         folder, package = self.copy / "tests" / room, self.copy / "tactiled" / room
         tests = [folder] if folder.is_dir() else sorted((self.copy / "tests").glob(f"test_{room}*.py"))
+        tests += [self.copy / "tests" / other for other in _ALSO.get(room, ())]
         self.sources = sorted(package.rglob("*.py")) or [
             path for path in [package.with_suffix(".py")] if path.is_file()
         ]
