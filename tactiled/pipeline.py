@@ -291,10 +291,11 @@ class Pipeline:
         Parameters
         ----------
         name : str
-            ``"tare"``, ``"speed"``, ``"inhibit"``, ``"expect-load-change"`` or ``"thresholds"``
-            (protocols/control.md); ``"adapter"``, which only the port says: its ``handover_s``; ``"ping"``,
-            just before the daemon sends one: its ``token``; ``"late-fit"``, which only a recording says: the
-            ``index`` of the scan at which a fit was due and not ready.
+            ``"tare"``, ``"speed"``, ``"friction"``, ``"object-changed"``, ``"inhibit"``,
+            ``"expect-load-change"`` or ``"thresholds"`` (protocols/control.md); ``"adapter"``, which only the
+            port says: its ``handover_s``; ``"ping"``, just before the daemon sends one: its ``token``;
+            ``"late-fit"``, which only a recording says: the ``index`` of the scan at which a fit was due and
+            not ready.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -312,6 +313,10 @@ class Pipeline:
             reason, events = tuning.tare(force=arguments["force"])
         elif name == "speed":
             tuning.set_speed(arguments["speed_mm_s"])
+        elif name == "friction":
+            reason = tuning.state_friction(arguments["value"], arguments["sd"])
+        elif name == "object-changed":
+            reason = tuning.change_object()
         elif name == "inhibit":
             tuning.inhibit(now_s, arguments["duration_s"])
         elif name == "expect-load-change":

@@ -14,6 +14,7 @@ class _RecordedEvents:
     """Suite that returns the events of a detector that ran before, each with the scan that completed it."""
 
     texture = None
+    learns_friction = ()
 
     def __init__(self, events: Sequence[SlipEvent]) -> None:
         self._events = events

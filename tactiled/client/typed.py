@@ -717,7 +717,9 @@ class CommandData(TypedDict):
     request_id: str
     """The id that the client gave its request."""
     command: str
-    """Name of the command: tare, speed, inhibit, expect-load-change, thresholds, rate, record, mark."""
+    """Name of the command: tare, speed, friction, object-changed, inhibit, expect-load-change, thresholds,
+    rate, record, mark.
+    """
     arguments: str
     """The other fields of the request, as a JSON object."""
     who: str

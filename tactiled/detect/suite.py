@@ -112,6 +112,18 @@ class TextureEstimator(Protocol):
         ...
 
 
+class LearnsFriction(Protocol):
+    """Detector that friction can be stated to."""
+
+    def state_friction(self, value: float, log_sd: float) -> None:
+        """Take friction, in shear reading over load, from the next contact on."""
+        ...
+
+    def change_object(self) -> None:
+        """Forget friction, stated or learnt, from the next contact on."""
+        ...
+
+
 class DetectorPair:
     """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
 
@@ -129,6 +141,10 @@ class DetectorPair:
         self._slip = slip
         self.texture = texture
         self._grip = grip
+        self.learns_friction: Sequence[LearnsFriction] = tuple(
+            part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector)
+        )
+        """Detectors that friction can be stated to."""
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
@@ -158,6 +174,11 @@ class Suite(Detector, Protocol):
         """Estimator that takes the sliding speed; None where no detector uses it."""
         ...
 
+    @property
+    def learns_friction(self) -> Sequence[LearnsFriction]:
+        """Detectors that friction can be stated to."""
+        ...
+
 
 class BridgedSuite(GapBridge):
     """`Suite` whose detectors are given interpolated scans in place of short gaps."""
@@ -165,6 +186,7 @@ class BridgedSuite(GapBridge):
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
         self.texture: TextureEstimator | None = methods.texture
+        self.learns_friction = methods.learns_friction
 
 
 class DetectorFactories(NamedTuple):

@@ -1,4 +1,4 @@
-"""Run-time settings of the detectors: zero, sliding speed, thresholds, suppression of slips.
+"""Run-time settings of the detectors: zero, sliding speed, friction, thresholds, suppression of slips.
 
 `TunedSuite` replaces a suite. Without any command its events are those of the suite, bit for bit. Its
 settings survive gaps and replugs; `reset()` restores the configuration. Every change takes effect at a scan
@@ -33,6 +33,9 @@ _LEAST_TARE_SCANS = 10  # below 20 Hz, half a second holds too few scans for a m
 # well below what a touch brings in the time.
 _STILL_OF_CONTACT = 1 / 25
 _STILL_OF_RANGE = 1 / 1024  # where the array file gives no contact level
+_NO_FRICTION = (
+    "no detector of this configuration learns friction: it takes shear, load and the topic grip or slip"
+)
 _KEPT_INTERVALS = 8  # a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 
 
@@ -97,6 +100,8 @@ class TunedSuite:
         self._start = StartZero(self._array.zero_first_s)
         self.speed_mm_s: float | None = None
         """Speed last set; None while that of the configuration is used."""
+        self.friction: tuple[float, float] | None = None
+        """Friction last stated, and the sd of its logarithm; None while that of the configuration is used."""
         self.next_index = 0
         """Index of the first scan that a command given now applies to."""
         self._suite = self._build(self._array, self.params)
@@ -187,6 +192,26 @@ class TunedSuite:
             self.speed_mm_s = speed_mm_s
             self._pass_speed()
 
+    def state_friction(self, value: float, log_sd: float) -> str:
+        """Take friction, in shear reading over load, from the next contact on."""
+        if not self._suite.learns_friction:
+            return _NO_FRICTION
+        self.friction = value, log_sd
+        self._pass_friction()
+        return ""
+
+    def change_object(self) -> str:
+        """Forget friction, stated or learnt, from the next contact on."""
+        self.friction = None
+        for detector in self._suite.learns_friction:
+            detector.change_object()
+        return "" if self._suite.learns_friction else _NO_FRICTION
+
+    def _pass_friction(self) -> None:
+        if self.friction is not None:
+            for detector in self._suite.learns_friction:
+                detector.state_friction(*self.friction)
+
     def expect_late_fit(self, due_index: int) -> None:
         """Treat the fit that is due at a scan as not ready, as it was in the live run."""
         if self._suite.texture is not None:
@@ -233,6 +258,7 @@ class TunedSuite:
         self.params = params
         self._suite = self._build(self._array, params)
         self._pass_speed()
+        self._pass_friction()
         return "", events
 
     def _pass_speed(self) -> None:

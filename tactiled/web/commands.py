@@ -16,6 +16,8 @@ FIELDS: dict[str, dict[str, type]] = {
     "mark": {"text": str},
     "record": {"on": bool},
     "speed": {"speed_mm_s": float},
+    "friction": {"value": float, "sd": float},
+    "object-changed": {},
     "thresholds": {"values": dict},
 }
 """Commands that the page may give, with their fields (protocols/control.md). The daemon checks the values."""

@@ -124,9 +124,11 @@ def test_parts_lost_ports_and_commands_are_replayed(tmp_path: Path, reads: list[
     commands: dict[int, tuple[str, dict[str, object]]] = {
         50: ("adapter", {"handover_s": 0.016}),
         100: ("tare", {"force": True}),
+        60: ("friction", {"value": 0.7, "sd": 0.1}),
         300: ("speed", {"speed_mm_s": 7.0}),
         500: ("thresholds", {"values": {"grip.incipient_p": 0.5}}),
         600: ("inhibit", {"duration_s": 0.3}),
+        620: ("object-changed", {}),
         650: ("adapter", {"handover_s": None}),
     }
     pings: dict[int, int] = {}  # the read behind which each is sent, by token

@@ -117,6 +117,7 @@ class Commands:
         tuning = self._pipeline.tuning
         return {
             "speed_mm_s": tuning.speed_mm_s or 0.0,
+            "friction": list(tuning.friction or ()),
             "inhibited_s": tuning.inhibited_s(now_s),
             "tared": tuning.baseline_volts is not None,
             "rate_hz": self._session.rate_hz,

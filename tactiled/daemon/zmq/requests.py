@@ -116,6 +116,22 @@ class Speed(CommandRequest):
     speed_mm_s: float = Field(ge=0, le=1000, description="0: not known")
 
 
+class StatedFriction(CommandRequest):
+    """State the friction of what is held next."""
+
+    do: Literal["friction"]
+    value: float = Field(
+        ge=0.01, le=100, description="shear over load at gross slip, in units of the readings"
+    )
+    sd: float = Field(default=0.1, ge=0, le=1, description="standard deviation of its logarithm; 0.1: 10 %")
+
+
+class ObjectChanged(CommandRequest):
+    """Forget friction, stated or learnt: another object is held next."""
+
+    do: Literal["object-changed"]
+
+
 class Inhibit(CommandRequest):
     """Publish slips that begin in the next seconds as suppressed, because the hand itself moves."""
 
@@ -162,7 +178,20 @@ class Mark(CommandRequest):
 
 REQUESTS: dict[str, type[Request]] = {
     get_args(kind.model_fields["do"].annotation)[0]: kind
-    for kind in (State, Events, Tare, Speed, Inhibit, ExpectLoadChange, Thresholds, Rate, Record, Mark)
+    for kind in (
+        State,
+        Events,
+        Tare,
+        Speed,
+        StatedFriction,
+        ObjectChanged,
+        Inhibit,
+        ExpectLoadChange,
+        Thresholds,
+        Rate,
+        Record,
+        Mark,
+    )
 }
 
 

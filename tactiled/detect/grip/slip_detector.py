@@ -72,6 +72,14 @@ class GripSlip:
         self._rate_hz = 0.0
         self._last_s = 0.0
 
+    def state_friction(self, value: float, log_sd: float) -> None:
+        """Take friction from outside: see `GripDetector.state_friction`."""
+        self._grip.state_friction(value, log_sd)
+
+    def change_object(self) -> None:
+        """Forget friction: see `GripDetector.change_object`."""
+        self._grip.change_object()
+
     @property
     def contact_state(self) -> ContactState:
         """State of the contact after the last scan."""

@@ -135,6 +135,7 @@ def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
             assert (await daemon.send("rate", rate_hz=200.0)).ok
             assert board.sim.rate_hz == 200.0
             assert (await daemon.send("speed", speed_mm_s=5.0)).ok
+            assert (await daemon.send("friction", value=0.8)).ok
             assert (await daemon.send("thresholds", values={"grip.incipient_p": 0.5})).ok
             assert (await daemon.send("inhibit", duration_s=60.0)).ok
             await asyncio.to_thread(board.unplug)
@@ -145,6 +146,7 @@ def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
             assert (board.sim.rate_hz, board.sim.streaming) == (200.0, True)
             reply = (await daemon.send("state")).data
             assert reply["settings"]["speed_mm_s"] == 5.0
+            assert reply["settings"]["friction"] == [0.8, 0.1]
             assert reply["settings"]["rate_hz"] == 200.0
             assert reply["settings"]["inhibited_s"] > 30.0
             assert reply["settings"]["detect"]["grip"]["incipient_p"] == 0.5

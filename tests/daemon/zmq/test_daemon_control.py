@@ -48,6 +48,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "events": {"board": "b", "topic": "contact", "first_seq": 0},
     "tare": {"force": True},
     "speed": {"speed_mm_s": 5},
+    "friction": {"value": 0.6, "sd": 0.2},
+    "object-changed": {},
     "inhibit": {"duration_s": 0.5},
     "expect-load-change": {"duration_s": 0.5},
     "thresholds": {"values": {"grip.incipient_p": 0.5}},
