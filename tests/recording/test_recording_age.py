@@ -155,3 +155,12 @@ def test_the_session_says_once_why_recordings_are_kept(
     session.end(123.0)
     assert old.exists()
     assert caplog.text.count("by the clock of this host") == 1
+
+
+@pytest.mark.parametrize(("stepped_s", "counts"), [(0.9, True), (-0.9, True), (30.0, False)])
+def test_a_clock_that_a_time_server_steps_by_less_than_a_second_runs_on(
+    stepped_s: float, counts: bool
+) -> None:
+    first, last = Instant(START_S, 10.0), Instant(START_S + 100.0 + stepped_s, 110.0)
+    spans = {Path("old"): RecordedSpan(first, first), Path("new"): RecordedSpan(last, last)}
+    assert proven_ages_s(spans, pause_s=0.0)[Path("old")] == pytest.approx(100.0 if counts else 0.0, abs=1.0)

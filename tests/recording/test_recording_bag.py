@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from mcap.writer import Writer as McapWriter
 from numpy.typing import NDArray
+from recordings import record, simulated_reads
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.calibrate.files import read_log
 from tactiled.errors import ConfigError, DataError, OperatorError
-from tactiled.recording.bag import read_bag
+from tactiled.recording.bag import is_bag, read_bag
 from tactiled.tune.files import read_recording
 
 Floats = NDArray[np.float64]
@@ -221,3 +222,19 @@ def test_other_encodings_and_damage_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(DataError, match=f"{name}: {words}"):
             read_bag(tmp_path / name, "/raw")
+
+
+def test_a_bag_is_told_from_a_table_and_from_a_recording(tmp_path: Path) -> None:
+    table = tmp_path / "log.csv"
+    table.write_text("time_s,a\n0,1\n")
+    recording = tmp_path / "ours.mcap"
+    record(recording, simulated_reads(0.1))
+    other = tmp_path / "other.mcap"
+    with other.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert [is_bag(path) for path in (table, recording)] == [False] * 2
+    assert [is_bag(path) for path in (other, tmp_path, tmp_path / "one.bag", tmp_path / "one.db3")] == [
+        True
+    ] * 4

@@ -14,7 +14,7 @@ from tactiled.recording.contents import Read
 from tactiled.recording.directory import Finished, finished, new_name, surplus, unfinished
 from tactiled.recording.recover import recover_directory
 from tactiled.recording.retention import Retention
-from tactiled.recording.writer import ACTIVE, RecordingWriter
+from tactiled.recording.writer import ACTIVE, RecordingWriter, is_being_written
 
 DAY_S = 86400.0
 files_of = st.lists(
@@ -145,3 +145,11 @@ def test_a_file_that_cannot_be_locked_is_removed_and_can_be_made_again(
     with RecordingWriter(tmp_path / "a.mcap", HEADER) as writer:
         writer.read(Read(0.0, 0.0, b"x"))
     assert len(items(tmp_path / "a.mcap")) == 1
+
+
+def test_what_cannot_be_opened_is_written_by_nobody(tmp_path: Path) -> None:
+    path = tmp_path / f"a.mcap{ACTIVE}"
+    assert not is_being_written(path)
+    with RecordingWriter(tmp_path / "a.mcap", HEADER):
+        assert is_being_written(path)
+    assert not is_being_written(tmp_path / "a.mcap")

@@ -8,6 +8,7 @@ import pytest
 from pyarrow import parquet
 
 from tactiled.errors import DataError
+from tactiled.recording.rows import TimeUnit
 from tactiled.recording.table import read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -149,6 +150,21 @@ def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> Non
         read_table(path, columns=("c",), time_unit="ms")
     with pytest.raises(DataError, match=r"a column time, t or timestamp needs --time-unit"):
         read_table(path, columns=("a",))
+
+
+@pytest.mark.parametrize(("unit", "of_unit_s"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+def test_times_have_the_unit_that_is_stated(tmp_path: Path, unit: TimeUnit, of_unit_s: float) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("t,a\n" + "".join(f"{k / 100 / of_unit_s:.0f},{k}\n" for k in range(0, 400, 100)))
+    time_s, _ = read_table(path, columns=("a",), time_unit=unit)
+    assert time_s == pytest.approx([0.0, 1.0, 2.0, 3.0])
+
+
+def test_a_log_with_times_keeps_them_though_a_rate_is_stated(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s,a\n0.00,1\n0.02,3\n0.05,5\n")
+    time_s, _ = read_table(path, rate_hz=50.0)
+    assert time_s == pytest.approx([0.0, 0.02, 0.05])
 
 
 def test_a_log_without_times_has_those_of_its_rate(tmp_path: Path) -> None:

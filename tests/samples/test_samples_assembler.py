@@ -302,3 +302,29 @@ def test_scans_missed_by_the_board_are_counted_apart_from_lost_scans() -> None:
     feed(target, [20], flags=OVERRUN)  # of 15 to 19 one at least was missed, the rest was unplugged
     counts = target.counts
     assert (counts.missing, counts.overrun, counts.dropped) == (3 + 2 + 3 + 1 + 5, 3 + 2 + 1, 2)
+
+
+def test_a_damaged_frame_without_a_missing_scan_is_no_gap_where_scans_are_counted() -> None:
+    target = assembler()
+    feed(target, [0, 1])
+    target.corrupt()
+    assert not [item for item in feed(target, [2, 3]) if isinstance(item, Gap)]
+
+
+def test_the_latency_timer_counts_whether_the_adapter_or_the_board_is_known_first() -> None:
+    sds_s = []
+    for order in ("adapter first", "board first", "no adapter"):
+        target = Assembler(LAYOUT)
+        if order == "adapter first":
+            target.adapter(0.016)
+        target.board(hello(), 50.0)
+        if order == "board first":
+            target.adapter(0.016)
+        blocks: list[ScanBlock | Gap] = []
+        for number in range(400):
+            arrival_s = 50.0 + number * 0.01 + LATENCY_S
+            target.scan(scan(number), 0.016 * np.ceil(arrival_s / 0.016))
+            blocks += target.flush()
+        sds_s.append([float(block.time_sd_s[-1]) for block in blocks if isinstance(block, ScanBlock)][-1])
+    assert sds_s[0] == sds_s[1]
+    assert sds_s[2] != sds_s[0]

@@ -320,3 +320,20 @@ def test_a_ping_revokes_the_assumption_of_unbunched_frames() -> None:
             time_s, sd_s = fit.time_of(k * 0.01)
             assert abs(time_s - 100 - k * 0.01) < 1.8 * sd_s
             assert sd_s < 3e-3
+
+
+def test_a_reading_of_the_board_is_behind_only_beyond_what_the_fit_may_err() -> None:
+    params = ClockParams()
+    fit = ClockFit(params, 0.0)
+    for k in range(500):
+        fit.add(k * 0.01, 100 + k * 0.01)
+    time_s, sd_s = fit.time_of(5.0)
+    assert sd_s > 0
+    assert not fit.is_behind(5.0, time_s + params.gate_s + 2 * sd_s)
+    assert fit.is_behind(5.0, time_s + params.gate_s + 4 * sd_s)
+
+
+def test_bands_that_only_one_line_meets_have_it_as_their_mean() -> None:
+    found = lines_through([Band(0.0, 1.0, 0.0, 1.0), Band(10.0, 1.5, 10.0, 1.5)], 0.1, 0.2)
+    assert [found.line.at(x) for x in (0.0, 5.0, 10.0)] == pytest.approx([1.0, 1.25, 1.5])
+    assert found.sd_at(5.0) == pytest.approx(0.0, abs=1e-9)
