@@ -1,0 +1,226 @@
+// Controller of a grasp: as little force as is safe, from `grip` messages alone.
+//
+//     tactiled::GripController controller;
+//     // for each grip message that is fresh, with the force that the gripper exerts now:
+//     gripper.move(controller.take(grip, gripper.force_n()));
+//     // whenever tactile data are stale:
+//     gripper.move(controller.blind());
+//
+// The same as tactiled.client.GripController, which says what each number is and where it comes from; a test plays
+// the same messages to both. What it assumes of a hand: it takes a force in newtons, tells the force that it exerts
+// now, follows within 50 ms, and presses for 0.6 s before it lifts.
+//
+// Needs C++17 and tactiled_events.hpp. No input, no output, no clock: times are those of the messages.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <limits>
+
+#include "tactiled_events.hpp"
+
+namespace tactiled {
+
+class GripController {
+public:
+    static constexpr double PRESS_S = 0.6;
+    static constexpr double TARGET = 0.85;
+    static constexpr double GRASP_AGAIN = 1.4;
+    static constexpr double SAME_S = 2.0;
+    static constexpr double BLIND = 1.3;
+
+    // Highest utilisation that is left as it is; grip before the object's weight is felt; limits of the grip.
+    explicit GripController(double target = TARGET, double start_n = 6.0, double least_n = 1.0,
+                            double most_n = 40.0)
+        : target_(target), least_n_(least_n), most_n_(most_n), command_n_(start_n)
+    {
+        forget();
+    }
+
+    // Newest force to command.
+    double command_n() const { return command_n_; }
+
+    // Return the force to command, from a message and the force exerted now.
+    double take(const Grip &grip, double present_n)
+    {
+        if (grip.state == Grip::STATE_NONE) {
+            if (grip.valid)
+                forget();
+            return command_n_;
+        }
+        if (grip.timestamp > contact_s_ + SAME_S)
+            forget();
+        contact_s_ = grip.timestamp;
+        touched_s_ = std::min(touched_s_, grip.timestamp);
+        if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load <= 0)
+            return command_n_;
+        const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
+        const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
+        const bool dropped = drops(now);
+        const double ratio = slip_ratio(grip, now);
+        bound_friction(grip, now, ratio, step_s);
+        const bool slides = dropped || ratio > 0;
+        const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
+        double wanted_n = wanted(grip.friction, now, ahead, slides);
+        if (slides)
+            wanted_n = std::max(wanted_n, std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_));
+        else
+            held_n_ = command_n_;
+        if (past_.empty())
+            calm_from_s_ = now.at_s + CALM_AFTER_STALE_S;
+        else if (slides)
+            calm_from_s_ = std::max(now.at_s + CALM_AFTER_SLIP_S, calm_from_s_);
+        else if (wanted_n > command_n_ || ahead > (1 + GROWS) * now.shear || now.shear < LEAST * now.load)
+            calm_from_s_ = std::max(now.at_s + CALM_S, calm_from_s_);
+        wanted_n_ = wanted_n;
+        if (wanted_n > command_n_)
+            command_n_ = wanted_n;
+        else if (now.at_s > calm_from_s_)
+            command_n_ -= EASE_PER_S * step_s * (command_n_ - wanted_n);
+        command_n_ = limited(command_n_);
+        past_.push_back(now);
+        while (past_.front().at_s < now.at_s - REST_S)
+            past_.pop_front();
+        return command_n_;
+    }
+
+    // Return the force to command while tactile data are stale: tighter, and not eased.
+    double blind()
+    {
+        command_n_ = limited(std::max(command_n_, BLIND * wanted_n_));
+        past_.clear();
+        return command_n_;
+    }
+
+private:
+    static constexpr double INF = std::numeric_limits<double>::infinity();
+    static constexpr double PROBE = 0.9, SURELY = 0.87, FORGET_PER_S = 0.01, RENEW_PER_S = 0.3, GREW = 1.02;
+    static constexpr double LEAD_S = 0.08, LEAD_MOST = 0.5, GROWTH_S = 0.03, GROWS = 0.08, LEAST = 0.05;
+    static constexpr double DROP = 0.03, FLAT = 0.012, DROP_S = 0.035, PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
+    static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
+    static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7;
+    static constexpr double CALM_S = 0.1, CALM_AFTER_SLIP_S = 0.3, CALM_AFTER_STALE_S = 1.0, EASE_PER_S = 4.0;
+    static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2;
+
+    struct Seen {
+        double at_s, shear, load, force_n;
+    };
+
+    double limited(double force_n) const { return std::min(std::max(force_n, least_n_), most_n_); }
+
+    // Begin with another object.
+    void forget()
+    {
+        friction_ = 0.0;
+        slid_ = touched_s_ = INF;
+        slides_ = false;
+        probes_ = true;
+        past_.clear();
+        contact_s_ = dropped_s_ = -INF;
+        calm_from_s_ = wanted_n_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
+        held_n_ = command_n_;
+    }
+
+    // Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid.
+    void bound_friction(const Grip &grip, const Seen &now, double ratio, double step_s)
+    {
+        const bool grows = !past_.empty() && now.shear > GREW * past_.front().shear;
+        slid_ *= 1 + RECOVER_PER_S * step_s;
+        if (ratio > 0 && !slides_)
+            slid_ = std::max(ratio, WEAKER * friction_);
+        slides_ = ratio > 0;
+        friction_ *= 1 - (grows ? RENEW_PER_S : FORGET_PER_S) * step_s;
+        friction_ = std::max(friction_, grip.friction_low);
+        friction_ = std::min({friction_, slid_, SURELY * grip.friction});
+    }
+
+    // Force that holds what is borne now at the target, and what is borne soon by likely friction.
+    double wanted(double friction, const Seen &now, double ahead, bool slides)
+    {
+        const double newtons = newtons_per_load(now);
+        const double likely = std::max(std::sqrt(friction_ * friction), friction_);
+        double target = target_;
+        if (probes_ && !slides && now.at_s > calm_from_s_) {
+            target = std::max(target, PROBE);
+            probes_ = now.shear / now.load < 0.97 * target * friction_;
+        }
+        probes_ = probes_ && !slides;
+        return newtons * std::max(now.shear / (friction_ * target), ahead / likely);
+    }
+
+    // Force over load reading, measured while the grip is steady: message and gripper differ in age.
+    double newtons_per_load(const Seen &now)
+    {
+        if (std::abs(now.force_n - level_n_) > STEADY * level_n_) {
+            level_n_ = now.force_n;
+            steady_from_s_ = now.at_s + STEADY_S;
+        }
+        const double present = now.force_n / now.load;
+        if (now.at_s >= steady_from_s_ || newtons_ == 0.0)
+            newtons_ = present;
+        return std::min(std::max(present, newtons_), UNSTEADY * newtons_);
+    }
+
+    // Oldest message that is kept from an instant on; past_.end() without one.
+    std::deque<Seen>::const_iterator since(double at_s) const
+    {
+        return std::find_if(past_.begin(), past_.end(), [at_s](const Seen &seen) { return seen.at_s >= at_s - 1e-3; });
+    }
+
+    double growth(const Seen &now) const
+    {
+        const auto before = since(now.at_s - GROWTH_S);
+        return before == past_.end() ? 0.0 : std::max(now.shear - before->shear, 0.0) / GROWTH_S;
+    }
+
+    // True where the largest shear of late has just fallen at once, and falls no further.
+    bool drops(const Seen &now)
+    {
+        const auto weaker = [](const Seen &a, const Seen &b) { return a.shear < b.shear; };
+        const auto recent = since(now.at_s - DROP_S);
+        if (recent == past_.end() || now.shear < LEAST * now.load)
+            return false;
+        const Seen &peak = *std::max_element(recent, past_.cend(), weaker);
+        const double largest = std::max_element(past_.begin(), past_.end(), weaker)->shear;
+        const double least_drop = DROP + TIGHTENED * std::max(now.load / peak.load - 1, 0.0);
+        const bool found = peak.shear >= PEAK * largest && (1 - FLAT) * past_.back().shear < now.shear &&
+                           now.shear < (1 - least_drop) * peak.shear;
+        if (found)
+            dropped_s_ = now.at_s;
+        return found;
+    }
+
+    // Shear over load at which the object slides, 0 where it does not.
+    double slip_ratio(const Grip &grip, const Seen &now) const
+    {
+        if (grip.state == Grip::STATE_GROSS)
+            return now.shear / now.load;
+        const bool watched = now.at_s < dropped_s_ + WATCH_S;
+        const auto before = since(std::max(now.at_s - FOLLOW_S, watched ? dropped_s_ + 2e-3 : 0.0));
+        const Seen &then = before == past_.end() ? now : *before;
+        if (std::min(then.shear, now.shear) < LEAST * then.load || std::min(then.force_n, now.force_n) <= 0)
+            return 0.0;
+        const double tightened = std::log(now.force_n / then.force_n), grown = std::log(now.shear / then.shear);
+        bool follows;
+        if (watched) {
+            follows = tightened > CHANGED && FOLLOWS_ON < grown / tightened && grown / tightened < 1.1;
+        } else {
+            double least = INF;
+            for (auto seen = since(then.at_s - PLATEAU_S); seen != past_.end() && seen->at_s < then.at_s; ++seen)
+                least = std::min(least, seen->shear);
+            const bool was_steady = least < INF && then.shear < PLATEAU * least;
+            follows = was_steady && tightened < -CHANGED && grown < FOLLOWS * tightened;
+        }
+        return follows ? then.shear / then.load : 0.0;
+    }
+
+    double target_, least_n_, most_n_, command_n_;
+    double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
+    bool slides_, probes_;
+    std::deque<Seen> past_;
+    double touched_s_, contact_s_, calm_from_s_, dropped_s_;
+    double held_n_, wanted_n_, level_n_, newtons_, steady_from_s_;
+};
+
+}  // namespace tactiled

@@ -1,0 +1,113 @@
+"""The controller of C++ commands the same forces as that of Python, message by message."""
+
+import math
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactiled.client import GripController, grip_controller
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = """
+#include <iomanip>
+#include <iostream>
+#include "tactiled_grip_controller.hpp"
+
+int main() {
+    double target = 0, start_n = 0, least_n = 0, most_n = 0;
+    std::cin >> target >> start_n >> least_n >> most_n;
+    tactiled::GripController controller(target, start_n, least_n, most_n);
+    std::cout << std::setprecision(17) << controller.command_n() << "\\n";
+    tactiled::Grip grip;
+    double present_n = 0;
+    while (std::cin >> grip.state) {
+        if (grip.state == "blind") {
+            std::cout << controller.blind() << "\\n";
+            continue;
+        }
+        std::cin >> grip.timestamp >> grip.load >> grip.shear_x >> grip.shear_y >> grip.friction_low
+                 >> grip.friction >> grip.valid >> grip.late >> present_n;
+        std::cout << controller.take(grip, present_n) << "\\n";
+    }
+}
+"""
+NUMBERS = "timestamp", "load", "shear_x", "shear_y", "friction_low", "friction", "valid", "late"
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if shutil.which("c++") is None and "TACTILED_CI" not in os.environ:
+        pytest.skip("needs c++")
+    folder = tmp_path_factory.mktemp("cpp")
+    (folder / "main.cpp").write_text(SOURCE)
+    include = ROOT / "protocols" / "cpp"
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{include}"]
+    subprocess.run(["c++", *flags, "main.cpp", "-o", "controller"], cwd=folder, check=True)
+    return folder / "controller"
+
+
+def messages(seed: int) -> Iterator[dict[str, Any]]:
+    """Draw a grasp: shear that grows, falls and drops, slips, gaps, another object, readings in vain.
+
+    The load is over the force that the gripper exerts.
+    """
+    rng = np.random.default_rng(seed)
+    steps = rng.choice([0.0, 0.01, -0.01, 0.1, -0.08], 800, p=[0.5, 0.27, 0.19, 0.02, 0.02])
+    shear = np.exp(np.cumsum(steps).clip(-3.0, 0.7)) * (np.arange(800) > 70)
+    friction = np.exp(rng.normal(-0.3, 0.2) + np.cumsum(rng.normal(0.0, 0.002, 800)))
+    angle, at_s = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0, 1e9))
+    for k in range(800):
+        at_s += float(rng.choice([0.01, 0.08, 0.5], p=[0.99, 0.008, 0.002]))
+        yield {
+            "timestamp": at_s,
+            "load": float(rng.normal(0.7, 0.002)) if rng.random() > 0.005 else 0.0,
+            "shear_x": float(shear[k]) * math.cos(angle),
+            "shear_y": float(shear[k]) * math.sin(angle),
+            "friction_low": float(rng.uniform(0.6, 0.9)) * float(friction[k]),
+            "friction": float(friction[k]),
+            "state": str(rng.choice(["sticking", "gross", "none"], p=[0.995, 0.004, 0.001])),
+            "valid": bool(rng.random() > 0.01),
+            "late": bool(rng.random() < 0.01),
+        }
+
+
+def test_both_have_the_same_numbers() -> None:
+    header = (ROOT / "protocols" / "cpp" / "tactiled_grip_controller.hpp").read_text()
+    of_header = {name: float(value) for name, value in re.findall(r"\b([A-Z][A-Z_]*) = ([0-9.]+)", header)}
+    of_module = {
+        name.removeprefix("_"): value
+        for name, value in vars(grip_controller).items()
+        if isinstance(value, float)
+    }
+    assert of_header == of_module
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> None:
+    rng = np.random.default_rng([seed, 1])
+    limits = 0.5 + 0.4 * float(rng.random()), 6.0, 1.0, 40.0
+    controller = GripController(*limits)
+    lines, expected, present_n = [" ".join(map(repr, limits))], [controller.command_n], 6.0
+    for message in messages(seed):
+        message["load"] *= present_n
+        if rng.random() < 0.005:
+            lines.append("blind")
+            expected.append(controller.blind())
+        numbers = [repr(float(message[name])) for name in NUMBERS[:-2]]
+        flags = [str(int(message[name])) for name in NUMBERS[-2:]]
+        lines.append(" ".join([message["state"], *numbers, *flags, repr(present_n)]))
+        expected.append(controller.take(message, present_n))
+        present_n += 0.5 * (controller.command_n - present_n)
+    done = subprocess.run(
+        [program], input="\n".join(lines), capture_output=True, text=True, check=True, timeout=60
+    )
+    found = [float(line) for line in done.stdout.splitlines()]
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert len(set(expected)) > 5
