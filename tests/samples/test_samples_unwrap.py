@@ -177,3 +177,11 @@ def test_after_a_stop_the_next_scan_counts_one_and_board_time_runs_on() -> None:
     assert target.step(0, round(40.0 / TICK_S), 9.0, RATE_HZ) == CounterStep("restart", 0)
     assert target.board_s == pytest.approx(2.0)
     assert target.step(1, round(3.0 / TICK_S), 8.0, RATE_HZ).kind == "next"  # any number follows a stop
+
+
+def test_ticks_that_went_back_over_a_stop_do_not_take_board_time_back() -> None:
+    target = counter(Board())
+    target.step(0, round(5.0 / TICK_S), 5.0, RATE_HZ)
+    target.forget_sequence()
+    assert target.step(0, round(4.5 / TICK_S), 5.1, RATE_HZ) == CounterStep("next", 1)
+    assert target.board_s == 0.0
