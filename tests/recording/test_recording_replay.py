@@ -285,3 +285,35 @@ def test_mcap_files_of_others_are_refused(tmp_path: Path) -> None:
         other.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(DataError, match="a recording of another tactiled"):
         replay([path], lambda _: None)
+
+
+def test_a_recording_that_begins_again_marks_only_its_own_dropped_reads(
+    tmp_path: Path, reads: list[Read]
+) -> None:
+    params = RecordParams(directory=str(tmp_path), min_free_mb=0)
+    session = RecordingSession(params, HEADER, tmp_path / "first.mcap", 0.0)
+    session.end(0.0)
+    for read in reads[:3]:  # between two recordings
+        session.take(RecordEntry(read, [], None, "", UNIX_OFFSET_S), read.arrival_s)
+    session.begin(None, reads[3].arrival_s)
+    for read, dropped in ((reads[3], (0, 0)), (reads[4], (5, 99))):
+        session.take(RecordEntry(read, [], None, "", UNIX_OFFSET_S, dropped), read.arrival_s)
+    session.end(reads[4].arrival_s)
+    (path,) = tmp_path.glob("tactile-*Z.mcap")
+    first, mark, second = items(path)
+    assert [first, second] == reads[3:5]
+    assert isinstance(mark, Input)
+    assert (mark.name, mark.values()) == ("dropped", {"reads": 5, "bytes": 99})
+
+
+def test_reads_dropped_before_the_first_of_a_recording_are_marked(tmp_path: Path, reads: list[Read]) -> None:
+    session = RecordingSession(
+        RecordParams(directory=str(tmp_path), min_free_mb=0), HEADER, tmp_path / "first.mcap", 0.0
+    )
+    session.begin(None, reads[0].arrival_s)
+    session.take(RecordEntry(reads[0], [], None, "", UNIX_OFFSET_S, (5, 99)), reads[0].arrival_s)
+    session.end(reads[0].arrival_s)
+    (path,) = tmp_path.glob("tactile-*Z.mcap")
+    mark, _ = items(path)
+    assert isinstance(mark, Input)
+    assert mark.values() == {"reads": 5, "bytes": 99}
