@@ -1,15 +1,17 @@
 """The verdict of the demo, against events that are made up: missing, extra, wrong and none."""
 
 import dataclasses
+import math
 import re
 
+import numpy as np
 import pytest
 
 from tactiled.demo.comparison import REFINED_S, Host, compare, finds_end_s, true_slides
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.truth import TrueSlip, Truth
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
 
 T0_S = 100.0
 FLAT = TrueSlip(6.0, 11.0, 0.0, FlatPlate(), shear_s=6.0, incipient_s=6.03, gross_s=6.23)
@@ -38,7 +40,22 @@ TEXTURE = TextureEvent(
     time_s=T0_S + 18.0, answered_s=T0_S + 18.0, status="ok", period_mm=1.202, angle_deg=30.1
 )
 FIRST, LAST = onsets(FLAT), onsets(GROOVES)
-ALL: list[Event] = [*FIRST, *LAST, TEXTURE]
+
+
+def grips(slide: TrueSlip, *, until_s: float = math.inf) -> list[GripEvent]:
+    """What is reported of each scan of a slide; after some time, that it sticks."""
+    assert slide.gross_s is not None
+    sliding = GripEvent(time_s=0.0, state="gross", utilisation=1.0)
+    return [
+        dataclasses.replace(sliding, time_s=T0_S + at_s)
+        if at_s < until_s
+        else dataclasses.replace(sliding, time_s=T0_S + at_s, state="sticking", utilisation=0.5)
+        for at_s in np.arange(slide.gross_s, slide.end_s, 0.01).tolist()
+    ]
+
+
+GRIPS = [*grips(FLAT), *grips(GROOVES)]
+ALL: list[Event] = [*FIRST, *LAST, TEXTURE, *GRIPS]
 
 
 def wrong(events: list[Event]) -> list[str]:
@@ -51,8 +68,16 @@ def test_everything_found_is_right() -> None:
     assert {row[-1] for row in verdict.rows} == {"good"}
 
 
+@pytest.mark.parametrize(
+    ("until_s", "says"), [(10.9, ["share told gross"]), (7.0, ["utilisation", "share told gross"])]
+)
+def test_messages_that_deny_the_slide_are_wrong(until_s: float, says: list[str]) -> None:
+    found = wrong([*FIRST, *LAST, TEXTURE, *grips(FLAT, until_s=until_s), *grips(GROOVES)])
+    assert [words.partition(": ")[2].partition(": ")[0] for words in found] == says
+
+
 def test_a_missing_first_slide_is_wrong_and_named() -> None:
-    found = wrong([*LAST, TEXTURE])
+    found = wrong([*LAST, TEXTURE, *GRIPS])
     assert "slip 1, flat: incipient at: not reported" in found
     assert "slip 1, flat: gross at: not reported" in found
     assert "slides reported: 1" in found
@@ -61,7 +86,7 @@ def test_a_missing_first_slide_is_wrong_and_named() -> None:
 
 def test_a_missing_last_slide_is_wrong_and_named() -> None:
     """A demo that ended after its first slide said "good" four times: all that was reported was right."""
-    found = wrong(list(FIRST))
+    found = wrong([*FIRST, *GRIPS])
     assert "slip 2, grooves: gross at: not reported" in found
     assert "slip 2, grooves: period: not reported" in found
     assert not [words for words in found if "slip 1" in words]

@@ -6,16 +6,22 @@ The expected slips come from the ground truth of the scene; a slip that was not 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TrueSlip, Truth
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
 
 # About a tenth of the published errors at their largest (Wang 2019, table 2: period 9.2 %, angle 7.4 %).
 MAX_PERIOD_ERROR = 0.01
 MAX_ANGLE_ERROR_DEG = 0.3
 MAX_ONSET_ERROR_S = 0.05  # from the instants at which a tenth and nine tenths of the contact slip
 MAX_DIRECTION_ERROR_DEG = 5.0
+# While all of the contact slides, from this long after the beginning of that: utilisation is 1, and grip
+# messages say gross.
+SLIDES_AFTER_S = 0.3
+MAX_USED_ERROR = 0.1
+MAX_UNTOLD_SHARE = 0.01
 MAX_ANSWER_S = 3.0  # from the slide's begin to a texture
 REFINED_S = 3.0  # then the demo goes on for so long: its picture shows how the answer settles
 # An onset nearer than this to a true one is an estimate of it; the slips of a scene are seconds apart.
@@ -160,6 +166,7 @@ def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) ->
         true_deg = slide.direction_deg or 0.0
         error = _turn_deg(found_deg - true_deg)
         out.add(f"{name}: direction", true_deg, found_deg, MAX_DIRECTION_ERROR_DEG, "deg", error)
+        _compare_grips(out, name, slide, [e for e in events if isinstance(e, GripEvent)], t0_s)
         if isinstance(slide.surface, GroovedPlate):
             own = [e for e in textures if slide.onset_s <= e.time_s - t0_s <= slide.end_s + 1.0]
             textures = [e for e in textures if e not in own]
@@ -174,6 +181,21 @@ def compare(slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float) ->
 def _nearest(onsets: Sequence[SlipEvent], kind: str, true_s: float) -> SlipEvent | None:
     near = [e for e in onsets if e.kind == kind and abs(e.onset_s - true_s) < _SAME_SLIP_S]
     return min(near, key=lambda e: abs(e.onset_s - true_s), default=None)
+
+
+def _compare_grips(
+    out: DemoComparison, name: str, slide: TrueSlip, grips: Sequence[GripEvent], t0_s: float
+) -> None:
+    if slide.gross_s is None:
+        return
+    from_s, until_s = t0_s + slide.gross_s + SLIDES_AFTER_S, t0_s + slide.end_s
+    while_sliding = [grip for grip in grips if from_s <= grip.time_s < until_s]
+    used = told = math.inf
+    if while_sliding:
+        used = median(grip.utilisation for grip in while_sliding)
+        told = sum(grip.state == "gross" for grip in while_sliding) / len(while_sliding)
+    out.add(f"{name}: utilisation", 1.0, used, MAX_USED_ERROR, "")
+    out.add(f"{name}: share told gross", 1.0, told, MAX_UNTOLD_SHARE, "")
 
 
 def _compare_grooves(
