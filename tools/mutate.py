@@ -39,8 +39,9 @@ from tools.mutations import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
 _COMPILED = "tactiled/_compiled.so"  # no file of git, but the tests run on it
-# The client over zenoh needs a router and a bridge, which the tests of the room zenoh have.
-_ALSO = {"client": ("zenoh",)}
+# The client over zenoh needs a router and a bridge, which the tests of the room zenoh have. What detectors do
+# in numpy runs only where it is compared with what is compiled.
+_ALSO = {"client": ("zenoh",), "detect": ("test_compiled.py",)}
 # A mutation may make a loop endless. A machine that others use may be slower than at the baseline.
 _TIMES_BASELINE, _LEAST_TIMEOUT_S = 5.0, 15.0
 _START_S = 60.0  # for the imports and the collection of tests, which may hang as well

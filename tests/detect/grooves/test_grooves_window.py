@@ -119,3 +119,15 @@ def test_a_line_absorbed_by_the_trend_has_no_amplitude(n_harmonics: int) -> None
     window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))
     left = window.without_lines(5.0, [1.0])
     assert normal_equations(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("amplitude", [0.01, 0.3])
+def test_the_bound_of_the_phase_rate_is_that_of_tones_in_white_noise(amplitude: float) -> None:
+    # Rife and Boorstyn, IEEE Trans. Inf. Theory 20 (1974), 591, for a real tone: 24 s^2 / (A^2 N^3) in
+    # radians a sample. The window is scaled to -1 to 1, N / 2 samples a unit; channels add up.
+    n, variance = 400, 4e-6
+    phases = np.arange(36) ** 2
+    volts = amplitude * np.cos(40 * np.linspace(-1, 1, n)[:, np.newaxis] + phases)
+    window = make_window(volts, np.arange(n) / 100, np.ones(n), np.zeros(36))
+    found = normal_equations(window, 40.0, 1).phase_rate_sd(np.full(36, variance))
+    assert found == pytest.approx(np.sqrt(6 * variance / (amplitude**2 * n * 36)), rel=0.02)

@@ -54,6 +54,17 @@ def rough(seed: int) -> FloatArray:
     return np.asarray(0.005 * relief)
 
 
+def roughness_from(start_s: float) -> FloatArray:
+    """Relative load (n, 16) as of `rough`, of a slide at 8 mm/s from an instant to the end."""
+    rng = np.random.default_rng(3)
+    x = 8.0 * np.clip(np.arange(N) / RATE_HZ - start_s, 0, None)[:, np.newaxis] + 4 * SIDE[0]
+    relief = np.zeros((N, 16))
+    for _ in range(40):
+        k, turn = 2 * np.pi / rng.uniform(1, 5), rng.uniform(0, 2 * np.pi)
+        relief += np.cos(k * (x * np.cos(turn) + 4 * SIDE[1] * np.sin(turn)) + rng.uniform(0, 2 * np.pi))
+    return np.asarray(0.005 * relief)
+
+
 def ridges(period_mm: float = 3.0) -> FloatArray:
     angle = np.radians(20)
     x, y = travel()[:, np.newaxis] + 4 * SIDE[0], 4 * SIDE[1]
@@ -158,3 +169,20 @@ def test_phases_that_fill_the_circle_travel_and_those_of_a_tilting_body_do_not(s
     rocking[9] += turn * (30 + 10j + rng.uniform(0, 60) * 1j * SIDE[0])
     assert travelling_line(filled, 3) > 2
     assert travelling_line(rocking, 3) == 0
+
+
+def test_a_slide_that_begins_with_the_contact_is_not_told_to_begin_before_it() -> None:
+    touch_s = 5.0
+    events = detector().process(hold(0, 4 * roughness_from(touch_s), press_s=touch_s))
+    contact = next(event for event in events if isinstance(event, ContactEvent))
+    onset = slips(events)[0]
+    assert onset.detected_s < touch_s + 5.0
+    assert onset.onset_s >= contact.time_s - 1 / RATE_HZ
+
+
+def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
+    # Noise is 2 counts; the ripple moves readings by tens of counts from scan to scan.
+    end = slips(detector().process(hold(0, 5 * ridges())))[-1]
+    hop_s = 9 / RATE_HZ
+    assert end.state == "end"
+    assert end.detected_s <= SLIDE_S[1] + 3 * hop_s

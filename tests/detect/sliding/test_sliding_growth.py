@@ -64,6 +64,7 @@ def test_a_tug_is_one_slip_of_either_sign(kinds: tuple[str, ...], sign: float) -
     assert (onset.state, onset.kind, end.state) == ("onset", "incipient", "end")
     assert 6 < onset.detected_s < 6.4
     assert abs(onset.onset_s - 6) < 4 * onset.onset_sd_s
+    assert 0.5 < onset.confidence < 1.0
     assert 6.5 < end.detected_s < 7.5
 
 
