@@ -19,6 +19,8 @@ from scipy import signal
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.grooves.spectrum import floor_beside
+from tactiled.detect.grooves.window import make_window
 
 OFFSETS_S = np.linspace(0, 0.007, 36)
 
@@ -162,3 +164,16 @@ def test_creep_far_larger_than_the_ripple_does_not_hide_it(motion_of: MotionOf, 
 def test_constants_are_no_grooves(motion_of: MotionOf, value: float) -> None:
     slide = Slide()
     assert_refused(fit(slide, motion_of(slide), volts=np.full((400, 36), value)), "low-snr")
+
+
+@pytest.mark.parametrize("cycles", [20.5, 20.25])
+def test_the_floor_between_harmonics_as_close_as_a_cycle_is_that_of_the_noise(cycles: float) -> None:
+    # Half a cycle, midway between two harmonics, is as far from both as a place can be.
+    n, sd = 2000, 1e-3
+    volts = sd * np.random.default_rng(0).standard_normal((n, 36))
+    window = make_window(volts, np.arange(n) / 100, np.ones(n), np.zeros(36))
+    found = floor_beside(window, cycles * np.pi, np.full(36, sd**2), line=np.pi)
+    if cycles % 1 == 0.5:
+        assert found == pytest.approx(1.0, abs=0.4)
+    else:
+        assert found == np.inf
