@@ -1,14 +1,20 @@
 """Offset between the clock of a log and that of a force sensor, from the records themselves."""
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import AlignedReference, BinnedLog
+from tactiled.calibrate.folds import correlation_bins
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES
+from tactiled.force.model import bent, low_passed
 
 WITHIN_S = 5.0
+CREEP_S = (1.5, 20.0)  # low-passed copies: what a calibration of a minute can tell apart
 _LEAST_FREE = 5  # bins without contact, whose median is the offset of the reference
 _LEAST_ALWAYS = 0.4  # of the log: presses enough to tell offsets apart
 _LEAST_COVERED_S = 5.0
@@ -29,22 +35,43 @@ def pressure(log: BinnedLog, array: Array) -> FloatArray:
     return np.asarray(np.sqrt(((log.readings / scale) ** 2).sum(axis=1)))
 
 
-def align(log: BinnedLog, reference: AlignedReference, array: Array, between_s: float) -> tuple[float, float]:
-    """Return the offset of the clocks at which the records resemble each other most.
+@dataclass(frozen=True)
+class Alignment:
+    """Offset of the clocks of a log and its reference.
+
+    Attributes
+    ----------
+    late_s : float
+        As `AlignedReference.means` takes it.
+    sd_s : float
+        Standard deviation; 0 where the clocks were said to be one.
+    correlation : float
+        Of pressure and normal force: negative where the force falls when the array is pressed. Without a
+        normal force, 1.
+    """
+
+    late_s: float
+    sd_s: float
+    correlation: float
+
+
+def align(
+    log: BinnedLog,
+    reference: AlignedReference,
+    array: Array,
+    between_s: float,
+    *,
+    is_same_clock: bool = False,
+) -> Alignment:
+    """Find the offset of the clocks at which the records resemble each other most.
 
     Parameters
     ----------
     between_s : float
         First scan of the log minus first sample of the reference, by their own clocks; the true offset is
         searched within `WITHIN_S` of it.
-
-    Returns
-    -------
-    late_s : float
-        As `AlignedReference.means` takes it.
-    correlation : float
-        Of pressure and normal force: negative where the force falls when the array is pressed. Without a
-        normal force, 1.
+    is_same_clock : bool
+        Take `between_s` as it is.
 
     Raises
     ------
@@ -52,7 +79,7 @@ def align(log: BinnedLog, reference: AlignedReference, array: Array, between_s: 
         The records do not resemble each other, or do not overlap.
     """
     step_s = log.step_s / 2
-    lags_s = between_s + np.arange(-WITHIN_S, WITHIN_S + step_s, step_s)
+    lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))
     always = reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0)
     if always.sum() > _LEAST_ALWAYS * len(log):
         alike: _Explained | _SameSize = _Explained(log, reference, always)
@@ -71,20 +98,43 @@ def align(log: BinnedLog, reference: AlignedReference, array: Array, between_s: 
             f"{WITHIN_S:g} s): are they of the same presses? Press, and let go, at least three times"
         )
     late_s = float(lags_s[best])
+    sd_s = 0.0 if is_same_clock else _sd_s(lags_s, values, alike.n_independent(late_s))
     if 2 not in reference.outputs:
-        return late_s, 1.0
+        return Alignment(late_s, sd_s, 1.0)
     inside = reference.inside(late_s, 0.0)
     normal = reference.means(late_s, 0.0)[:, 2]
-    return late_s, _correlation(pressure(log, array)[inside], normal[inside])
+    return Alignment(late_s, sd_s, _correlation(pressure(log, array)[inside], normal[inside]))
+
+
+def _sd_s(lags_s: FloatArray, correlations: FloatArray, n_independent: float) -> float:
+    """Standard deviation of the offset of largest correlation r.
+
+    The log likelihood of a linear regression is ``-n/2 log(1 - r^2)`` for n independent residuals; taken as
+    weights of the offsets it has this standard deviation. What the grid of offsets rounds off comes on top.
+    """
+    known = np.isfinite(correlations)
+    unlikely = n_independent / 2 * np.log(np.maximum(1 - correlations[known] ** 2, 1e-12))
+    weights = np.exp(unlikely.min() - unlikely)
+    lags_s = lags_s[known]
+    mean_s = np.average(lags_s, weights=weights)
+    variance = float(np.average((lags_s - mean_s) ** 2, weights=weights))
+    return math.sqrt(variance + float(lags_s[1] - lags_s[0]) ** 2 / 12)
 
 
 class _Explained:
-    """Part of the forces that a linear map of all readings explains, over bins that every offset covers."""
+    """Part of the forces that regression on the features of the smooth model explains.
+
+    It is over bins that every offset covers.
+    """
 
     def __init__(self, log: BinnedLog, reference: AlignedReference, rows: NDArray[np.bool_]) -> None:
         self._reference, self._rows = reference, rows
         self._forces = [k for k in reference.outputs if k < len(AXES)]
-        readings = log.readings[rows]
+        # Creep and a curve look like a delay: without them the offset would take them for one.
+        curved = [bent(log.readings, curve, log.zero) for curve in log.curves]
+        delayed = [low_passed(one, log.steps_s, time_s) for one in curved for time_s in CREEP_S]
+        parts = [one[rows] / max(float(one.std()), 1e-300) for one in (*curved, log.readings**2, *delayed)]
+        readings = np.concatenate(parts, axis=1)
         u, sizes, _ = np.linalg.svd(readings - readings.mean(axis=0), full_matrices=False)
         # One direction for ten bins, so that chance explains a tenth.
         most = max(len(readings) // 10, 1)
@@ -99,6 +149,13 @@ class _Explained:
             return float("nan")
         part = ((self._basis.T @ shown) ** 2).sum(axis=0)[total > 0] / total[total > 0]
         return float(np.sqrt(part.mean()))
+
+    def n_independent(self, late_s: float) -> float:
+        """Return the number of independent residuals at an offset."""
+        shown = self._reference.means(late_s, 0.0)[self._rows][:, self._forces]
+        shown = shown - shown.mean(axis=0)
+        rest = shown - self._basis @ (self._basis.T @ shown)
+        return len(rest) / max(correlation_bins(column) for column in rest.T)
 
 
 class _SameSize:
@@ -116,6 +173,14 @@ class _SameSize:
             return float("nan")
         shown = _size(self._reference, self._reference.means(late_s, 0.0))
         return abs(_correlation(self._felt[inside], shown[inside]))
+
+    def n_independent(self, late_s: float) -> float:
+        """Return the number of independent residuals at an offset."""
+        inside = self._reference.inside(late_s, 0.0)
+        shown = _size(self._reference, self._reference.means(late_s, 0.0))[inside]
+        felt = self._felt[inside]
+        slope = np.polyfit(felt, shown, 1)
+        return len(felt) / correlation_bins(shown - np.polyval(slope, felt))
 
 
 def _size(reference: AlignedReference, outputs: FloatArray) -> FloatArray:

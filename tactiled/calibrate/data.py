@@ -4,16 +4,22 @@ Both clocks tick differently: the reference is averaged over each bin through it
 drift, so that a fit can move it by parts of a sample.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.force.calibration import OUTPUTS
+from tactiled.force.calibration import OUTPUTS, Curve
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
 NO_TAXEL = -1
+# A curve is tried where no reading falls below this part of the reading without a load: nearer to 0 it bends
+# by the noise.
+_LEAST_PART = 0.02
+_TARE_SCANS = 50  # that the zero of a tare is the mean of
+_USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +63,14 @@ class BinnedLog:
     ----------
     start_s, end_s : (n,) float64
         Ends of each bin, from the log's first scan.
+    middle_s : (n,) float64
+        Mean instant of the scans in it.
     readings : (n, channels) float64
         Relative to zero, finite.
-    step_s : float
-        Spacing of the bins.
+    zero : (channels,) float64
+        Readings without a load.
+    zero_sd : float
+        Standard deviation of the zero of a channel.
     noise : (channels,) float64
         Standard deviation of a scan's white noise.
     bin_scans : int
@@ -69,8 +79,10 @@ class BinnedLog:
 
     start_s: FloatArray
     end_s: FloatArray
+    middle_s: FloatArray
     readings: FloatArray
-    step_s: float
+    zero: FloatArray
+    zero_sd: float
     noise: FloatArray
     bin_scans: int
 
@@ -78,13 +90,28 @@ class BinnedLog:
         return len(self.readings)
 
     @property
-    def middle_s(self) -> FloatArray:
-        """Middle of each bin (n,)."""
-        return np.asarray((self.start_s + self.end_s) / 2)
+    def steps_s(self) -> FloatArray:
+        """Time (n,) from the bin before to each bin; of the first bin its length."""
+        return np.diff(self.middle_s, prepend=self.middle_s[0] - (self.end_s[0] - self.start_s[0]))
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """Curves that the readings may be put through; a bent one needs readings well above 0."""
+        if (self.zero > 0).all() and (self.readings > (_LEAST_PART - 1.0) * self.zero).all():
+            return ("linear", "log", "inverse")
+        return ("linear",)
+
+    @property
+    def step_s(self) -> float:
+        """Median of the steps."""
+        return float(np.median(self.steps_s))
 
 
 def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog:
     """Subtract the zero and average over bins; missing readings are interpolated in time.
+
+    A bin holds so many neighbouring scans, whatever their spacing. A scan stands for the time to the middle
+    between it and its neighbours, but not for a pause.
 
     Parameters
     ----------
@@ -93,20 +120,26 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
         As in the file, NaN where missing.
     array : Array
     """
-    spacing_s = float(np.median(np.diff(time_s)))
-    relative = readings - start_zero(time_s, readings, array)
-    relative = _filled(time_s, relative)
+    spacing_s = np.diff(time_s)
+    half_s = np.minimum(spacing_s, np.quantile(spacing_s, _USUAL)) / 2
+    zero = start_zero(time_s, readings, array)
+    relative = _filled(time_s, readings - zero)
     difference = np.diff(relative, 2, axis=0) / np.sqrt(6)
     noise = 1.4826 * np.median(np.abs(difference), axis=0)
-    size = max(1, int(1 / (BIN_HZ * spacing_s) + 1e-6))
+    first = int(np.searchsorted(time_s - time_s[0], array.zero_first_s))
+    n_zero = max(first, 1) if array.zero_first_s else _TARE_SCANS
+    size = max(1, int(1 / (BIN_HZ * float(np.median(spacing_s))) + 1e-6))
     n = len(relative) // size
     blocks = relative[: n * size].reshape(n, size, -1)
-    begin = time_s[: n * size].reshape(n, size)
+    starts_s = time_s - np.concatenate([half_s[:1], half_s]) - time_s[0]
+    ends_s = time_s + np.concatenate([half_s, half_s[-1:]]) - time_s[0]
     return BinnedLog(
-        start_s=begin[:, 0] - spacing_s / 2 - time_s[0],
-        end_s=begin[:, -1] + spacing_s / 2 - time_s[0],
+        start_s=starts_s[: n * size : size],
+        end_s=ends_s[size - 1 : n * size : size],
+        middle_s=(time_s[: n * size] - time_s[0]).reshape(n, size).mean(axis=1),
         readings=blocks.mean(axis=1),
-        step_s=size * spacing_s,
+        zero=zero,
+        zero_sd=float(np.median(noise)) / math.sqrt(n_zero),
         noise=noise,
         bin_scans=size,
     )

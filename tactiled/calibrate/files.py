@@ -48,6 +48,7 @@ def read_log(
     columns: tuple[str, ...] = (),
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
+    rate_hz: float | None = None,
 ) -> ArrayLog:
     """Read a recording, a CSV or an npz file, or a topic of a bag (see `read_bag`).
 
@@ -59,8 +60,8 @@ def read_log(
     if is_of_ros and (columns or time_unit is not None):
         raise ConfigError("command line", ["--columns and --time-unit are for tables; a bag has --topic"])
     if path.suffix == ".mcap" and not is_of_ros:
-        if array is not None or columns or time_unit is not None:
-            fault = "--array, --columns and --time-unit are for tables; a recording contains them"
+        if array is not None or columns or time_unit is not None or rate_hz is not None:
+            fault = "--array, --columns, --rate and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         return _from_mcap(path)
     if not is_of_ros and path.suffix not in (".csv", ".npz"):
@@ -68,7 +69,9 @@ def read_log(
             f"{path}: unknown file type; supported are .mcap (recordings of tactiled), .csv, .npz and bags"
         )
     known = load_array(array or _DEFAULT_ARRAY)
-    time_s, readings = read_bag(path, topic) if is_of_ros else read_table(path, None, columns, time_unit)
+    time_s, readings = (
+        read_bag(path, topic, rate_hz) if is_of_ros else read_table(path, rate_hz, columns, time_unit)
+    )
     if readings.shape[1] != known.n_channels:
         raise DataError(
             f"{path}: {readings.shape[1]} channels, but array {known.name} has {known.n_channels}; name the "

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import free_level, quiet_bins
 from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog
 from tactiled.calibrate.linear import LinearFit, Prior, Regression
 from tactiled.force.calibration import CreepState, LoadCurve, PairsModelParams
-from tactiled.force.model import N_KINDS, taxel_means, uncoupling
+from tactiled.force.model import N_KINDS, low_passed, taxel_means, uncoupling
 
 # Prior of the physical parameters: mean and standard deviation. Loads are in units of the load at the 95 %
 # quantile of the readings, so that numbers are those of a pressed electrode.
@@ -138,11 +137,11 @@ class PairsFitter:
         gains = [physics["fast_creep"], physics["slow_creep"]]
         times_s = np.exp([physics["log_fast_s"], physics["log_slow_s"]])
         if any(gains):
-            bare = load
+            bare, steps_s = load, self._log.steps_s
             for _ in range(2):  # the delayed load is that after correction; the second pass is exact to 1e-4
                 factor = np.ones_like(own)
                 for gain, time_s in zip(gains, times_s, strict=True):
-                    factor += gain * _delayed(own, float(time_s), self._log.step_s)
+                    factor += gain * _delayed(own, steps_s, float(time_s))
                 load = bare / factor
                 own = load @ self._mean.T
         return np.concatenate([load, readings / self.unit, load * own], axis=1)
@@ -308,10 +307,9 @@ def _positions(array: Array) -> NDArray[np.int64]:
     return np.unique(rounded, return_inverse=True)[1].astype(np.int64)
 
 
-def _delayed(values: FloatArray, time_s: float, step_s: float) -> FloatArray:
+def _delayed(values: FloatArray, steps_s: FloatArray, time_s: float) -> FloatArray:
     """Low-passed values (n, channels) of all bins before each one."""
-    follow = -np.expm1(-step_s / time_s)
-    return np.asarray(lfilter([0.0, follow], [1.0, follow - 1.0], values, axis=0))
+    return np.concatenate([np.zeros_like(values[:1]), low_passed(values, steps_s, time_s)[:-1]])
 
 
 def _peaks(load: FloatArray) -> FloatArray:

@@ -32,6 +32,8 @@ def calibrate_files(
     columns: tuple[str, ...] = (),
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
+    rate_hz: float | None = None,
+    is_same_clock: bool = False,
     plot: Path | None = None,
 ) -> CalibrationStudy:
     """Write a calibration file; numbers as one JSON line to stdout, the verdict to stderr.
@@ -50,11 +52,13 @@ def calibrate_files(
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if temperature_c is not None and not math.isfinite(temperature_c):
         raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
-    data = read_log(log, array, columns, time_unit, topic)
+    data = read_log(log, array, columns, time_unit, topic, rate_hz)
     table = read_reference(reference, data.array.n_taxels)
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
     with ProgressBar("calibrate", N_STAGES) as bar:
-        found = calibrate(data.array, data.time_s, data.readings, table, identity, bar.advance)
+        found = calibrate(
+            data.array, data.time_s, data.readings, table, identity, bar.advance, is_same_clock=is_same_clock
+        )
     try:
         save_calibration(out, found.file)
     except OSError as error:
@@ -72,8 +76,11 @@ def calibrate_files(
 def in_words(found: CalibrationStudy) -> list[str]:
     """Return lines for people."""
     model = {"pairs": "physics of rubber and divider", "smooth": "ridge regression"}[found.model]
+    clock = f"clock of the reference: {found.late_s:+.3f} s"
+    if found.late_sd_s:
+        clock += f" (± {found.late_sd_s:.3f} s)"
     return [
-        f"clock of the reference: {found.late_s:+.3f} s and {found.drift_ppm:+.0f} ppm from that of the log",
+        f"{clock} and {found.drift_ppm:+.0f} ppm from that of the log",
         f"model: {model}, chosen in segments that were left out",
         *found.file.verdict,
     ]
@@ -88,6 +95,7 @@ def as_map(found: CalibrationStudy) -> dict[str, Any]:
         "array": found.file.array,
         "model": found.model,
         "late_s": found.late_s,
+        "late_sd_s": found.late_sd_s,
         "drift_ppm": found.drift_ppm,
         "seconds": float(found.time_s[-1] - found.time_s[0]),
         "rms": {names[k]: rms[k] for k in found.used},

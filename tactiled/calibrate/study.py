@@ -1,10 +1,12 @@
 """Calibration of an array: clocks, models, cross-validation, standard deviations, and the file."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
@@ -26,6 +28,7 @@ from tactiled.force.calibration import (
 N_STAGES = 6
 # A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
 _PREFERENCE = 2.0
+_LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
 
 
@@ -60,6 +63,8 @@ class CalibrationStudy:
     file : CalibrationFile
     late_s : float
         Clock of the reference minus that of the log.
+    late_sd_s : float
+        Its standard deviation; 0 for one clock.
     drift_ppm : float
         Excess of the reference's clock rate.
     model : str
@@ -77,6 +82,7 @@ class CalibrationStudy:
 
     file: CalibrationFile
     late_s: float
+    late_sd_s: float
     drift_ppm: float
     model: str
     time_s: FloatArray
@@ -103,6 +109,7 @@ def calibrate(
     reached: Callable[[str], None] = lambda _: None,
     *,
     models: tuple[str, ...] = ("pairs", "smooth"),
+    is_same_clock: bool = False,
 ) -> CalibrationStudy:
     """Fit a calibration.
 
@@ -117,6 +124,8 @@ def calibrate(
         Called with a few words after each stage.
     models : tuple of str
         Models that are tried, where the array allows them.
+    is_same_clock : bool
+        The times of log and reference are of one clock: no offset is searched.
 
     Raises
     ------
@@ -129,12 +138,13 @@ def calibrate(
     check_unit(log, table, array)
     reference = AlignedReference(table, log)
     between_s = float(time_s[0] - table.time_s[0])
-    if abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):
+    if not is_same_clock and abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):
         between_s = 0.0  # clocks of different origin: both records began together, within seconds
-    late_s, correlation = align(log, reference, array, between_s)
+    clocks = align(log, reference, array, between_s, is_same_clock=is_same_clock)
+    late_s = clocks.late_s
     reached("clocks")
     rows = reference.inside(late_s, 0.0)
-    check_signs(log, reference.means(late_s, 0.0), reference.outputs, rows, array, correlation)
+    check_signs(log, reference.means(late_s, 0.0), reference.outputs, rows, array, clocks.correlation)
     used = reference.outputs
     candidates: dict[str, FittedModel] = {}
     drift = 0.0
@@ -144,7 +154,7 @@ def calibrate(
         fit = fitter.fit(reached)
         pairs = (fitter, fit)
         late_s, drift = late_s + fit.physics["late_s"], fit.physics["drift"]
-        candidates["pairs"] = _pairs_candidate(fit, log, used)
+        candidates["pairs"] = _pairs_candidate(fit, reference.means(late_s, drift), log, used)
     outputs = reference.means(late_s, drift)
     level = free_level(outputs, quiet_bins(log) & rows)
     if level is not None:
@@ -160,7 +170,7 @@ def calibrate(
     best = candidates[name]
     check_fit(best.left_out, outputs[rows], used)
     forces = best.features @ best.weights.T
-    n_segments = int(segments(quiet_bins(log)[rows], log.step_s).max()) + 1
+    n_segments = int(segments(outputs[rows], used, log.step_s).max()) + 1
     axes = _uncertainties(best, forces, reference, log, used, n_segments)
     shown = outputs[rows]
     sd = np.zeros((len(shown), 3))
@@ -175,6 +185,7 @@ def calibrate(
     return CalibrationStudy(
         file=file.model_copy(update={"verdict": words}),
         late_s=late_s - between_s,
+        late_sd_s=clocks.sd_s,
         drift_ppm=1e6 * drift,
         model=name,
         time_s=log.middle_s[rows],
@@ -196,11 +207,11 @@ def has_pairs(array: Array) -> bool:
     )
 
 
-def _pairs_candidate(fit: PairsFit, log: BinnedLog, used: list[int]) -> FittedModel:
+def _pairs_candidate(fit: PairsFit, outputs: FloatArray, log: BinnedLog, used: list[int]) -> FittedModel:
     """Errors in the folds, and a covariance that counts correlated bins as one."""
     problem, n = fit.regression, int(fit.rows.sum())
     left = np.zeros((n, 6))
-    for left_out in folds(segments(quiet_bins(log)[fit.rows], log.step_s)):
+    for left_out in folds(segments(outputs[fit.rows], used, log.step_s)):
         found = problem.solve(fit.sd, ~left_out)
         left[left_out] = problem.residuals(found)[left_out]
     correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])
@@ -308,10 +319,37 @@ def _file(
             own=[axis.own for axis in axes],
             of_normal=[axis.of_normal for axis in axes],
             noise=float(np.median(log.noise)),
-            zero_sd=float(np.median(log.noise)) / np.sqrt(50.0),  # a tare averages 50 scans
+            zero_sd=log.zero_sd,
+            walk_n=force_walk(best.left_out, log.middle_s[rows], segments(outputs, used, log.step_s)),
             n_per_unit=sensitivity.tolist(),
         ),
     )
+
+
+def force_walk(left_out: FloatArray, time_s: FloatArray, segment: NDArray[np.int64]) -> list[float]:
+    """Random walks (3,) of the errors of fx, fy and fz, in newtons per root second.
+
+    The mean square difference of the mean errors of two contacts is ``a + walk^2 t`` for a time t between
+    them; a is what the folds know of each contact alone.
+
+    Parameters
+    ----------
+    left_out : (n, 6) float64
+        Errors in the folds.
+    time_s : (n,) float64
+    segment : (n,) int64
+    """
+    count = np.bincount(segment)
+    if len(count) < _LEAST_CONTACTS:
+        return [0.0, 0.0, 0.0]
+    at_s = np.bincount(segment, time_s) / count
+    one, other = np.triu_indices(len(count), 1)
+    apart = np.stack([np.ones(len(one)), at_s[other] - at_s[one]], axis=1)
+    walks = []
+    for errors in left_out[:, :3].T:
+        means = np.bincount(segment, errors) / count
+        walks.append(math.sqrt(nnls(apart, (means[one] - means[other]) ** 2)[0][1]))
+    return walks
 
 
 def _largest(log: BinnedLog) -> float:

@@ -21,6 +21,15 @@ from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readab
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @click.option("--columns", metavar="NAMES", help="Columns of a CSV in channel order, as for `detect`.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Scans a second of a table without times.",
+)
+@click.option(
+    "--same-clock", "is_same_clock", is_flag=True, help="Times of LOG and reference are of one clock."
+)
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
 @click.option(

@@ -18,6 +18,7 @@ from tactiled.tomlfile import Params
 
 FOLDER = "config/calibration"
 Axis = Literal["fx", "fy", "fz"]
+Curve = Literal["linear", "log", "inverse"]
 AXES: tuple[Axis, Axis, Axis] = ("fx", "fy", "fz")
 OUTPUTS = (*AXES, "tx", "ty", "tz")
 Matrix = list[list[float]]
@@ -61,13 +62,36 @@ class PairsModelParams(Params):
     )
 
 
-class SmoothModelParams(Params):
-    """Ridge regression on readings, squares, products within a taxel and low-passed readings."""
+class SmoothFeatures(Params):
+    """Features of the smooth model: readings, their squares and products, and low-passed copies.
 
-    scale: list[float] = Field(min_length=1, description="reading of each channel that counts as 1")
+    Attributes
+    ----------
+    curve : str
+        What is taken for the reading v of a channel that reads v0 without a load: v - v0 (``"linear"``),
+        log(v / v0) or 1 / v - 1 / v0 (``"inverse"``). A resistor whose conductance grows with the load
+        follows one of the latter two, by what it is divided with.
+    """
+
+    scale: list[float] = Field(min_length=1, description="size of each channel's reading that counts as 1")
+    curve: Curve = "linear"
+    zero: list[float] = Field(default=[], description="reading of each channel without a load, for a curve")
     has_squares: bool = True
     has_products: bool = False
     creep_s: list[float] = Field(default=[], description="time constants of the low-passed copies")
+
+    @model_validator(mode="after")
+    def _has_zero(self) -> Self:
+        if self.curve != "linear" and (len(self.zero) != len(self.scale) or min(self.zero) <= 0):
+            raise ValueError(
+                f"zero must have {len(self.scale)} positive numbers where the curve is {self.curve}"
+            )
+        return self
+
+
+class SmoothModelParams(SmoothFeatures):
+    """Ridge regression on smooth features."""
+
     weights: Matrix = Field(description="rows fx, fy, fz, tx, ty, tz; columns are features")
 
 
@@ -82,6 +106,12 @@ class Uncertainty(Params):
     of_normal: list[float] = Field(min_length=3, max_length=3, description="part of the normal force")
     noise: float = Field(default=0.0, ge=0, description="of a reading of one scan, in the unit of the array")
     zero_sd: float = Field(default=0.0, ge=0, description="of the zero of a channel after a tare, in unit")
+    walk_n: list[float] = Field(
+        default=[0.0, 0.0, 0.0],
+        min_length=3,
+        max_length=3,
+        description="of fx, fy, fz in a second of contact",
+    )
     n_per_unit: list[float] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="change of fx, fy, fz by the zero"
     )

@@ -1,5 +1,6 @@
 """Force events from scans: zero, model, standard deviations, flags."""
 
+import itertools
 import math
 from typing import NamedTuple, Protocol
 
@@ -129,6 +130,7 @@ class ForceEstimator:
         self._floor2 = [value**2 for value in uncertainty.floor_n]
         self._own2 = [value**2 for value in uncertainty.own]
         self._of_normal2 = [value**2 for value in uncertainty.of_normal]
+        self._walk2 = [value**2 for value in uncertainty.walk_n]
         self._per_unit2 = [value**2 for value in uncertainty.n_per_unit]
         self._limit = self._largest * _BEYOND
         ranges = (file.range.fx_n, file.range.fy_n, file.range.fz_n)
@@ -189,14 +191,12 @@ class ForceEstimator:
         return events
 
     def _steps_s(self, item: ScanBlock) -> list[float]:
-        """Time of each scan since the one before, which is the period unless scans are missing."""
-        period_s = 1.0 / item.rate_hz
-        steps_s: list[float] = []
-        for time_s in item.time_s.tolist():
-            since_s = 0.0 if self._last_s is None else time_s - self._last_s
-            steps_s.append(since_s if since_s > 1.5 * period_s else period_s)
-            self._last_s = time_s
-        return steps_s
+        """Time of each scan since the one before; of a first scan the period."""
+        times_s: list[float] = item.time_s.tolist()
+        before_s = times_s[0] - 1.0 / item.rate_hz if self._last_s is None else self._last_s
+        self._last_s = times_s[-1]
+        # Stamps of a clock that was corrected can go back by less than a period.
+        return [max(b - a, 0.0) for a, b in itertools.pairwise([before_s, *times_s])]
 
     def _event(self, time_s: float, estimate: "_Estimate", *, saturated: bool, is_late: bool) -> ForceEvent:
         """Make the event of a scan."""
@@ -255,6 +255,7 @@ class ForceEstimator:
                 + (self._own2[axis] + gain2) * outputs[axis] ** 2
                 + self._of_normal2[axis] * normal2
                 + self._per_unit2[axis] * zero2
+                + self._walk2[axis] * estimate.touched_s
                 + estimate.missing2[axis]
             )
             sd.append(math.sqrt(variance + (float(errors @ errors) if rank else 0.0)))

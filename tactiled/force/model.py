@@ -5,6 +5,8 @@ of the weights. Scans are taken one by one with arrays of fixed shapes: results 
 were chunked. A product of a matrix with several scans would be rounded otherwise than with one.
 """
 
+import itertools
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -12,10 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.force.calibration import CalibrationFile, PairsModelParams, SmoothModelParams
+from tactiled.force.calibration import (
+    CalibrationFile,
+    Curve,
+    PairsModelParams,
+    SmoothFeatures,
+    SmoothModelParams,
+)
 
 N_KINDS = 3  # features of a channel in the model of pairs: load, reading, load times the taxel's load
 _NEIGHBOUR_PITCHES = 1.5  # taxels nearer than this, in units of the smallest distance, are neighbours
+_LEAST_PART = 0.01  # of the reading without a load: the least for a curve
+_STRETCH = 20.0  # time constants that are summed at once: exp(20) of the oldest weight leaves it 7 digits
 _RELEASED = 0.02  # of the largest load since touch, below which a contact has ended
 
 
@@ -118,7 +128,6 @@ class PairsModel:
         self._time_s = np.array([state.time_s for state in params.creep])[:, np.newaxis]
         self._gain = np.array([state.gain for state in params.creep])
         self._unloading = params.unloading
-        self._step_s, self._follow = -1.0, np.zeros((len(params.creep), 1))
         self.reset()
 
     def reset(self) -> None:
@@ -151,48 +160,44 @@ class PairsModel:
 
     def _creep(self, load: FloatArray, mean: FloatArray, step_s: float) -> None:
         """Correct the loads (channels,) of a scan for creep, and set the means of their taxels."""
-        if step_s != self._step_s:
-            self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
         load /= 1.0 + self._gain @ self._relaxed
         np.matmul(self._mean, load, out=mean)
-        self._relaxed += self._follow * (mean - self._relaxed)
+        self._relaxed -= np.expm1(-step_s / self._time_s) * (mean - self._relaxed)
 
 
-class SmoothModel:
-    """Ridge regression on readings, their squares and products, and low-passed copies.
+class FeatureMaker:
+    """Features of the smooth model: readings, their squares and products, and low-passed copies.
 
     Parameters
     ----------
     array : Array
-    params : SmoothModelParams
+    params : SmoothFeatures
+
+    Attributes
+    ----------
+    taxel : (features,) int64
+        Taxel that each feature belongs to.
     """
 
-    def __init__(self, array: Array, params: SmoothModelParams) -> None:
+    def __init__(self, array: Array, params: SmoothFeatures) -> None:
         self._scale = np.array(params.scale)
+        self._curve, self._zero = params.curve, np.array(params.zero)
         self._squares = params.has_squares
         self._pairs = product_pairs(array) if params.has_products else np.zeros((0, 2), dtype=np.int64)
         self._time_s = np.array(params.creep_s)[:, np.newaxis]
         self._n_states = len(params.creep_s)
-        totals = np.array(params.weights)
-        n = array.n_channels
-        blocks = [array.channel_taxel]
-        if self._squares:
-            blocks.append(array.channel_taxel)
+        blocks = [array.channel_taxel] * (2 if self._squares else 1)
         blocks.append(array.channel_taxel[self._pairs[:, 0]])
-        blocks += [array.channel_taxel] * self._n_states
-        taxel = np.concatenate(blocks)
-        own = np.equal.outer(np.arange(array.n_taxels), taxel)
-        self.weights = np.ascontiguousarray(np.concatenate([totals, *(own * row for row in totals[:3])]))
-        self._step_s, self._follow = -1.0, np.zeros((self._n_states, 1))
-        self._relaxed = np.zeros((self._n_states, n))
+        self.taxel = np.concatenate([*blocks, *[array.channel_taxel] * self._n_states])
+        self._relaxed = np.zeros((self._n_states, array.n_channels))
 
     def reset(self) -> None:
         """Forget the low-passed readings."""
         self._relaxed[:] = 0.0
 
     def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
-        """Return readings, squares, products and low-passed readings."""
-        scaled = readings / self._scale
+        """Return the features (n, features) of the next scans; see `ForceModel`."""
+        scaled = bent(readings, self._curve, self._zero) / self._scale
         parts = [scaled]
         if self._squares:
             parts.append(scaled * scaled)
@@ -204,10 +209,63 @@ class SmoothModel:
 
     def _relax(self, scaled: FloatArray, step_s: float) -> FloatArray:
         """Return the low-passed readings (states channels,) of the next scan."""
-        if step_s != self._step_s:
-            self._step_s, self._follow = step_s, -np.expm1(-step_s / self._time_s)
-        self._relaxed += self._follow * (scaled - self._relaxed)
+        self._relaxed -= np.expm1(-step_s / self._time_s) * (scaled - self._relaxed)
         return self._relaxed.flatten()
+
+
+class SmoothModel:
+    """Ridge regression on the features of `FeatureMaker`.
+
+    Parameters
+    ----------
+    array : Array
+    params : SmoothModelParams
+    """
+
+    def __init__(self, array: Array, params: SmoothModelParams) -> None:
+        maker = FeatureMaker(array, params)
+        totals = np.array(params.weights)
+        own = np.equal.outer(np.arange(array.n_taxels), maker.taxel)
+        self.weights = np.ascontiguousarray(np.concatenate([totals, *(own * row for row in totals[:3])]))
+        self.reset, self.features = maker.reset, maker.features
+
+
+def bent(readings: FloatArray, curve: Curve, zero: FloatArray) -> FloatArray:
+    """Put readings (n, channels), which are relative to `zero` (channels,), through a curve.
+
+    The absolute reading is held above a hundredth of its zero: nearer to 0 curves grow beyond all bounds.
+    """
+    if curve == "linear":
+        return readings
+    part = np.maximum(1.0 + readings / zero, _LEAST_PART)
+    return np.log(part) if curve == "log" else (1.0 / part - 1.0) / zero
+
+
+def low_passed(values: FloatArray, steps_s: FloatArray, time_s: float) -> FloatArray:
+    """Exponential average (n, channels) of values that are not evenly spaced.
+
+    ``y[k] = y[k-1] + (1 - exp(-steps_s[k] / time_s)) (values[k] - y[k-1])``, which is what `FeatureMaker`
+    keeps scan by scan. The sum is taken over stretches of time constants, beyond which weights overflow.
+
+    Parameters
+    ----------
+    values : (n, channels) float64
+    steps_s : (n,) float64
+        Time of each value since the one before.
+    time_s : float
+        Time constant.
+    """
+    steps = steps_s / time_s
+    stretch = (np.cumsum(steps) // _STRETCH).astype(np.int64)
+    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    out = np.empty_like(values)
+    state = np.zeros(values.shape[1])
+    for a, b in itertools.pairwise([*starts.tolist(), len(values)]):
+        since = np.cumsum(steps[a:b])[:, np.newaxis] - steps[a]
+        grown = -np.expm1(-steps[a:b])[:, np.newaxis] * np.exp(since) * values[a:b]
+        out[a:b] = np.exp(-since) * (np.cumsum(grown, axis=0) + math.exp(-steps[a]) * state)
+        state = out[b - 1]
+    return out
 
 
 def product_pairs(array: Array) -> NDArray[np.int64]:

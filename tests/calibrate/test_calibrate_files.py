@@ -146,3 +146,24 @@ def test_an_unknown_shipped_calibration_is_refused_with_the_known_ones() -> None
 def test_any_text_in_a_file_can_be_read_again() -> None:
     text = 'left "hand"\\ \n\t\x7f µ'
     assert tomllib.loads(to_toml({"board": text}))["board"] == text
+
+
+def test_a_table_without_times_is_calibrated_by_its_rate_and_clock(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    time_s = np.arange(0.0, 60.0, 0.05)
+    force_n = np.maximum(8.0 * np.sin(time_s), 0.0)
+    readings = force_n[:, np.newaxis] * rng.normal(30, 10, 15) + rng.standard_normal((len(time_s), 15))
+    names = ",".join(f"c{k}" for k in range(15))
+    np.savetxt(tmp_path / "log.csv", readings, delimiter=",", header=names, comments="")
+    reference = np.column_stack([time_s, force_n])
+    np.savetxt(tmp_path / "ft.csv", reference, delimiter=",", header="time_s,fz_n", comments="")
+    command = ["calibrate", str(tmp_path / "log.csv"), "--reference", str(tmp_path / "ft.csv")]
+    command += ["-o", str(tmp_path / "mine.toml"), "--array", "magnetometers-5", "--columns", "c*"]
+    said = CliRunner().invoke(cli, command)
+    assert isinstance(said.exception, DataError)
+    assert "--rate" in str(said.exception)
+    said = CliRunner().invoke(cli, [*command, "--rate", "20", "--same-clock"], catch_exceptions=False)
+    numbers = json.loads(said.stdout)
+    assert (numbers["late_s"], numbers["late_sd_s"]) == (0.0, 0.0)
+    assert numbers["rms"]["fz_n"] < 0.1
+    assert "clock of the reference: +0.000 s and" in said.stderr

@@ -1,0 +1,176 @@
+"""Calibration from logs of others: uneven stamps, a clock of their own or the same, curves of a divider."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactiled.array import Array, load_array
+from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log, start_zero
+from tactiled.calibrate.folds import segments
+from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
+from tactiled.errors import DataError
+from tactiled.force.estimator import ForceEstimator
+from tactiled.force.model import low_passed
+from tactiled.recording.table import to_blocks
+
+SKIN = load_array("magnetometers-5")
+CELL = load_array("load-cell")
+PRESS_S = 10.0
+
+
+def presses_n(time_s: np.ndarray) -> np.ndarray:
+    """Normal force (n,): each ten seconds a press that is larger or smaller than the one before."""
+    size_n = 12.0 + 6.0 * np.sin(1.7 * np.floor(time_s / PRESS_S))
+    return size_n * np.clip(1.4 * np.sin(np.pi * ((time_s % PRESS_S) - 2.0) / 7.0), 0.0, 1.0)
+
+
+def creeping_skin(time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Readings (n, 15) whose sensitivity grows by a fifth while it is pressed; stamps may be uneven."""
+    fine_s = np.arange(0.0, time_s[-1] + 1.0, 0.01)
+    force_n = presses_n(fine_s)
+    relaxed = low_passed(force_n[:, np.newaxis], np.full(len(fine_s), 0.01), 4.0)[:, 0]
+    seen = np.interp(time_s, fine_s, force_n + 0.2 * relaxed)
+    gains = np.random.default_rng(1).normal(30.0, 20.0, SKIN.n_channels)  # signs differ from chip to chip
+    return np.asarray(seen[:, np.newaxis] * gains + 1.0 * rng.standard_normal((len(time_s), len(gains))))
+
+
+def uneven_s(seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """Stamps as of a program that reads two devices in turn: 35, 73 and 136 ms, and pauses of 1 s."""
+    steps_s = rng.choice([0.035, 0.073, 0.136, 1.0], 20 * int(seconds), p=[0.2, 0.5, 0.29, 0.01])
+    time_s = np.cumsum(steps_s)
+    return np.asarray(time_s[time_s < seconds])
+
+
+def reference(late_s: float = 0.0, seconds: float = 100.0, rate_hz: float = 50.0) -> ReferenceTable:
+    time_s = np.arange(0.0, seconds, 1 / rate_hz)
+    values = np.full((len(time_s), 6), np.nan)
+    values[:, 2] = presses_n(time_s)
+    return ReferenceTable(time_s + late_s, values, np.full(len(time_s), NO_TAXEL))
+
+
+def live_error_n(
+    found: CalibrationStudy, array: Array, time_s: np.ndarray, readings: np.ndarray
+) -> np.ndarray:
+    """Errors (n,) of the running estimator on a log, whose beginning is the zero."""
+    estimator = ForceEstimator(array, found.file)
+    relative = readings - start_zero(time_s, readings, array)
+    blocks = to_blocks(time_s, relative, None, np.isfinite(readings))
+    events = [event for block in blocks for event in estimator.process(block)]
+    found_n = np.array([event.fz_n for event in events])
+    return np.asarray(found_n - presses_n(np.array([event.time_s for event in events])))
+
+
+def test_an_uneven_log_is_calibrated_as_well_as_an_even_one() -> None:
+    rng = np.random.default_rng(0)
+    for time_s in (np.arange(0.0, 100.0, 0.07), uneven_s(100.0, rng)):
+        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(), Identity("skin"))
+        assert found.file.smooth is not None
+        assert found.file.smooth.creep_s
+        later_s = uneven_s(200.0, np.random.default_rng(5))
+        error_n = live_error_n(found, SKIN, later_s, creeping_skin(later_s, rng))[later_s > 100.0]
+        assert np.sqrt((error_n**2).mean()) < 0.15
+
+
+def test_the_verdict_promises_what_the_estimator_gives() -> None:
+    rng = np.random.default_rng(2)
+    time_s = uneven_s(100.0, rng)
+    readings = creeping_skin(time_s, rng)
+    found = calibrate(SKIN, time_s, readings, reference(), Identity("skin"))
+    assert np.sqrt((live_error_n(found, SKIN, time_s, readings) ** 2).mean()) < 1.5 * found.rms[2]
+
+
+def test_the_offset_of_the_clocks_is_within_its_standard_deviation() -> None:
+    misses = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        time_s, late_s = uneven_s(100.0, rng), float(rng.uniform(-1.0, 1.0))
+        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(late_s), Identity("skin"))
+        assert 0.0 < found.late_sd_s < 0.5
+        misses.append((found.late_s - late_s) / found.late_sd_s)
+    assert max(np.abs(misses)) < 4.0
+
+
+def test_records_of_one_clock_are_not_moved() -> None:
+    rng = np.random.default_rng(3)
+    time_s = uneven_s(100.0, rng)
+    readings = creeping_skin(time_s, rng)
+    found = calibrate(SKIN, time_s, readings, reference(), Identity("skin"), is_same_clock=True)
+    assert (found.late_s, found.late_sd_s) == (0.0, 0.0)
+    with pytest.raises(DataError, match="overlap"):
+        calibrate(SKIN, time_s + 500.0, readings, reference(), Identity("skin"), is_same_clock=True)
+
+
+@pytest.mark.parametrize("curve", ["log", "inverse"])
+def test_a_resistive_cell_follows_the_curve_of_its_divider(curve: str) -> None:
+    cell = replace(CELL, unit="V", zero_first_s=1.0)
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, 100.0, 0.02)
+    force_n = presses_n(time_s)
+    falls = np.exp(-force_n / 5.0) if curve == "log" else 1.0 / (1.0 + force_n / 3.0)
+    readings = (3.0 * falls + 1e-3 * rng.standard_normal(len(time_s)))[:, np.newaxis]
+    found = calibrate(cell, time_s, readings, reference(), Identity("cell"))
+    assert found.file.smooth is not None
+    assert found.file.smooth.curve == curve
+    assert found.rms[2] < 0.3 * found.baseline[2]
+    error_n = live_error_n(found, cell, time_s, readings)
+    assert np.sqrt((error_n**2).mean()) < 1.5 * found.rms[2]
+
+
+@given(
+    st.lists(st.floats(0.001, 300.0), min_size=1, max_size=60),
+    st.floats(0.05, 50.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_low_passed_values_follow_the_recurrence(steps: list[float], time_s: float, seed: int) -> None:
+    values = np.random.default_rng(seed).standard_normal((len(steps), 2))
+    state, expected = np.zeros(2), []
+    for step_s, value in zip(steps, values, strict=True):
+        state = state + (1 - math.exp(-step_s / time_s)) * (value - state)
+        expected.append(state)
+    assert low_passed(values, np.array(steps), time_s) == pytest.approx(np.array(expected), abs=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.005, 0.01, 0.08]))
+def test_bins_of_uneven_scans_follow_each_other_and_leave_out_pauses(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    steps_s = scale * rng.uniform(0.5, 1.5, 400)
+    pause = int(rng.integers(50, 350))
+    steps_s[pause] = 100 * scale
+    time_s = np.cumsum(steps_s)
+    log = bin_log(time_s, np.zeros((400, SKIN.n_channels)), SKIN)
+    assert (log.end_s > log.start_s).all()
+    gaps_s = log.start_s[1:] - log.end_s[:-1]
+    assert (gaps_s >= -1e-9).all()
+    inside_s = float((log.end_s - log.start_s).sum() + gaps_s.sum())
+    assert inside_s == pytest.approx(log.end_s[-1] - log.start_s[0])
+    in_bins_s = time_s[: len(log) * log.bin_scans].reshape(len(log), -1)
+    assert log.middle_s == pytest.approx(in_bins_s.mean(axis=1) - time_s[0])
+
+
+def test_a_press_is_never_half_in_a_fold() -> None:
+    time_s = np.arange(0.0, 100.0, 0.05)
+    outputs = np.zeros((len(time_s), 6))
+    outputs[:, 2] = presses_n(time_s)
+    segment = segments(outputs, [2], 0.05)
+    for press in range(10):
+        inside = (time_s // PRESS_S == press) & (outputs[:, 2] > 1.0)
+        assert len(set(segment[inside].tolist())) == 1
+
+
+def test_a_walk_of_the_error_is_found_and_none_is_made_up() -> None:
+    rng = np.random.default_rng(6)
+    found = []
+    time_s, segment = np.linspace(0.0, 400.0, 4000), np.arange(4000) // 100
+    for _ in range(40):
+        errors = np.zeros((4000, 6))
+        errors[:, 2] = np.cumsum(0.02 * math.sqrt(0.1) * rng.standard_normal(4000))  # 0.02 N in a second
+        errors[:, 0] = 0.1 * rng.standard_normal(40)[segment]  # each contact has an error of its own
+        found.append(force_walk(errors, time_s, segment))
+    squares = np.mean(np.square(found), axis=0)
+    assert np.sqrt(squares[2]) == pytest.approx(0.02, rel=0.3)
+    assert np.sqrt(squares[0]) < 0.005
+    assert force_walk(np.ones((30, 6)), np.arange(30.0), np.arange(30) // 10) == [0.0, 0.0, 0.0]
