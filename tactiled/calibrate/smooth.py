@@ -176,27 +176,26 @@ def choose_smooth(
 ) -> SmoothFit:
     """Fit all choices of features; return the one with the fewest that is as good as the best.
 
-    As good means: its mean square error in the folds and by the zero is larger by at most one standard error,
-    contact by contact (Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., section
-    7.10). More terms fit the motion of a calibration, and less so another one.
+    As good means: its mean square error in the folds and by the zero is larger by at most one standard
+    error, contact by contact (Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed.,
+    section 7.10). The plain choice stays where it is as good: it is the one that does well
+    in motions of other kinds, too.
     """
     segment = segments(outputs[rows], used, log.step_s)
     count = np.bincount(segment)
     spread = np.maximum(outputs[rows][:, used].std(axis=0), 1e-12)
-    found: list[tuple[SmoothFit, FloatArray]] = []
+    fits: dict[FeatureTerms, SmoothFit] = {}
+    errors: dict[FeatureTerms, FloatArray] = {}
     for terms in (replace(terms, curve=curve) for curve in log.curves for terms in CHOICES):
         if terms.products and len(product_pairs(array)) > _MOST_PRODUCTS:
             continue
-        fit = fit_smooth(array, log, outputs, used, rows, terms)
+        fits[terms] = fit = fit_smooth(array, log, outputs, used, rows, terms)
         squares = ((fit.left_out[rows][:, used] ** 2 + fit.of_zero[used]) / spread**2).mean(axis=1)
-        found.append((fit, np.bincount(segment, squares) / count))
-    _, least = min(found, key=lambda one: one[1].mean())
-    good = [
-        fit
-        for fit, errors in found
-        if (errors - least).mean() <= (errors - least).std() / math.sqrt(len(least))
-    ]
-    return min(good, key=lambda fit: fit.features.shape[1])
+        errors[terms] = np.bincount(segment, squares) / count
+    least = min(errors.values(), key=np.mean)
+    excess = {terms: found - least for terms, found in errors.items()}
+    good = [fits[terms] for terms, e in excess.items() if e.mean() <= e.std() / math.sqrt(len(e))]
+    return fits[PLAIN] if fits[PLAIN] in good else min(good, key=lambda fit: fit.features.shape[1])
 
 
 def _ridges(features: FloatArray, outputs: FloatArray, strengths: FloatArray) -> list[FloatArray]:
