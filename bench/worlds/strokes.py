@@ -28,6 +28,7 @@ LAWS = ("mindlin", "exponential", "ramp")
 _TREMOR = 0.008  # of the load, at most
 _IDEAL = 0.25  # share of sensors
 _LEAST_WAVE_MM = 0.3  # a taxel averages what is shorter
+_TAXEL_N = (0.45, 2.0)  # usual load; under less, pillars of 50 N show no contact
 _GRID = np.linspace(0.0, 1.0, 400)
 _NONE = 1e-9
 
@@ -129,7 +130,7 @@ def _draw(rng: np.random.Generator, law: str, grooved: bool, side: int, pitch: f
     return _Contact(
         x=x,
         y=y,
-        usual_n=float(np.clip(rng.lognormal(np.log(3.0), 0.6), 0.6, 12.0)),
+        usual_n=n * float(np.clip(rng.lognormal(np.log(0.7), 0.5), *_TAXEL_N)),
         share=share,
         mu=mu,
         elastic_mm=elastic,

@@ -112,6 +112,29 @@ def test_strokes_slide_by_hands_that_move_and_rest_by_the_others() -> None:
     assert 0.25 < np.mean([world.slips for world in usual]) < 0.6
 
 
+def test_grasps_slip_about_half_and_rest_where_the_grip_bears_all() -> None:
+    usual = draw("grasps", range(100, 140))
+    assert 0.35 < np.mean([world.slips for world in usual]) < 0.7
+    assert all(len(world.gross) <= 700 for world in usual)
+    # An object that was let fall is no more in the log.
+    assert all(world.gross[-1] for world in usual if len(world.gross) < 700)
+    rests = draw("grasps", range(24), hands=("rest",))
+    assert np.mean([world.slips for world in rests]) < 0.1
+    largest = np.array([world.utilisation[-1] for world in rests])
+    assert largest.min() < 0.5 < 0.75 < largest.max()
+
+
+def test_readings_of_grasps_tell_the_friction_that_they_are_said_to() -> None:
+    for world in draw("grasps", range(12)):
+        tells = (world.utilisation > 0.4) & (world.load > 1.0)
+        shear = (world.array.shear_weights() @ world.block.volts[tells].T).sum(axis=1)
+        load = (world.array.normal_weights() @ world.block.volts[tells].T).sum(axis=0)
+        used = np.hypot(*shear) / load / world.friction[tells]
+        assert np.median(np.abs(used - world.utilisation[tells])) < 0.03
+        turned = np.degrees(np.arctan2(shear[1], shear[0])) - world.direction_deg[tells]
+        assert np.median(np.abs((turned + 180) % 360 - 180)) < 8
+
+
 def test_an_ideal_sensor_reads_the_forces_and_nothing_else() -> None:
     n, rng = 400, np.random.default_rng(1)
     load = np.linspace(0.0, 1.0, n)[:, None] * np.arange(1, 10)

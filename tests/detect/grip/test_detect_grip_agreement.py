@@ -19,6 +19,7 @@ HANDS = {
     "bristles": ("slow-pull", "ease"),
     "sheet": ("slow-pull", "reverse"),
     "strokes": ("strokes", "ease"),
+    "grasps": ("ease", "dips"),
 }
 
 
